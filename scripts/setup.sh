@@ -1,0 +1,30 @@
+# Sourced by scripts/demo and scripts/test: makes .venv with pinned versions, and does nothing when that is done.
+# usage: . scripts/setup.sh [extras]      e.g. "[test]"
+extras="${1:-}"
+
+python="${PYTHON:-}"
+if [ -z "$python" ]; then
+  for candidate in python3.13 python3.12 python3.11 python3 python; do
+    if command -v "$candidate" >/dev/null 2>&1 &&
+      "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+      python="$candidate"
+      break
+    fi
+  done
+fi
+if [ -z "$python" ]; then
+  echo "twolink needs Python 3.11 or newer, and none was found; install it, or set PYTHON=/path/to/python" >&2
+  exit 1
+fi
+
+# A stamp says what the environment was made from and where: a change of either makes it again.
+wanted="$(pwd) $(cat pyproject.toml scripts/constraints.txt | cksum)"
+stamp=".venv/stamp$extras"
+if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+  echo "setting up .venv (a minute or two) ..."
+  .venv/bin/python -c '' 2>/dev/null || { rm -rf .venv; "$python" -m venv .venv; }
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check -c scripts/constraints.txt -e ".$extras" \
+    2> .venv/pip.log || { cat .venv/pip.log >&2; exit 1; }
+  echo "$wanted" > "$stamp"
+  echo "$wanted" > .venv/stamp  # the test extras hold all that the plain installation does
+fi

@@ -1,0 +1,86 @@
+"""The machine derivation: complete, equal to the corrected arm, and different from the printed one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from numpy.testing import assert_allclose
+from sympy.simplify.fu import TR8
+
+from twolink.lagrange import derive, formulas, two_link
+
+THETA = sp.Matrix(sp.symbols("theta1 theta2", real=True))
+SPEED = sp.Matrix(sp.symbols("td1 td2", real=True))
+
+
+def normal(expression: Any) -> Any:
+    """Products of sines and cosines as sums, in which only 0 equals 0."""
+    return sp.expand(TR8(sp.expand(expression)))
+
+
+def test_the_sorted_equations_are_the_whole_of_euler_lagrange() -> None:
+    """Differentiate along the motion with real functions of time: nothing may be left over."""
+    t = sp.Symbol("t")
+    motion = sp.Matrix([sp.Function("f")(t), sp.Function("g")(t)])
+    kinetic, potential = derive.energies(THETA, SPEED)
+    put = dict(zip([*THETA, *SPEED], [*motion, *motion.diff(t)], strict=True))
+    e = derive.derive()
+    w1, w2 = motion.diff(t)
+    ordered = e.A * motion.diff(t, 2) + e.B * w1 * w2 + e.C * sp.Matrix([w1**2, w2**2]) + e.D
+    for i in range(2):
+        momentum = kinetic.diff(SPEED[i]).subs(put)
+        direct = momentum.diff(t) - kinetic.diff(THETA[i]).subs(put) + potential.diff(THETA[i]).subs(put)
+        assert normal((direct - ordered[i].subs(put)).doit()) == 0
+
+
+def test_corrected_is_equal_in_every_entry_and_printed_in_all_but_two() -> None:
+    verdicts = {verdict.entry: verdict for verdict in derive.compare()}
+    assert tuple(verdicts) == derive.ENTRIES
+    assert {verdict.corrected for verdict in verdicts.values()} == {"0"}
+    wrong = {name: sp.sympify(v.printed) for name, v in verdicts.items() if v.printed != "0"}
+    l1, l2, m2, theta2 = sp.symbols("l1 l2 m2 theta2")
+    missing = m2 * l1 * l2 * sp.sin(theta2) / 2
+    assert set(wrong) == {"C21", "C22"}
+    assert sp.expand(wrong["C21"] + missing) == 0
+    assert sp.expand(wrong["C22"] - missing) == 0
+
+
+def test_a_wrong_formula_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = formulas.gravity_entries
+    monkeypatch.setattr(formulas, "gravity_entries", lambda *a: (right(*a)[0], 2 * right(*a)[1]))
+    assert [verdict.entry for verdict in derive.compare() if verdict.corrected != "0"] == ["D2"]
+
+
+def test_the_closed_determinant_is_that_of_the_mass_matrix() -> None:
+    l1, l2, m1, m2 = sp.symbols("l1 l2 m1 m2", positive=True)
+    closed = formulas.mass_determinant((l1, l2), (m1, m2), tuple(THETA), sp)
+    assert normal(closed - derive.derive().A.det()) == 0
+
+
+def test_the_potential_of_the_formulas_is_the_derived_one() -> None:
+    l1, l2, m1, m2, g = sp.symbols("l1 l2 m1 m2 g", positive=True)
+    formula = formulas.potential_entry((l1, l2), (m1, m2), g, tuple(THETA), sp)
+    assert normal(formula - derive.energies(THETA, SPEED)[1]) == 0
+
+
+def test_numeric_answers_are_the_corrected_arms_on_batches() -> None:
+    rng = np.random.default_rng(1)
+    l1, l2, m1, m2, g = parameters = tuple(rng.uniform(0.5, 2, (5, 40)))
+    theta, dtheta, given = rng.uniform(-3, 3, (3, 40, 2))
+    arm, equations = two_link((l1, l2), (m1, m2), g), derive.numeric()
+    for name in ("forward_dynamics", "inverse_dynamics"):
+        hand = getattr(arm, name)(theta, dtheta, given)
+        machine = getattr(equations, name)(parameters, theta, dtheta, given)
+        assert_allclose(machine, hand, rtol=1e-11, atol=1e-11)
+    assert {entry.shape for entry in equations.entries(parameters, theta).values()} == {(40,)}
+
+
+def test_the_arm_loads_where_sympy_cannot_be_imported() -> None:
+    code = "import sys; sys.modules['sympy'] = None; import twolink.lagrange.derive"
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,234 @@
+"""The hand-derived arm against physics: identities, limits and exact cases, never its own past output."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from twolink.errors import QueryError
+from twolink.lagrange import TwoLink, two_link
+
+STEP = 1e-200  # complex step: the derivative is exact to round-off
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+def random_arm(rng: np.random.Generator, n: int, **kwargs: Any) -> TwoLink:
+    l1, l2 = rng.uniform(0.2, 2, (2, n))
+    m1, m2 = rng.uniform(0.2, 5, (2, n))
+    return two_link((l1, l2), (m1, m2), rng.uniform(0, 20, n), **kwargs)
+
+
+def states(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
+    theta, dtheta, torque = rng.uniform(-3, 3, (3, n, 2))
+    return theta, dtheta, torque
+
+
+def along(function: Any, theta: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The derivative of function(theta) along `direction`, by complex step."""
+    return np.imag(function(theta + 1j * STEP * direction)) / STEP
+
+
+def test_mass_matrix_is_symmetric_and_positive_definite(rng: np.random.Generator) -> None:
+    mass = random_arm(rng, 500).mass_matrix(states(rng, 500)[0])
+    assert_allclose(mass, np.swapaxes(mass, -1, -2), rtol=0)
+    assert np.all(np.linalg.eigvalsh(mass) > 0)
+
+
+def test_kinetic_energy_is_that_of_the_mass_along_the_rods(rng: np.random.Generator) -> None:
+    """Integrate |velocity|^2 dm / 2 along each rod: three Gauss points are exact for a parabola."""
+    arm, (theta, dtheta, _) = random_arm(rng, 50), states(rng, 50)
+    (l1, l2), (m1, m2) = arm.lengths, arm.masses
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    s, w = (nodes + 1) / 2, weights / 2
+
+    def point(angles: np.ndarray, first: Any, second: Any) -> np.ndarray:
+        upper, lower = angles[:, 0], angles.sum(axis=1)
+        x = first * np.cos(upper) + second * np.cos(lower)
+        y = first * np.sin(upper) + second * np.sin(lower)
+        return np.stack([x, y])
+
+    kinetic = np.zeros(50)
+    for part, weight in zip(s, w, strict=True):
+        for mass, reach in ((m1, (part * l1, 0.0)), (m2, (l1, part * l2))):
+            velocity = along(lambda angles, reach=reach: point(angles, *reach), theta, dtheta)
+            kinetic += weight * mass * (velocity**2).sum(axis=0) / 2
+    assert_allclose(arm.energy(theta, dtheta)[0], kinetic, rtol=1e-13)
+
+
+def test_gravity_torque_is_the_gradient_of_the_potential(rng: np.random.Generator) -> None:
+    arm, (theta, dtheta, _) = random_arm(rng, 100), states(rng, 100)
+    for joint, axis in enumerate(np.eye(2)):
+        slope = along(lambda angles: arm.energy(angles, dtheta)[1], theta, axis)
+        assert_allclose(arm.gravity_torque(theta)[:, joint], slope, rtol=1e-12, atol=1e-12)
+
+
+def coriolis(arm: TwoLink, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
+    """The Coriolis matrix by Christoffel's symbols: (dM_ij/dk + dM_ik/dj - dM_jk/di) w_k / 2."""
+    slope = np.stack([along(arm.mass_matrix, theta, axis) for axis in np.eye(2)], axis=-1)  # n i j k
+    symbols = (slope + np.swapaxes(slope, -1, -2) - np.moveaxis(slope, -1, 1)) / 2
+    return np.einsum("nijk,nk->nij", symbols, dtheta)
+
+
+def test_velocity_torque_is_that_of_christoffel_and_does_no_work(rng: np.random.Generator) -> None:
+    arm, (theta, dtheta, _) = random_arm(rng, 200), states(rng, 200)
+    matrix = coriolis(arm, theta, dtheta)
+    velocity_torque = arm.bias(theta, dtheta) - arm.gravity_torque(theta)
+    assert_allclose(velocity_torque, np.einsum("nij,nj->ni", matrix, dtheta), rtol=1e-11, atol=1e-11)
+    skew = along(arm.mass_matrix, theta, dtheta) - 2 * matrix
+    assert_allclose(skew, -np.swapaxes(skew, -1, -2), atol=1e-12)
+
+
+def energy_rate(arm: TwoLink, theta: np.ndarray, dtheta: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """dE/dt along the motion, by complex step in both angles and speeds."""
+    ddtheta = arm.forward_dynamics(theta, dtheta, torque)
+    kinetic, potential = arm.energy(theta + 1j * STEP * dtheta, dtheta + 1j * STEP * ddtheta)
+    return np.imag(kinetic + potential) / STEP
+
+
+def test_power_is_the_rate_of_energy(rng: np.random.Generator) -> None:
+    arm, (theta, dtheta, torque) = random_arm(rng, 200), states(rng, 200)
+    power = (torque * dtheta).sum(axis=-1)
+    assert_allclose(energy_rate(arm, theta, dtheta, torque), power, rtol=1e-10, atol=1e-9)
+
+
+def test_the_printed_arm_makes_energy_at_the_rate_its_docstring_states(rng: np.random.Generator) -> None:
+    arm, (theta, dtheta, _) = random_arm(rng, 200, variant="printed"), states(rng, 200)
+    (l1, l2), (_, m2), (w1, w2) = arm.lengths, arm.masses, dtheta.T
+    made = m2 * l1 * l2 * np.sin(theta[:, 1]) * w2 * (w1**2 - w2**2) / 2
+    assert_allclose(energy_rate(arm, theta, dtheta, np.zeros(2)), made, rtol=1e-10, atol=1e-9)
+    assert np.abs(made).max() > 1
+
+
+def test_printed_differs_from_corrected_in_c21_and_c22_only() -> None:
+    theta = [0.4, 0.9]
+    corrected, printed = two_link((1, 2), (3, 4)), two_link((1, 2), (3, 4), variant="printed")
+    for name in "ABD":
+        assert_allclose(getattr(corrected, name)(theta), getattr(printed, name)(theta), rtol=0)
+    (c11, c12), (c21, c22) = corrected.C(theta)
+    assert (c11, c22) == (0, 0)
+    assert c21 == -c12 != 0
+    assert_allclose(printed.C(theta), [[0, c12], [0, -c12]], rtol=0)
+
+
+@pytest.mark.parametrize("variant", ["corrected", "printed"])
+def test_forward_and_inverse_dynamics_undo_each_other(rng: np.random.Generator, variant: Any) -> None:
+    arm, (theta, dtheta, torque) = random_arm(rng, 300, variant=variant), states(rng, 300)
+    ddtheta = arm.forward_dynamics(theta, dtheta, torque)
+    assert_allclose(arm.inverse_dynamics(theta, dtheta, ddtheta), torque, atol=1e-11)
+
+
+def test_a_batch_is_a_loop_and_parameters_broadcast(rng: np.random.Generator) -> None:
+    arm, (theta, dtheta, torque) = random_arm(rng, 6), states(rng, 6)
+    (l1, l2), (m1, m2) = arm.lengths, arm.masses
+    batch = arm.forward_dynamics(theta, dtheta, torque)
+    for i in range(6):
+        one = two_link((l1[i], l2[i]), (m1[i], m2[i]), arm.g[i])
+        assert_allclose(batch[i], one.forward_dynamics(theta[i], dtheta[i], torque[i]), rtol=1e-14)
+    assert arm.mass_matrix([0, 1]).shape == (6, 2, 2)
+    grid = two_link((l1[:, None], 1), (3, m2[None, :]))
+    assert grid.batch == (6, 6)
+    assert grid.gravity_torque([0, 1]).shape == (6, 6, 2)
+    assert two_link((1, 1), (3, 1)).velocity_squares(theta.reshape(2, 3, 2)).shape == (2, 3, 2, 2)
+    kinetic, potential = two_link((1, 1), (3, 1)).energy([0, 1], np.zeros((4, 2)))
+    assert kinetic.shape == potential.shape == (4,)
+
+
+def test_long_double_is_kept() -> None:
+    theta = np.array([0.3, 0.4], dtype=np.longdouble)
+    assert two_link((1, 1), (3, 1)).gravity_torque(theta).dtype == np.longdouble
+    assert two_link((1, 1), (3, 1)).gravity_torque(theta.astype(np.float32)).dtype == np.float64
+
+
+def test_without_forearm_the_arm_is_a_physical_pendulum() -> None:
+    """theta1'' = -(3/2) (g/l1) cos(theta1) when the forearm weighs nothing to speak of."""
+    arm = two_link((0.7, 0.5), (2, 1e-14))
+    expected = -1.5 * 9.81 / 0.7 * np.cos(0.4)
+    assert_allclose(arm.forward_dynamics([0.4, 1], [0, 0], [0, 0])[0], expected, rtol=1e-12)
+
+
+def test_a_straight_rigid_arm_is_one_rod() -> None:
+    """Two halves of one rod, held straight: inertia M L^2 / 3 and weight at the middle."""
+    arm = two_link((0.5, 0.5), (1, 1))
+    expected = 2 / 3 + 2 * 9.81 * 0.5 * np.cos(0.3)
+    assert_allclose(arm.inverse_dynamics([0.3, 0], [0, 0], [1, 0])[0], expected, rtol=1e-14)
+
+
+def test_folded_back_the_forearm_cancels_its_lever() -> None:
+    """theta2 = pi, l2 = 2 l1: the forearm's centre lies on the shoulder, so it weighs nothing there."""
+    arm = two_link((1, 2), (3, 5))
+    assert_allclose(arm.gravity_torque([0, np.pi])[0], 3 * 9.81 / 2, rtol=1e-14)
+
+
+def test_normal_modes_about_hanging() -> None:
+    """w^2 = (3 -+ 6 / sqrt 7) g / L for two equal uniform rods."""
+    arm = two_link((1, 1), (1, 1))
+    hanging, rest = np.array([-np.pi / 2, 0]), np.zeros(2)
+    columns = [along(lambda q: arm.forward_dynamics(q, rest, rest), hanging, axis) for axis in np.eye(2)]
+    squares = np.sort(np.linalg.eigvals(-np.stack(columns, axis=-1)))
+    assert_allclose(squares, (3 + np.array([-6, 6]) / np.sqrt(7)) * 9.81, rtol=1e-13)
+    assert_allclose(np.sqrt(squares), [2.6801140122533753, 7.1886708702877137], rtol=1e-13)
+
+
+def test_the_papers_release_ends_where_high_precision_says() -> None:
+    """From horizontal rest, t = 10 s; the expected values were computed in long double."""
+    arm = two_link((1, 1), (3, 1))
+
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[2:], arm.forward_dynamics(x[:2], x[2:], [0, 0])])
+
+    run = solve_ivp(rate, (0, 10), np.zeros(4), method="DOP853", rtol=1e-13, atol=1e-13)
+    expected = [-0.2229716591521448578, 0.74849218369550184904, -1.7501856681930279048, 1.9141077912878002342]
+    assert_allclose(run.y[:, -1], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "masses", "g", "variant", "message"),
+    [
+        ((1, -1), (3, 1), 9.81, "corrected", r"l2: expected a positive number, got -1"),
+        ((0, 1), (3, 1), 9.81, "corrected", r"l1: expected a positive number, got 0"),
+        (
+            (1, 1),
+            (3, [1, np.nan]),
+            9.81,
+            "corrected",
+            r"m2: expected finite numbers, got nan at index \(1,\)",
+        ),
+        ((1, 1), (3, 1), np.inf, "corrected", r"g: expected finite numbers, got inf"),
+        ((1, 1), (3, "heavy"), 9.81, "corrected", r"m2: expected numbers, got .*'heavy'"),
+        (1, (3, 1), 9.81, "corrected", r"lengths: expected the pair \(l1, l2\), got 1"),
+        (
+            ([1, 2], [1, 2, 3]),
+            (3, 1),
+            9.81,
+            "corrected",
+            r"batch shapes do not broadcast: l1 \(2,\), l2 \(3,\)",
+        ),
+        ((1, 1), (3, 1), 9.81, "prnted", r"variant: .* got 'prnted'; did you mean 'printed'\?"),
+    ],
+)
+def test_bad_arms_are_refused_by_name(lengths: Any, masses: Any, g: Any, variant: Any, message: str) -> None:
+    with pytest.raises(QueryError, match=message):
+        two_link(lengths, masses, g, variant)
+
+
+@pytest.mark.parametrize(
+    ("theta", "dtheta", "message"),
+    [
+        ([0, 0, 0], [0, 0], r"theta: expected shape \(..., 2\), got \(3,\); the last axis is"),
+        (0.0, [0, 0], r"theta: expected shape \(..., 2\), got \(\)"),
+        ([0, 0], [0, np.inf], r"dtheta: expected finite numbers, got inf at index \(1,\)"),
+        ([[0, 0]] * 3, [[0, 0]] * 2, r"dtheta: batch shapes do not broadcast: .*theta \(3,\), dtheta \(2,\)"),
+        ([[0], [0, 1]], [0, 0], r"theta: expected a rectangular array"),
+    ],
+)
+def test_bad_states_are_refused_by_name(theta: Any, dtheta: Any, message: str) -> None:
+    with pytest.raises(QueryError, match=message):
+        two_link((1, 1), (3, 1)).bias(theta, dtheta)

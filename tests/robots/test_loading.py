@@ -1,0 +1,189 @@
+"""Loading: names, paths, text; the report; locale; a second reading; drawing and locking."""
+
+import pickle
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.robots import catalogue_names
+from twolink.robots.catalogue import examples_share, find
+from twolink.robots.second_reading import compare
+
+TOP = Path(__file__).parents[2]
+REFUSED = {
+    # name -> why it is right to refuse it
+    "romeo": "no mass",  # its fingers have no <inertial>
+    "romeo_laas_small": "positive semi-definite",  # body: a principal moment of -0.02 kg m^2
+    "romeo_small": "triangle inequality",  # right shoulder: 0.00066, 0.00068, 0.0066
+}
+
+
+@pytest.fixture(scope="module")
+def everything() -> dict[str, tl.Robot | tl.errors.RobotError]:
+    loaded: dict[str, tl.Robot | tl.errors.RobotError] = {}
+    for name in catalogue_names():
+        try:
+            loaded[name] = tl.load_robot(name)
+        except tl.errors.RobotError as error:
+            loaded[name] = error
+    return loaded
+
+
+def test_every_file_of_example_robot_data_has_a_name() -> None:
+    share = examples_share()
+    assert share is not None
+    files = {p for p in (share / "example-robot-data" / "robots").rglob("*.urdf")}
+    named = {find(name).path for name in catalogue_names()}
+    unnamed = {p.name for p in files - named}
+    # a stub without links, drawings of a model that is in, and a corrected copy that nobody's loader named
+    assert unnamed == {"ur3.urdf", "iris.urdf", "talos_reduced_corrected.urdf"}
+
+
+def test_all_robots_load_with_a_report_or_are_refused_rightly(everything: dict[str, object]) -> None:
+    assert len(everything) >= 64
+    refused = {name: str(r) for name, r in everything.items() if isinstance(r, Exception)}
+    assert refused.keys() == REFUSED.keys()
+    for name, reason in REFUSED.items():
+        assert reason in refused[name]
+    for name, robot in everything.items():
+        if isinstance(robot, tl.Robot):
+            assert robot.report.read, name
+            assert robot.report.assumed, name
+
+
+def test_refused_robots_load_with_the_remedy_their_error_names() -> None:
+    with pytest.raises(tl.errors.RobotError) as caught:
+        tl.load_robot("romeo")
+    lock = eval(caught.value.remedy.split("lock=")[1])
+    assert tl.load_robot("romeo", lock=lock).nv == tl.load_robot("romeo", lock=lock).model.nv > 20
+    assert tl.load_robot("romeo_small", unphysical="report").nv > 20
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "talos", "kinova", "pr2", "tiago_pro", "two_link", "arm"])
+def test_a_second_parser_reads_the_same(name: str) -> None:
+    second = compare(tl.load_robot(name))
+    assert second["frames"] < 1e-12
+    assert second["mass"] < 1e-9
+
+
+def test_sources_are_equivalent(tmp_path: Path) -> None:
+    path = TOP / "urdf" / "two_link.urdf"
+    models = [tl.load_robot(s).model for s in ("two_link", path, str(path), path.read_text())]
+    assert all(m == models[0] for m in models)
+
+
+def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
+    text = """<robot name="r"><link name="base"/>
+      <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+        <visual><geometry><mesh filename="package://nowhere/a.stl"/></geometry></visual>
+        <collision><geometry><sphere radius="1"/></geometry></collision></link>
+      <link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <link name="c"/>
+      <joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 2"/>
+        <limit effort="1" velocity="1"/><dynamics damping="0.5" friction="0.2"/><safety_controller k_velocity="1"/></joint>
+      <joint name="k" type="continuous"><parent link="a"/><child link="b"/><mimic joint="j"/></joint>
+      <joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint>
+      <transmission name="t"/><gazebo/><lnk name="typo"/></robot>"""
+    report = tl.load_robot(text).report
+    said = {
+        kind: " | ".join(str(f) for f in getattr(report, kind)) for kind in ("read", "ignored", "repaired", "assumed")
+    }
+    assert "4 links of 2 kg, 1 revolute, 1 continuous, 1 fixed" in said["read"]
+    for part in ("damping", "friction", "mimic", "collision", "transmissions", "<gazebo>", "safety controllers",
+                 "package://nowhere/a.stl", "<lnk> in <robot> (did you mean 'link'?)", "limits"):  # fmt: skip
+        assert part in said["ignored"], part
+    assert "normalised: j" in said["repaired"]
+    for part in ("merged into the body", "without <inertial>", "turn or slide along x: k", "taken as 0: j",
+                 "fixed to the world", "gravity (0, 0, -9.81)"):  # fmt: skip
+        assert part in said["assumed"], part
+    assert said["read"] in str(report)
+    assert report.to_dict()["source"] == "URDF text"
+
+
+def test_what_the_report_says_is_ignored_is_ignored() -> None:
+    """Damping of the double pendulum, 0.05 N m s/rad, takes no part in its accelerations."""
+    robot = tl.load_robot("double_pendulum")
+    assert np.all(robot.model.damping > 0)
+    assert any("damping" in str(f) for f in robot.report.ignored)
+    rest = np.zeros(2)
+    q = np.array([0.3, 0.4])
+    fast = robot.inverse_dynamics(q, np.array([0.0, 1.0]), rest) + robot.inverse_dynamics(
+        q, np.array([0.0, -1.0]), rest
+    )
+    squares = 2 * robot.bias(q, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(fast, squares, rtol=1e-12)  # no part of it is odd in the velocity
+
+
+def test_a_decimal_comma_locale_changes_no_number(tmp_path: Path) -> None:
+    localedef = shutil.which("localedef")
+    if localedef is None or not Path("/usr/share/i18n/locales/de_DE").exists():
+        pytest.skip("no localedef to make a locale with a decimal comma from")
+    made = subprocess.run([localedef, "-i", "de_DE", "-f", "UTF-8", str(tmp_path / "de_DE.UTF-8")], capture_output=True)
+    assert (tmp_path / "de_DE.UTF-8").exists(), made.stderr
+    code = """
+import locale, ctypes
+locale.setlocale(locale.LC_ALL, "de_DE.UTF-8")
+assert locale.localeconv()["decimal_point"] == ","
+assert ctypes.CDLL(None).strtod  # the C library now reads 0,5
+import twolink as tl
+robot = tl.load_robot("arm")
+print(repr(robot.mass), repr(robot.model.upperPositionLimit[0]), repr(robot.mass_matrix([0.1, 0.2]).tolist()))
+"""
+    environment = {"LOCPATH": str(tmp_path), "PATH": "/usr/bin:/bin", "PYTHONPATH": str(TOP)}
+    outputs = []
+    for variables in (environment, {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(TOP)}):
+        text = code if "LOCPATH" in variables else code.split("import twolink", 1)[1].join(["import twolink", ""])
+        done = subprocess.run([sys.executable, "-c", text], env=variables, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        outputs.append(done.stdout)
+    assert outputs[0] == outputs[1]
+
+
+def test_free_root_and_locked_joints() -> None:
+    free = tl.load_robot("ur5", root="free")
+    assert (free.nq, free.nv) == (13, 12)
+    assert free.joint_names[0] == "root_joint"
+    locked = tl.load_robot("panda", lock={"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02})
+    assert locked.nv == 7
+    whole = tl.load_robot("panda")
+    q = np.concatenate([np.linspace(-1, 1, 7), [0.02, 0.02]])
+    np.testing.assert_allclose(locked.mass_matrix(q[:7]), whole.mass_matrix(q)[:7, :7], rtol=0, atol=1e-12)
+    angle = tl.load_robot("kinova", lock={"j2s6s200_joint_1": np.pi / 2})
+    assert (angle.nq, angle.nv) == (7, 5)
+
+
+def test_visuals_are_there_with_colours_and_without_missing_meshes() -> None:
+    arm = tl.load_robot("two_link").visual_model()
+    assert {tuple(np.round(g.meshColor, 2)) for g in arm.geometryObjects} >= {(0.13, 0.4, 0.68, 1.0)}
+    panda = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0}).visual_model()
+    assert panda.ngeoms >= 8
+    assert all(
+        Path(g.meshPath).is_file() for g in panda.geometryObjects if g.meshPath not in ("BOX", "CYLINDER", "SPHERE")
+    )
+    lost = tl.load_robot('<robot name="r"><link name="a"><visual><geometry><mesh filename="x.stl"/></geometry></visual>'
+                         "</link></robot>")  # fmt: skip
+    assert lost.visual_model().ngeoms == 0
+    assert any("x.stl" in str(f) for f in lost.report.ignored)
+
+
+def test_robots_pickle() -> None:
+    robot = tl.load_robot("two_link")
+    again = pickle.loads(pickle.dumps(robot))
+    q = np.array([0.1, 0.2])
+    assert np.array_equal(again.mass_matrix(q), robot.mass_matrix(q))
+    assert again.report == robot.report
+
+
+def test_gravity_and_mass() -> None:
+    moon = tl.load_robot("two_link", gravity=(0, 0, -1.62))
+    earth = tl.load_robot("two_link")
+    q = np.array([0.4, -0.2])
+    np.testing.assert_allclose(moon.gravity_torque(q) / earth.gravity_torque(q), 1.62 / 9.81, rtol=1e-14)
+    assert earth.mass == 4.0
+    assert np.array_equal(pin.neutral(earth.model), earth.neutral)

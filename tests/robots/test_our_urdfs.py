@@ -1,0 +1,61 @@
+"""The numbers in urdf/: computed again from where they come from."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+
+# de Leva 1996, table 4, male: mass in % of 73 kg; centre of mass and radii of gyration in % of the length
+WEIGHT = 73.0
+UPPER_ARM = {"mass": 2.71, "length": 0.2817, "com": 57.72, "radii": (28.5, 26.9, 15.8)}
+FOREARM = {"mass": 1.62, "length": 0.2689, "com": 45.74, "radii": (27.6, 26.5, 12.1)}
+HAND = {"mass": 0.61, "length": 0.0862, "com": 79.00, "radii": (62.8, 51.3, 40.1)}
+
+
+def segment(table: dict) -> tuple[float, float, np.ndarray]:
+    """Mass [kg], centre of mass from the proximal end [m], (sagittal, transverse, longitudinal) moments [kg m^2]."""
+    mass = table["mass"] / 100 * WEIGHT
+    radii = np.array(table["radii"]) / 100 * table["length"]
+    return mass, table["com"] / 100 * table["length"], mass * radii**2
+
+
+def test_arm_is_de_levas() -> None:
+    robot = tl.load_robot("arm")
+    upper, lower = robot.model.inertias[1], robot.model.inertias[2]
+    mass, com, moments = segment(UPPER_ARM)
+    assert upper.mass == pytest.approx(mass, abs=1e-5)
+    np.testing.assert_allclose(upper.lever, [0, 0, -com], atol=1e-6)
+    np.testing.assert_allclose(upper.inertia, np.diag(moments), atol=1e-8)
+    (m1, c1, i1), (m2, c2, i2) = segment(FOREARM), segment(HAND)
+    c2 += FOREARM["length"]
+    com = (m1 * c1 + m2 * c2) / (m1 + m2)
+    across = m1 * (c1 - com) ** 2 + m2 * (c2 - com) ** 2
+    assert lower.mass == pytest.approx(m1 + m2, abs=1e-5)
+    np.testing.assert_allclose(lower.lever, [0, 0, -com], atol=1e-6)
+    np.testing.assert_allclose(lower.inertia, np.diag(i1 + i2 + [across, across, 0]), atol=1e-8)
+
+
+def test_arm_bends_as_an_arm_does() -> None:
+    """At q = 0 it hangs; flexion of the shoulder by 90 degrees points it forward (+x), of the elbow lifts the hand."""
+    robot = tl.load_robot("arm")
+    assert np.abs(robot.gravity_torque([0.0, 0.0])).max() < 1e-12
+    hold = robot.gravity_torque([np.pi / 2, 0.0])
+    assert np.all(hold > 0)  # the muscles flex to hold it forward
+    lower, upper = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    np.testing.assert_allclose(np.degrees(lower), [-60, 0])
+    np.testing.assert_allclose(np.degrees(upper), [180, 150])
+    _, low = robot.energy([0.0, 0.0], [0.0, 0.0])
+    _, bent = robot.energy([0.0, 1.0], [0.0, 0.0])
+    assert bent > low
+
+
+def test_two_link_is_the_papers() -> None:
+    robot = tl.load_robot("two_link")
+    by_hand = tl.lagrange.two_link((1.0, 1.0), (3.0, 1.0))
+    rng = np.random.default_rng(0)
+    theta, speed, torque = rng.uniform(-3, 3, (3, 100, 2))
+    np.testing.assert_allclose(robot.mass_matrix(theta), by_hand.mass_matrix(theta), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(robot.bias(theta, speed), by_hand.bias(theta, speed), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        robot.forward_dynamics(theta, speed, torque), by_hand.forward_dynamics(theta, speed, torque), rtol=1e-12
+    )

@@ -1,0 +1,191 @@
+"""A headless Chromium for the tests, driven over its DevTools protocol. Every wait has a limit."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tornado.websocket
+from PIL import Image
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+_FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-quic",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+]
+
+
+def find_chromium() -> str | None:
+    """The browser's path: $CHROMIUM, or the first of the usual names on the path."""
+    return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
+class Browser:
+    """One page in one browser. `requests` are the URLs it asked for, `errors` its JavaScript errors."""
+
+    def __init__(self, executable: str, *, width: int = 1280, height: int = 800) -> None:
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        self._number = 0
+        self._profile = tempfile.mkdtemp(prefix="twolink-browser-")
+        self._loop = asyncio.new_event_loop()
+        self._socket: Any = None
+        command = [executable, *_FLAGS, f"--user-data-dir={self._profile}", f"--window-size={width},{height}"]
+        self._process = subprocess.Popen(
+            [*command, "about:blank"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            self._connect()
+            self.resize(width, height)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def _connect(self, limit: float = 30.0) -> None:
+        end, note = time.monotonic() + limit, Path(self._profile, "DevToolsActivePort")
+        while not (note.exists() and note.read_text()):
+            if time.monotonic() > end or self._process.poll() is not None:
+                raise RuntimeError(f"Chromium did not start (exit code {self._process.poll()})")
+            time.sleep(0.05)
+        port = note.read_text().split()[0]
+        opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # the browser is here: no proxy
+        with opener.open(f"http://127.0.0.1:{port}/json/list", timeout=limit) as answer:
+            page = next(target for target in json.load(answer) if target["type"] == "page")
+
+        async def connect() -> Any:
+            return await tornado.websocket.websocket_connect(
+                page["webSocketDebuggerUrl"], max_message_size=200_000_000
+            )
+
+        self._socket = self._loop.run_until_complete(asyncio.wait_for(connect(), limit))
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, limit: float = 60.0, **parameters: object) -> dict[str, Any]:
+        """Send one DevTools command and return its result."""
+        self._number += 1
+        number = self._number
+
+        async def exchange() -> dict[str, Any]:
+            request = {"id": number, "method": method, "params": parameters}
+            await self._socket.write_message(json.dumps(request))
+            while True:
+                text = await self._socket.read_message()
+                if text is None:
+                    raise RuntimeError("the browser closed the connection")
+                message: dict[str, Any] = json.loads(text)
+                if message.get("id") == number:
+                    return message
+                self._note(message)
+
+        answer = self._loop.run_until_complete(asyncio.wait_for(exchange(), limit))
+        if "error" in answer:
+            raise RuntimeError(f"{method}: {answer['error']}")
+        result: dict[str, Any] = answer["result"]
+        return result
+
+    def _note(self, message: dict[str, Any]) -> None:
+        method, details = message.get("method"), message.get("params", {})
+        if method == "Network.requestWillBeSent":
+            self.requests.append(details["request"]["url"])
+        elif method == "Network.webSocketCreated":
+            self.requests.append(details["url"])
+        elif method == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(details["exceptionDetails"])[:2000])
+        elif method == "Runtime.consoleAPICalled" and details["type"] in ("error", "assert"):
+            self.errors.append(json.dumps(details["args"])[:2000])
+        elif method == "Log.entryAdded" and details["entry"]["level"] == "error":
+            self.errors.append(json.dumps(details["entry"])[:2000])
+
+    def resize(self, width: int, height: int, *, mobile: bool = False) -> None:
+        """Make the page width x height CSS pixels."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+
+    def open(self, url: str) -> None:
+        """Go to a URL and wait until the page is loaded."""
+        self.call("Page.navigate", url=url)
+        self.wait_for(f"location.href === {json.dumps(url)} && document.readyState === 'complete'")
+
+    def evaluate(self, expression: str, limit: float = 60.0) -> Any:
+        """The value of a JavaScript expression (promises are waited for)."""
+        answer = self.call(
+            "Runtime.evaluate", limit, expression=expression, returnByValue=True, awaitPromise=True
+        )
+        if "exceptionDetails" in answer:
+            raise RuntimeError(f"{expression}: {json.dumps(answer['exceptionDetails'])[:1000]}")
+        return answer["result"].get("value")
+
+    def wait_for(self, condition: str, limit: float = 60.0) -> None:
+        """Wait until a JavaScript expression is true."""
+        end = time.monotonic() + limit
+        while not self.evaluate(f"!!({condition})"):
+            if time.monotonic() > end:
+                raise TimeoutError(f"not true within {limit:g} s: {condition}; errors: {self.errors}")
+            time.sleep(0.05)
+
+    def screenshot(self, path: Path | None = None) -> np.ndarray:
+        """The page as (height, width, 3) bytes, also written to `path` as PNG."""
+        data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        if path is not None:
+            path.write_bytes(data)
+        with Image.open(io.BytesIO(data)) as image:
+            return np.asarray(image.convert("RGB"))
+
+    def close(self) -> None:
+        """End the browser and everything it started, and remove its profile."""
+        if self._socket is not None:
+            self._socket.close()
+            self._loop.run_until_complete(asyncio.sleep(0.05))
+            self._socket = None
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(timeout=10)
+        self._loop.close()
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    """A fresh headless Chromium. Without one the test is skipped, but in continuous integration it fails."""
+    executable = find_chromium()
+    if executable is None:
+        reason = "NO CHROMIUM FOUND: the browser tests DID NOT RUN; install it or set CHROMIUM=/path/to/it"
+        if os.environ.get("CI", "").lower() in ("1", "true"):
+            pytest.fail(reason)
+        pytest.skip(reason)
+    with Browser(executable) as started:
+        yield started

@@ -1,0 +1,365 @@
+"""A playback page: complete in itself, in order, within its limits, and what a browser shows of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+from scipy.integrate import solve_ivp
+
+# `browser` is a fixture: imported, so that pytest finds it here.
+from tests.show.browser import Browser, browser  # noqa: F401
+from twolink.errors import ShowError
+from twolink.show.meshcat_scene import poses, scene_nodes
+from twolink.show.meshcat_view import look_at
+from twolink.show.playback import choose_frames, write_playback
+
+URDFS = Path(__file__).parents[2] / "urdf"
+BLUE, ORANGE = (0.13, 0.40, 0.68), (0.93, 0.54, 0.16)  # as two_link.urdf has them
+Robot = tuple[Any, Any]
+
+
+def robot(name: str) -> Robot:
+    path = str(URDFS / f"{name}.urdf")
+    model = pin.buildModelFromUrdf(path)
+    return model, pin.buildGeomFromUrdf(model, path, pin.GeometryType.VISUAL)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return robot("two_link")
+
+
+@pytest.fixture(scope="module")
+def swing(arm: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """The paper's arm released from rest, 10 s."""
+    model, data = arm[0], arm[0].createData()
+
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[2:], pin.aba(model, data, x[:2], x[2:], np.zeros(2))])
+
+    solution = solve_ivp(rate, (0, 10), np.zeros(4), t_eval=np.linspace(0, 10, 501), rtol=1e-8, atol=1e-8)
+    return solution.t, solution.y[:2].T
+
+
+def commands(page: Path) -> list[dict[str, Any]]:
+    block = re.search(r'<script id="commands" type="text/plain">([^<]*)</script>', page.read_text("utf-8"))
+    assert block is not None
+    return [umsgpack.unpackb(base64.b64decode(line)) for line in block.group(1).split("\n")]
+
+
+def tracks(page: Path) -> dict[str, dict[str, np.ndarray]]:
+    """The animation's numbers, by path and by ".position" or ".quaternion" (and its times)."""
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for item in commands(page)[-1]["animations"]:
+        columns = found.setdefault(item["path"], {})
+        for track in item["clip"]["tracks"]:
+            columns["times"] = np.frombuffer(track["times"].data, "<f4")
+            width = 3 if track["name"] == ".position" else 4
+            columns[track["name"]] = np.frombuffer(track["values"].data, "<f4").reshape(-1, width)
+    return found
+
+
+def test_only_what_moves_is_animated_and_keys_are_the_true_poses(
+    arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    page = write_playback(*arm, *swing, tmp_path / "a.html", fps=50)
+    found = tracks(page)
+    assert sorted(found) == [f"/robot/{name}_{i}" for name, i in _moving()]
+    elbow = np.stack([np.cos(swing[1][:, 0]), 0 * swing[0], np.sin(swing[1][:, 0])], axis=-1)
+    np.testing.assert_allclose(found["/robot/forearm_1"][".position"], elbow, atol=2e-6)
+    np.testing.assert_allclose(found["/robot/forearm_1"]["times"], swing[0], atol=1e-5)
+    assert page.stat().st_size < 1_500_000
+
+
+def _moving() -> list[tuple[str, int]]:
+    return [("forearm", 0), ("forearm", 1), ("tip", 0), ("upper_arm", 0), ("upper_arm", 1)]
+
+
+def test_speed_stretches_the_playing_time(arm: Robot, tmp_path: Path) -> None:
+    page = write_playback(*arm, [1.0, 3.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "a.html", speed=0.5)
+    times = tracks(page)["/robot/forearm_0"]["times"]
+    assert times[0] == 0.0
+    assert times[-1] == pytest.approx(4.0)
+    assert len(times) == 241
+    assert "speed 0.5×" in page.read_text("utf-8")
+
+
+def test_frames_are_capped_and_the_page_says_so(arm: Robot, tmp_path: Path) -> None:
+    t = np.linspace(0.0, 100.0, 11)
+    page = write_playback(*arm, t, np.column_stack([t, t]) / 50, tmp_path / "a.html", max_frames=201)
+    assert len(tracks(page)["/robot/forearm_0"]["times"]) == 201
+    assert "shown at 2 frames a second" in page.read_text("utf-8")
+    assert choose_frames(t, 1.0, 60.0, 10_000).note == ""
+
+
+def test_bytes_are_capped_by_dropping_frames_then_refused(arm: Robot, tmp_path: Path) -> None:
+    t = np.linspace(0.0, 60.0, 101)
+    motion = t, np.column_stack([np.sin(t), np.cos(t)])
+    whole = write_playback(*arm, *motion, tmp_path / "a.html")
+    least = write_playback(*arm, *motion, tmp_path / "b.html", max_frames=2).stat().st_size
+    cap = (least + whole.stat().st_size) // 2
+    page = write_playback(*arm, *motion, tmp_path / "c.html", max_bytes=cap)
+    assert page.stat().st_size <= cap
+    times = tracks(page)["/robot/forearm_0"]["times"]
+    assert 30 < len(times) < 3600
+    assert times[-1] == pytest.approx(60.0)
+    assert "frames a second" in page.read_text("utf-8")
+    with pytest.raises(ShowError, match="more than max_bytes"):
+        write_playback(*arm, *motion, tmp_path / "d.html", max_bytes=100_000)
+    assert not (tmp_path / "d.html").exists()
+
+
+def test_quaternions_never_flip(arm: Robot) -> None:
+    q = np.column_stack([np.linspace(0, 30, 400), np.linspace(0, -50, 400)])
+    nodes, _ = scene_nodes(arm[1])
+    turns = poses(*arm, q, nodes)[..., 3:]
+    assert (turns[1:] * turns[:-1]).sum(axis=-1).min() > 0.9
+    np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1.0, atol=1e-12)
+
+
+def test_a_floating_body_is_interpolated_on_its_manifold(tmp_path: Path) -> None:
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    visuals = pin.GeometryModel()
+    visuals.addGeometryObject(geometry("cube", coal.Box(1.0, 1.0, 1.0), joint=1))
+    half_turn = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-9]
+    q = np.array([[0, 0, 0, 0, 0, 0, 1], half_turn], float)
+    page = write_playback(model, visuals, [0.0, 1.0], q, tmp_path / "a.html", fps=2)
+    middle = tracks(page)["/robot/cube"][".quaternion"][1]
+    np.testing.assert_allclose(np.abs(middle), [0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
+
+
+def geometry(name: str, shape: Any, *, joint: int = 0, mesh: str = "", override: bool = False) -> Any:
+    colour = np.array([1.0, 0.0, 0.0, 0.5])
+    return pin.GeometryObject(name, joint, pin.SE3.Identity(), shape, mesh, np.ones(3), override, colour)
+
+
+def fixed(*items: Any) -> Robot:
+    visuals = pin.GeometryModel()
+    for item in items:
+        visuals.addGeometryObject(item)
+    return pin.Model(), visuals
+
+
+def test_a_missing_mesh_is_skipped_and_named(tmp_path: Path) -> None:
+    gone = geometry("gone", coal.BVHModelOBBRSS(), mesh=str(tmp_path / "gone.stl"))
+    skipped: list[str] = []
+    model, visuals = fixed(geometry("here", coal.Sphere(0.1)), gone)
+    page = write_playback(model, visuals, 0.0, np.empty(0), tmp_path / "a.html", on_skipped=skipped.extend)
+    assert skipped == ["gone"]
+    assert "not drawn: gone" in page.read_text("utf-8")
+    with pytest.raises(ShowError, match="nothing to draw"):
+        write_playback(*fixed(gone), 0.0, np.empty(0), tmp_path / "b.html")
+
+
+def test_colour_and_alpha_are_those_of_the_urdf(arm: Robot) -> None:
+    nodes, _ = scene_nodes(arm[1])
+    materials = {node.name: node.object["materials"][0] for node in nodes}
+    assert materials["forearm_0"]["color"] == sum(
+        round(255 * c) << s for c, s in zip(ORANGE, (16, 8, 0), strict=True)
+    )
+    assert not materials["forearm_0"]["transparent"]
+    nodes, _ = scene_nodes(fixed(geometry("glass", coal.Sphere(0.1)))[1])
+    assert nodes[0].object["materials"][0]["opacity"] == pytest.approx(0.5)
+    assert nodes[0].object["materials"][0]["transparent"]
+
+
+HOSTILE = "</script><script>window.hacked=1</script>%%VIEWER%%<img src=x onerror=hacked=1>"
+
+
+def test_hostile_names_stay_text(tmp_path: Path) -> None:
+    names = [HOSTILE, "a/b", "__proto__", "constructor"]
+    items = [geometry(name, coal.Sphere(0.1)) for name in names]
+    nodes, _ = scene_nodes(fixed(*items)[1])
+    assert [node.path.count("/") for node in nodes] == [2, 2, 2, 2]
+    assert {node.path for node in nodes}.isdisjoint({"/robot/__proto__", "/robot/constructor"})
+    path = write_playback(*fixed(*items), 0.0, np.empty(0), tmp_path / "a.html", title=HOSTILE)
+    page = path.read_text("utf-8")
+    assert "<script>window.hacked" not in page
+    assert "<img src=x" not in page
+    assert page.count("</script>") == 3
+
+
+@pytest.mark.parametrize(
+    ("t", "q", "what"),
+    [
+        ([0.0, 1.0], [[0.0, 0.0], [np.nan, 0.0]], "q is not finite at sample 1"),
+        ([0.0, np.inf], [[0.0, 0.0], [0.0, 0.0]], "t is not finite at sample 1"),
+        ([0.0, 2.0, 1.0], np.zeros((3, 2)), "t does not increase at sample 2"),
+        ([0.0, 0.0], np.zeros((2, 2)), "t does not increase at sample 1"),
+        ([0.0, 1.0], np.zeros((3, 2)), "q is (3, 2)"),
+        ([], np.zeros((0, 2)), "n >= 1"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(arm: Robot, tmp_path: Path, t: Any, q: Any, what: str) -> None:
+    with pytest.raises(ShowError, match=re.escape(what)):
+        write_playback(*arm, t, q, tmp_path / "a.html")
+
+
+def test_other_refusals(arm: Robot, tmp_path: Path) -> None:
+    still = [0.0], [[0.0, 0.0]]
+    with pytest.raises(ShowError, match="cannot write the page"):
+        write_playback(*arm, *still, tmp_path / "none" / "a.html")
+    with pytest.raises(ShowError, match="no view is named"):
+        write_playback(*arm, *still, tmp_path / "a.html", view="back")  # type: ignore[arg-type]
+    with pytest.raises(ShowError, match="speed is -1"):
+        write_playback(*arm, *still, tmp_path / "a.html", speed=-1.0)
+
+
+def test_a_plane_motion_is_seen_from_the_side_and_fits(
+    arm: Robot, swing: tuple[np.ndarray, np.ndarray]
+) -> None:
+    nodes, _ = scene_nodes(arm[1])
+    placed = poses(*arm, swing[1], nodes)
+    view = look_at(nodes, placed)
+    np.testing.assert_allclose(view.direction, [0, -1, 0], atol=1e-9)
+    assert view.floor < placed[..., 2].min()
+    still = look_at(nodes, placed[:1])
+    assert abs(still.direction[0]) > 0.1  # one pose has no plane of motion
+    for aspect in (0.5, 1.0, 2.0):
+        distance, slope = view.distance(aspect), np.tan(np.radians(16.0))
+        spread = np.abs(view.seen[:, :2]) / (distance - view.seen[:, 2:]) / slope / [aspect, 1.0]
+        assert 0.8 < spread.max() < 1.0
+
+
+def box_stl(path: Path) -> Path:
+    """A binary STL tetrahedron."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
+    body = b"".join(
+        struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0)
+        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    )
+    path.write_bytes(b"\0" * 80 + struct.pack("<I", 4) + body)
+    return path
+
+
+DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="0.5" name="half"/></asset>
+<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert>
+<diffuse><color>0 0.8 0 1</color></diffuse></lambert></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh><source id="p">
+<float_array count="12">0 0 0 1 0 0 1 1 0 0 1 0</float_array>
+<technique_common><accessor count="4" stride="3"/></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist count="1" material="s"><input semantic="VERTEX" source="#v" offset="0"/>
+<vcount>4</vcount><p>0 1 2 3</p></polylist></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="w"><node><translate>0 0 2</translate><rotate>0 0 1 90</rotate>
+<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="s" target="#m"/>
+</technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
+
+
+def test_collada_brings_its_unit_its_frames_and_its_colour(tmp_path: Path) -> None:
+    (tmp_path / "a.dae").write_text(DAE)
+    for override, colour in ((False, 0x00CC00), (True, 0xFF0000)):
+        item = geometry("square", coal.Sphere(1.0), mesh=str(tmp_path / "a.dae"), override=override)
+        drawn = scene_nodes(fixed(item)[1])[0][0].object
+        data = drawn["geometries"][0]["data"]
+        vertices = np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+        np.testing.assert_allclose(vertices.min(axis=0), [-0.5, 0, 1], atol=1e-6)  # turned by 90 deg, lifted
+        np.testing.assert_allclose(vertices.max(axis=0), [0, 0.5, 1], atol=1e-6)
+        assert len(data["index"]["array"].data) == 2 * 6  # a square is two triangles
+        assert drawn["materials"][0]["color"] == colour
+
+
+def near(picture: np.ndarray, rgb: tuple[float, float, float]) -> int:
+    """How many pixels have that hue, whatever the light on them."""
+    colour = picture.astype(float)
+    bright = np.linalg.norm(colour, axis=-1)
+    along = colour @ (np.array(rgb) / np.linalg.norm(rgb))
+    return int(((along > 0.995 * bright) & (bright > 60)).sum())
+
+
+@pytest.mark.browser
+def test_the_page_plays_offline(
+    arm: Robot,
+    swing: tuple[np.ndarray, np.ndarray],
+    tmp_path: Path,
+    browser: Browser,  # noqa: F811
+) -> None:
+    page = write_playback(*arm, *swing, tmp_path / "swing.html", title="Two links & <rods>", speed=0.5)
+    browser.open(page.as_uri())
+    browser.wait_for("viewer.animator.time > 0.2")
+    first = browser.screenshot()
+    shown = float(re.findall(r"t = ([0-9.]+) s", browser.evaluate("document.body.innerText"))[0])
+    time.sleep(0.5)
+    second = browser.screenshot()
+    assert len(np.unique(first.reshape(-1, 3), axis=0)) > 50
+    assert near(first, BLUE) > 1000
+    assert near(first, ORANGE) > 1000
+    assert (first != second).any(axis=-1).sum() > 500
+    text = browser.evaluate("document.body.innerText")
+    assert float(re.findall(r"t = ([0-9.]+) s", text)[0]) > shown
+    assert "Two links & <rods>" in text
+    assert "speed 0.5×" in text
+    # meshcat's own controls, and the time slider seeks
+    names = browser.evaluate("[...document.querySelectorAll('.property-name')].map(e => e.textContent)")
+    assert {"play", "pause", "reset", "time"} <= set(names)
+    browser.evaluate("viewer.animator.pause()")
+    browser.evaluate("void viewer.animator.time_scrubber.setValue(4.0)")
+    browser.wait_for("document.getElementById('time').textContent === 't = 2.00 s'")
+    index = int(np.argmin(np.abs(swing[0] - 2.0)))
+    elbow = browser.evaluate("viewer.scene_tree.find(['robot', 'forearm_0']).object.position.toArray()")
+    q = swing[1][index]
+    centre = [np.cos(q[0]) + 0.5 * np.cos(q.sum()), 0, np.sin(q[0]) + 0.5 * np.sin(q.sum())]
+    np.testing.assert_allclose(elbow, centre, atol=1e-3)
+    assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+    assert [url for url in browser.requests if url.startswith("file:")] == [page.as_uri()]
+    assert browser.errors == []
+
+
+@pytest.mark.browser
+def test_it_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+    page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")
+    browser.open(page.as_uri())
+    browser.wait_for("viewer.animator.time > 0.6")
+    browser.wait_for("viewer.animator.time < 0.4")
+    assert browser.evaluate("viewer.animator.playing")
+
+
+@pytest.mark.browser
+def test_every_shape_has_its_true_size(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+    (tmp_path / "a.dae").write_text(DAE)
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 2 0 0\nv 0 3 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
+    bodies = {
+        "box": (coal.Box(1.0, 2.0, 3.0), "", [1, 2, 3]),
+        "ball": (coal.Sphere(0.5), "", [1, 1, 1]),
+        "tube": (coal.Cylinder(0.5, 3.0), "", [1, 1, 3]),
+        "pill": (coal.Capsule(0.5, 3.0), "", [1, 1, 4]),
+        "cone": (coal.Cone(0.5, 3.0), "", [1, 1, 3]),
+        "egg": (coal.Ellipsoid(1.0, 2.0, 3.0), "", [2, 4, 6]),
+        "stl": (coal.Sphere(1.0), str(box_stl(tmp_path / "a.stl")), [1, 1, 1]),
+        "dae": (coal.Sphere(1.0), str(tmp_path / "a.dae"), [0.5, 0.5, 0]),
+        "obj": (coal.Sphere(1.0), str(tmp_path / "a.obj"), [2, 3, 4]),
+        HOSTILE: (coal.Sphere(0.5), "", [1, 1, 1]),
+        "__proto__": (coal.Sphere(0.5), "", [1, 1, 1]),
+    }
+    items = [geometry(name, shape, mesh=mesh) for name, (shape, mesh, _) in bodies.items()]
+    model, visuals = fixed(*items)
+    page = write_playback(model, visuals, 0.0, np.empty(0), tmp_path / "shapes.html", title=HOSTILE)
+    browser.open(page.as_uri())
+    measure = """(path) => {
+        const node = viewer.scene_tree.find(path).object;
+        viewer.scene.updateMatrixWorld(true);
+        const size = new MeshCat.THREE.Box3().setFromObject(node).getSize(new MeshCat.THREE.Vector3());
+        return [size.x, size.z, size.y];  // the scene is turned: its z is up in three.js's y
+    }"""
+    nodes, skipped = scene_nodes(visuals)
+    assert skipped == []
+    for node in nodes:
+        size = browser.evaluate(f"({measure})({json.dumps(node.path.strip('/').split('/'))})")
+        np.testing.assert_allclose(size, bodies[node.name][2], rtol=0.01, atol=1e-6, err_msg=node.name)
+    assert browser.evaluate("window.hacked") is None
+    assert browser.errors == []

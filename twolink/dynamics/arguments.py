@@ -1,0 +1,89 @@
+"""Arguments of queries: shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.errors import QueryError
+from twolink.robots.layout import JointLayout
+
+# Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
+UNIT_TOLERANCE = 1e-8
+
+
+def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
+    """`value` as finite float64 of shape (..., size). Raises QueryError that names the argument."""
+    try:
+        out = np.asarray(value)
+    except ValueError:
+        raise QueryError(
+            "expected an array, got rows of different lengths", where=name, remedy=f"give shape (..., {size})"
+        ) from None
+    if out.dtype != np.float64:
+        if out.dtype.kind not in "fiu":
+            raise QueryError(f"expected real numbers, got {out.dtype}", where=name, remedy="convert it to float")
+        out = out.astype(np.float64)
+    if out.ndim == 0 or out.shape[-1] != size:
+        raise QueryError(f"expected shape (..., {size}), got {out.shape}", where=name, remedy=_shape_remedy(out, size))
+    if not np.isfinite(out).all():
+        index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
+        raise QueryError(
+            f"expected finite numbers, got {out[index]} at {list(index)}",
+            where=name,
+            remedy="check where it comes from",
+        )
+    return out
+
+
+def _shape_remedy(out: np.ndarray, size: int) -> str:
+    if out.ndim > 1 and size in out.shape:
+        return "batches are on leading axes: transpose it"
+    return f"the last axis holds the robot's {size} values"
+
+
+def configuration(name: str, value: ArrayLike, nq: int, joints: Sequence[JointLayout]) -> np.ndarray:
+    """A configuration (..., nq) whose quaternions and (cos, sin) pairs have length 1."""
+    q = array(name, value, nq)
+    for joint in joints:
+        if joint.unit is None:
+            continue
+        length = np.linalg.norm(q[..., joint.unit], axis=-1)
+        wrong = np.abs(length - 1) > UNIT_TOLERANCE
+        if wrong.any():
+            index = [int(i) for i in np.argwhere(wrong)[0]]
+            what = "(cos, sin)" if joint.kind in ("cos-sin", "planar") else "quaternion (x, y, z, w)"
+            at = f" at {index}" if index else ""
+            raise QueryError(
+                f"{what} of joint {joint.name!r}, entries {joint.unit.start}:{joint.unit.stop}, expected length 1, "
+                f"got {float(length[tuple(index)]):.12g}{at}",
+                where=name,
+                remedy=f"{name} = robot.normalize({name})",
+            )
+    return q
+
+
+def batch_shape(**arrays: np.ndarray) -> tuple[int, ...]:
+    """The broadcast shape of the leading axes. Raises QueryError that names the shapes."""
+    shapes_given = {a.shape[:-1] for a in arrays.values()}
+    if len(shapes_given) == 1:
+        return shapes_given.pop()
+    try:
+        return np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {a.shape}" for name, a in arrays.items())
+        raise QueryError(
+            f"leading axes do not broadcast: {shapes}",
+            where="batch",
+            remedy="give each the same leading axes, or none",
+        ) from None
+
+
+def rows(array: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
+    """The array broadcast to the batch and flattened to C-ordered rows (n, size); no copy where it already is."""
+    if array.shape[:-1] == batch and array.flags.c_contiguous:
+        return array.reshape(-1, array.shape[-1])
+    wide = np.broadcast_to(array, (*batch, array.shape[-1]))
+    return np.ascontiguousarray(wide).reshape(-1, array.shape[-1])

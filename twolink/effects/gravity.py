@@ -1,0 +1,25 @@
+"""Gravity: a uniform field."""
+
+from __future__ import annotations
+
+import math
+
+from twolink.effects.effect import Effect
+from twolink.errors import SceneError
+
+
+class Gravity(Effect, frozen=True):
+    """A uniform gravity field: every body of mass m feels the force m * field at its centre of mass.
+
+    field: (gx, gy, gz), m/s^2, in the world's axes; z is up.
+    """
+
+    field: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        if len(self.field) != 3 or not all(math.isfinite(g) for g in self.field):
+            raise SceneError(
+                f"expected 3 finite numbers, got {self.field!r}",
+                where="gravity.field",
+                remedy="give m/s^2, such as (0, 0, -9.81)",
+            )

@@ -1,0 +1,133 @@
+"""What `check` found, as data and as a plain table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+BAR = 1e-12
+MEASURE = (
+    "error = largest difference from Pinocchio over all samples, relative to the largest magnitude in the\n"
+    "matrix or vector; of accelerations and torques, relative to the sum of the magnitudes of their terms"
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity: the largest relative error of each witness against Pinocchio, and SymPy's verdict.
+
+    `*_minus_derived` is the symbolic difference from the derivation by machine: "0" where equal for all arms
+    and states, None for accelerations and torques, which follow from the entries.
+    """
+
+    quantity: str
+    corrected: float
+    derived: float
+    printed: float
+    corrected_minus_derived: str | None
+    printed_minus_derived: str | None
+
+    @property
+    def misprinted(self) -> bool:
+        """An entry of the paper that is wrong, by its symbols."""
+        return self.printed_minus_derived not in ("0", None)
+
+    @property
+    def right(self) -> bool:
+        """Corrected and derived agree with Pinocchio to BAR and with each other symbolically, and numbers and
+        symbols say the same about the printed entry."""
+        agree = self.corrected <= BAR and self.derived <= BAR and self.corrected_minus_derived in ("0", None)
+        seen_wrong = not self.printed <= BAR  # so that NaN counts as wrong
+        return agree and (self.printed_minus_derived is None or seen_wrong == self.misprinted)
+
+    @property
+    def verdict(self) -> str:
+        """SymPy's verdict in words; empty where there is none."""
+        if self.printed_minus_derived is None:
+            return ""
+        if self.corrected_minus_derived != "0":
+            return f"corrected differs: {self.corrected_minus_derived}"
+        if self.printed_minus_derived != "0":
+            return f"printed differs: {self.printed_minus_derived}"
+        return "equal"
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The true mechanical energy [J] along one model's motion from horizontal rest, where it is 0.
+
+    `final` at the end, `largest` the largest magnitude at the steps of the integrator on the way.
+    """
+
+    model: str
+    final: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """n random arms and states from `seed`, the largest condition number of their mass matrices, the rows of
+    the comparison, and the energies over `horizon` [s]."""
+
+    n: int
+    seed: int
+    largest_condition: float
+    rows: tuple[Row, ...]
+    horizon: float
+    energies: tuple[Energy, ...]
+
+    @property
+    def misprints(self) -> tuple[str, ...]:
+        """The paper's entries that are wrong."""
+        return tuple(row.quantity for row in self.rows if row.misprinted)
+
+    @property
+    def energy_bar(self) -> float:
+        """How far [J] the integrator (tolerance 1e-10) may let an energy of the order of 10 J wander."""
+        return 1e-9 * (1 + self.horizon)
+
+    @property
+    def energy_shown(self) -> bool:
+        """Pinocchio and corrected keep the energy, and printed misses it a thousand times over."""
+        wander = {energy.model: energy.largest for energy in self.energies}
+        kept = wander["Pinocchio"] <= self.energy_bar and wander["corrected"] <= self.energy_bar
+        return kept and wander["printed"] > 1000 * self.energy_bar
+
+    @property
+    def passed(self) -> bool:
+        """All rows are right, the paper errs in C21 and C22 and nowhere else, and the energy shows it."""
+        return all(row.right for row in self.rows) and self.misprints == ("C21", "C22") and self.energy_shown
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return asdict(self) | {
+            "passed": self.passed,
+            "misprints": list(self.misprints),
+            "bar": BAR,
+            "energy_bar": self.energy_bar,
+            "measure": MEASURE.replace("\n", " "),
+        }
+
+    def text(self) -> str:
+        """A plain table."""
+        lines = [
+            f"{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, bar {BAR:g}",
+            MEASURE,
+            "",
+            f"{'quantity':<28}{'corrected':>10}{'derived':>10}{'printed':>10}  symbolically",
+        ]
+        for row in self.rows:
+            numbers = f"{row.corrected:>10.1e}{row.derived:>10.1e}{row.printed:>10.1e}"
+            mark = "" if row.right else "  <- fails"
+            lines.append(f"{row.quantity:<28}{numbers}  {row.verdict}{mark}".rstrip())
+        lines += [
+            "",
+            "B is compared by row sums: both its columns multiply td1 td2, and no motion tells them apart.",
+            f"largest condition number of the mass matrix: {self.largest_condition:.0f}",
+            "",
+            f"True energy over {self.horizon:g} s from horizontal rest at 0 J (l = 1, 1 m; m = 3, 1 kg):",
+            f"{'motion by':<12}{'at the end':>14}{'largest':>14}",
+        ]
+        lines += [f"{e.model:<12}{e.final:>12.3g} J{e.largest:>12.3g} J" for e in self.energies]
+        found = f"the paper errs in {', '.join(self.misprints) or 'no entry'}"
+        return "\n".join([*lines, "", f"{'PASSED' if self.passed else 'FAILED'}: {found}"])

@@ -1,0 +1,193 @@
+"""The two-link arm by hand: its queries on NumPy batches, as printed in the paper and as corrected.
+
+The equations, their source and the erratum are in `formulas`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twolink.errors import QueryError, nearest
+from twolink.lagrange.formulas import (
+    Pair,
+    Square,
+    Variant,
+    gravity_entries,
+    mass_determinant,
+    mass_entries,
+    potential_entry,
+    product_entries,
+    square_entries,
+)
+
+Array: TypeAlias = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoLink:
+    """The arm with its parameters; made by `two_link`, which checks them.
+
+    Lengths, masses and g share one batch shape (`batch`, () for a single arm). States are (..., 2); a result
+    has the broadcast of the arm's and the states' batch shapes. States may be long double, or complex for
+    derivatives by complex step. Methods raise QueryError for states that are not finite numbers of shape
+    (..., 2), or whose batches do not broadcast.
+    """
+
+    lengths: tuple[Array, Array]
+    masses: tuple[Array, Array]
+    g: Array
+    variant: Variant
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The batch shape of the parameters."""
+        return np.shape(self.g)
+
+    def mass_matrix(self, theta: ArrayLike) -> Array:
+        """A(theta), (..., 2, 2) [kg m^2] (eqs 8-11), symmetric and positive definite."""
+        (angles,) = self._pairs(theta=theta)
+        return _matrix(mass_entries(self.lengths, self.masses, angles, np))
+
+    def velocity_products(self, theta: ArrayLike) -> Array:
+        """B(theta), (..., 2, 2) [kg m^2], to multiply [td1 td2, td2 td1] (eqs 13, 14)."""
+        (angles,) = self._pairs(theta=theta)
+        return _matrix(product_entries(self.lengths, self.masses, angles, np))
+
+    def velocity_squares(self, theta: ArrayLike) -> Array:
+        """C(theta), (..., 2, 2) [kg m^2], to multiply [td1^2, td2^2] (eqs 16-18; the erratum is here)."""
+        (angles,) = self._pairs(theta=theta)
+        return _matrix(square_entries(self.lengths, self.masses, angles, np, self.variant))
+
+    def gravity_torque(self, theta: ArrayLike) -> Array:
+        """D(theta), (..., 2) [N m] (eqs 20, 21)."""
+        (angles,) = self._pairs(theta=theta)
+        return _vector(gravity_entries(self.lengths, self.masses, self.g, angles, np))
+
+    A, B, C, D = mass_matrix, velocity_products, velocity_squares, gravity_torque  # the paper's names
+
+    def bias(self, theta: ArrayLike, dtheta: ArrayLike) -> Array:
+        """h = B [td1 td2, td2 td1] + C [td1^2, td2^2] + D, (..., 2) [N m]: the torque for no acceleration."""
+        angles, speeds = self._pairs(theta=theta, dtheta=dtheta)
+        return _vector(self._bias(angles, speeds))
+
+    def inverse_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, ddtheta: ArrayLike) -> Array:
+        """The torque A ddtheta + h, (..., 2) [N m], that gives the acceleration ddtheta [rad/s^2] (eq. 6)."""
+        angles, speeds, (x1, x2) = self._pairs(theta=theta, dtheta=dtheta, ddtheta=ddtheta)
+        h1, h2 = self._bias(angles, speeds)
+        (a11, a12), (a21, a22) = mass_entries(self.lengths, self.masses, angles, np)
+        return _vector((a11 * x1 + a12 * x2 + h1, a21 * x1 + a22 * x2 + h2))
+
+    def forward_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, torque: ArrayLike) -> Array:
+        """The acceleration A^-1 (torque - h), (..., 2) [rad/s^2] (eq. 22), by Cramer's rule."""
+        angles, speeds, (t1, t2) = self._pairs(theta=theta, dtheta=dtheta, torque=torque)
+        h1, h2 = self._bias(angles, speeds)
+        (a11, a12), (a21, a22) = mass_entries(self.lengths, self.masses, angles, np)
+        r1, r2 = t1 - h1, t2 - h2
+        det = mass_determinant(self.lengths, self.masses, angles, np)
+        return _vector(((a22 * r1 - a12 * r2) / det, (a11 * r2 - a21 * r1) / det))
+
+    def energy(self, theta: ArrayLike, dtheta: ArrayLike) -> tuple[Array, Array]:
+        """(kinetic dtheta.A.dtheta / 2, potential), (...,) each [J]; potential zero at shoulder height."""
+        angles, (w1, w2) = self._pairs(theta=theta, dtheta=dtheta)
+        (a11, a12), (_, a22) = mass_entries(self.lengths, self.masses, angles, np)
+        kinetic = (a11 * w1 * w1 + 2 * a12 * w1 * w2 + a22 * w2 * w2) / 2
+        potential = potential_entry(self.lengths, self.masses, self.g, angles, np)
+        kinetic, potential = np.broadcast_arrays(kinetic, potential)
+        return kinetic.copy(), potential.copy()
+
+    def _bias(self, angles: Pair, speeds: Pair) -> Pair:
+        (b11, b12), (b21, b22) = product_entries(self.lengths, self.masses, angles, np)
+        (c11, c12), (c21, c22) = square_entries(self.lengths, self.masses, angles, np, self.variant)
+        d1, d2 = gravity_entries(self.lengths, self.masses, self.g, angles, np)
+        w1, w2 = speeds
+        w12, w11, w22 = w1 * w2, w1 * w1, w2 * w2
+        return (b11 + b12) * w12 + c11 * w11 + c12 * w22 + d1, (b21 + b22) * w12 + c21 * w11 + c22 * w22 + d2
+
+    def _pairs(self, **states: ArrayLike) -> list[Pair]:
+        """Check the states by name and split each (..., 2) into its two components."""
+        arrays = {name: _numbers(value, name, "iufc") for name, value in states.items()}
+        for name, array in arrays.items():
+            if array.ndim == 0 or array.shape[-1] != 2:
+                raise QueryError(
+                    f"expected shape (..., 2), got {array.shape}",
+                    where=name,
+                    remedy="the last axis is (shoulder, elbow)",
+                )
+        _broadcast({"the arm's parameters": self.batch} | {name: a.shape[:-1] for name, a in arrays.items()})
+        return [(array[..., 0], array[..., 1]) for array in arrays.values()]
+
+
+def two_link(
+    lengths: tuple[ArrayLike, ArrayLike],
+    masses: tuple[ArrayLike, ArrayLike],
+    g: ArrayLike = 9.81,
+    variant: Variant = "corrected",
+) -> TwoLink:
+    """The arm with lengths (l1, l2) [m], masses (m1, m2) [kg], gravity g [m/s^2]: each a number or a batch.
+
+    variant="printed" reproduces the paper's C, with C21 = 0 and C22 = -C12 instead of C21 = -C12 and C22 = 0.
+    It makes energy out of nothing (see `formulas`), and is there to show that, not to be used. Raises
+    QueryError for lengths or masses that are not positive and finite, a g that is not finite, batches that do
+    not broadcast, and an unknown variant.
+    """
+    if variant not in get_args(Variant):
+        raise QueryError(
+            f"expected 'corrected' or 'printed', got {variant!r}",
+            where="variant",
+            remedy=nearest(str(variant), get_args(Variant)),
+        )
+    l1, l2 = _two(lengths, "lengths", "(l1, l2)")
+    m1, m2 = _two(masses, "masses", "(m1, m2)")
+    given = {"l1": l1, "l2": l2, "m1": m1, "m2": m2, "g": g}
+    arrays = {name: _numbers(value, name, "iuf") for name, value in given.items()}
+    for name in ("l1", "l2", "m1", "m2"):
+        if not np.all(arrays[name] > 0):
+            raise QueryError(f"expected a positive number, got {arrays[name].min()}", where=name)
+    shape = _broadcast({name: array.shape for name, array in arrays.items()})
+    # [()] turns an array without axes into a scalar, on which NumPy computes much faster
+    l1, l2, m1, m2, g = (np.broadcast_to(array, shape)[()] for array in arrays.values())
+    return TwoLink((l1, l2), (m1, m2), g, variant)
+
+
+def _two(value: Any, where: str, names: str) -> tuple[ArrayLike, ArrayLike]:
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise QueryError(f"expected the pair {names}, got {value!r}", where=where) from None
+    return first, second
+
+
+def _numbers(value: ArrayLike, where: str, kinds: str) -> Array:
+    """A finite copy of `value` in double precision or wider (long double and complex stay what they are)."""
+    try:
+        array = np.array(value)
+    except ValueError:
+        raise QueryError("expected a rectangular array, got rows of unequal length", where=where) from None
+    if array.dtype.kind not in kinds:
+        raise QueryError(f"expected numbers, got {array.dtype} {value!r}", where=where)
+    if not np.all(np.isfinite(array)):
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        place = f" at index {at}" if at else ""
+        raise QueryError(f"expected finite numbers, got {array[at]}{place}", where=where)
+    return array.astype(np.result_type(array, float), copy=False)
+
+
+def _broadcast(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise QueryError(f"batch shapes do not broadcast: {listed}", where=next(reversed(shapes))) from None
+
+
+def _vector(entries: Pair) -> Array:
+    return np.stack(np.broadcast_arrays(*entries), axis=-1)
+
+
+def _matrix(entries: Square) -> Array:
+    flat = np.stack(np.broadcast_arrays(*entries[0], *entries[1]), axis=-1)
+    return flat.reshape(*flat.shape[:-1], 2, 2)

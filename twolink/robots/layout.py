@@ -1,0 +1,55 @@
+"""How a configuration is laid out: which entries of q and v belong to which joint, and which must be unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import pinocchio as pin
+
+JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
+
+_UNIT_PART = {
+    "cos-sin": slice(0, 2),
+    "planar": slice(2, 4),
+    "quaternion": slice(0, 4),
+    "free-flyer": slice(3, 7),
+}
+
+
+@dataclass(frozen=True)
+class JointLayout:
+    """Joint number `index` of the model: entries q[q] and v[v], and the entries `unit` of q that have length 1.
+
+    kind: vector (an angle or a length), cos-sin (continuous), planar (x, y, cos, sin), quaternion (x y z w),
+    free-flyer (position, quaternion), mimic (no entries of its own).
+    """
+
+    name: str
+    index: int
+    kind: JointKind
+    q: slice
+    v: slice
+    unit: slice | None
+
+
+def _kind(joint: pin.JointModel) -> JointKind:
+    if "Mimic" in joint.shortname():
+        return "mimic"
+    sizes: dict[tuple[int, int], JointKind] = {(2, 1): "cos-sin", (4, 3): "quaternion", (7, 6): "free-flyer"}
+    if joint.shortname() == "JointModelPlanar":
+        return "planar"
+    return sizes.get((joint.nq, joint.nv), "vector")
+
+
+def joint_layouts(model: pin.Model) -> tuple[JointLayout, ...]:
+    """The layout of every joint of a model but the universe."""
+    layouts = []
+    for index in range(1, model.njoints):
+        kind = _kind(model.joints[index])
+        start, part = model.idx_qs[index], _UNIT_PART.get(kind)
+        unit = None if part is None else slice(start + part.start, start + part.stop)
+        velocity = slice(model.idx_vs[index], model.idx_vs[index] + model.nvs[index])
+        configuration = slice(start, start + model.nqs[index])
+        layouts.append(JointLayout(model.names[index], index, kind, configuration, velocity, unit))
+    return tuple(layouts)

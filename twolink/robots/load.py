@@ -1,0 +1,278 @@
+"""Loading: name, path or text -> bytes -> elements -> tree -> pin.Model -> checks -> RobotModel."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.errors import RobotError, nearest
+from twolink.robots import catalogue, meshes, physics
+from twolink.robots.findings import findings
+from twolink.robots.model import RobotModel, Visuals
+from twolink.robots.report import Finding, LoadReport
+from twolink.robots.tree import Tree, read_tree
+from twolink.robots.xml import MAX_BYTES, parse_xml
+
+Lock = Mapping[str, float | Sequence[float]]
+R = TypeVar("R", bound=RobotModel)
+
+_STACK = 64 * 2**20
+_stack_size_lock = threading.Lock()
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where a URDF comes from."""
+
+    label: str
+    data: bytes
+    path: Path | None
+    entry: catalogue.Entry | None
+
+
+def load_model(
+    kind: type[R],
+    source: str | os.PathLike[str],
+    *,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+    root: Literal["fixed", "free"] = "fixed",
+    lock: Lock | None = None,
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    mimic: bool = False,
+    unphysical: Literal["refuse", "report"] = "refuse",
+) -> R:
+    """A robot of class `kind` from a catalogue name, a path, or URDF text; see `twolink.load_robot`."""
+    _require_choice("root", root, ("fixed", "free"))
+    _require_choice("unphysical", unphysical, ("refuse", "report"))
+    field = _gravity(gravity)
+    read = _open(source)
+    tree = read_tree(parse_xml(read.data, read.label), read.label)
+    if mimic:
+        _check_mimic(tree)
+    full = _build(tree, read, root, mimic)
+    _check_against_tree(full, tree, read.label)
+    locked, reference = _locked(full, lock or {})
+    model = _reduced(full, locked, reference)
+    model.gravity.linear = field
+    found = physics.check_bodies(tree, model, unphysical)
+    physics.check_invertible(tree, model)
+    base = None if read.path is None else read.path.parent
+    dirs = meshes.search_path([Path(d) for d in package_dirs], read.path, catalogue.examples_share())
+    report = LoadReport(
+        read.label,
+        (
+            _summary(tree, model, read),
+            *found,
+            *findings(tree, root=root, mimic=mimic, reduced=bool(locked)),
+            *_mesh_findings(tree, dirs, base),
+            *_choices(read, root, lock, field),
+        ),
+    )
+    visuals = Visuals(meshes.without_missing(tree.element, dirs, base), full, locked, reference)
+    name = read.entry.name if read.entry else tree.name or read.label
+    return kind(name, model, report, visuals)
+
+
+def _open(source: str | os.PathLike[str]) -> _Source:
+    """Text when it looks like XML, a file when it looks like a path, else a catalogue name."""
+    if isinstance(source, str) and "<" in source:
+        return _Source("URDF text", source.encode("utf-8", "surrogatepass"), None, None)
+    if not isinstance(source, (str, os.PathLike)):
+        raise RobotError(
+            f"a {type(source).__name__} is not a robot",
+            where="load_robot",
+            remedy="pass a name, a path or URDF text",
+        )
+    text = os.fspath(source)
+    looks_like_path = isinstance(source, os.PathLike) or os.sep in text or text.endswith((".urdf", ".xml", ".xacro"))
+    if not text.strip():
+        raise RobotError("the source is empty", where="load_robot", remedy="pass a name, a path or URDF text")
+    if not looks_like_path and not (Path(text).is_file() and text not in catalogue.catalogue_names()):
+        entry = catalogue.find(text)
+        return _Source(entry.path.name, _read_bytes(entry.path), entry.path, entry)
+    path = Path(text)
+    return _Source(path.name, _read_bytes(path), path, None)
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise RobotError(
+                f"{path.stat().st_size} bytes, the limit is {MAX_BYTES}",
+                where=str(path),
+                remedy="a URDF is text; keep meshes in files of their own",
+            )
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        detail = getattr(error, "strerror", None) or str(error)
+        raise RobotError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+
+
+def _build(tree: Tree, read: _Source, root: str, mimic: bool) -> pin.Model:
+    """Pinocchio's model, built on a thread whose stack holds the deepest tree we let through."""
+    names = {j.name for j in tree.joints}
+    reserved = "root_joint" if root == "free" else "universe"
+    if reserved in names:
+        raise RobotError(
+            f"Pinocchio keeps the joint name {reserved!r} for itself",
+            where=read.label,
+            remedy="rename the joint",
+        )
+    arguments = [tree.element.to_xml(), *([pin.JointModelFreeFlyer()] if root == "free" else []), mimic]
+    result: list[pin.Model | Exception] = []
+
+    def work() -> None:
+        try:
+            result.append(pin.buildModelFromXML(*arguments))
+        except Exception as error:  # back-end errors of any type are translated below
+            result.append(error)
+
+    with _stack_size_lock:
+        before = threading.stack_size(_STACK)
+        try:
+            thread = threading.Thread(target=work, name="twolink-load")
+            thread.start()
+        finally:
+            threading.stack_size(before)
+    thread.join()
+    if isinstance(result[0], Exception):
+        raise RobotError(
+            f"Pinocchio refuses it: {result[0]}",
+            where=read.label,
+            remedy="the messages of its parser are on stderr",
+        )
+    return result[0]
+
+
+def _check_against_tree(model: pin.Model, tree: Tree, label: str) -> None:
+    """Compare what Pinocchio made with our own reading: joints, mass and placements.
+
+    It guards against anything the parser below drops or misreads without a word: a locale's decimal comma, say.
+    """
+    built = {name for name in model.names if name not in ("universe", "root_joint")}
+    expected = {j.name for j in tree.moving}
+    if built != expected:
+        odd = ", ".join(sorted(built ^ expected)[:5])
+        raise RobotError(f"Pinocchio's joints differ from the file's: {odd}", where=label, remedy="report it to us")
+    mass = sum(inertia.mass for inertia in model.inertias)
+    written = sum(link.mass for link in tree.links.values())
+    if not abs(mass - written) <= 1e-9 * written:
+        raise RobotError(
+            f"Pinocchio read {mass} kg, the file says {written} kg",
+            where=label,
+            remedy="report it to us, with the locale in force",
+        )
+    for joint in tree.moving:
+        limits, index = joint.limits, model.getJointId(joint.name)
+        read = model.lowerPositionLimit[model.idx_qs[index]] if model.nqs[index] == 1 else None
+        if limits is not None and read is not None and abs(read - limits[0]) > 1e-9 * max(1, abs(limits[0])):
+            raise RobotError(
+                f"Pinocchio read the lower limit {read}, the file says {limits[0]}",
+                where=joint.where,
+                remedy="report it to us, with the locale in force",
+            )
+
+
+def _check_mimic(tree: Tree) -> None:
+    names = [j.name for j in tree.joints]
+    for joint in tree.joints:
+        if joint.mimic is not None and (joint.mimic not in names or joint.mimic == joint.name):
+            raise RobotError(
+                f"it mimics {joint.mimic!r}, which is not another joint",
+                where=joint.where,
+                remedy=nearest(joint.mimic, [n for n in names if n != joint.name]),
+            )
+
+
+def _locked(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
+    """Indices of the joints to lock, and a configuration that holds their values."""
+    reference = np.asarray(pin.neutral(model))
+    indices = []
+    for name, value in lock.items():
+        if name not in list(model.names)[1:]:
+            raise RobotError(
+                f"there is no moving joint {name!r} to lock",
+                where="lock",
+                remedy=nearest(name, list(model.names)[1:]),
+            )
+        index = model.getJointId(name)
+        start, size = model.idx_qs[index], model.nqs[index]
+        values = _numbers(value)
+        if size == 2 and values.size == 1:  # a continuous joint is locked at an angle
+            values = np.array([np.cos(values[0]), np.sin(values[0])])
+        if values.shape != (size,) or not np.isfinite(values).all():
+            expected = f"expected {size} finite number{'s' if size > 1 else ''}"
+            raise RobotError(f"{expected}, got {value!r}", where=f"lock[{name!r}]", remedy="give its configuration")
+        reference[start : start + size] = values
+        indices.append(index)
+    return tuple(sorted(indices)), reference
+
+
+def _reduced(model: pin.Model, locked: tuple[int, ...], reference: np.ndarray) -> pin.Model:
+    if not locked:
+        return model.copy()
+    try:
+        return pin.buildReducedModel(model, list(locked), reference)
+    except Exception as error:
+        raise RobotError(
+            f"Pinocchio cannot lock these joints: {error}", where="lock", remedy="load it with mimic=False"
+        ) from None
+
+
+def _gravity(gravity: Sequence[float]) -> np.ndarray:
+    field = _numbers(gravity)
+    if field.shape != (3,) or not np.isfinite(field).all():
+        raise RobotError(
+            f"expected 3 finite numbers, got {gravity!r}",
+            where="gravity",
+            remedy="give m/s^2 in the world's axes, such as (0, 0, -9.81)",
+        )
+    return field
+
+
+def _numbers(value: object) -> np.ndarray:
+    """A value as an array of one axis or more; an empty one when it holds no numbers."""
+    try:
+        return np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def _require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise RobotError(f"{value!r} is unknown", where=name, remedy=nearest(str(value), choices))
+
+
+def _summary(tree: Tree, model: pin.Model, read: _Source) -> Finding:
+    kinds: dict[str, int] = {}
+    for joint in tree.joints:
+        kinds[joint.type] = kinds.get(joint.type, 0) + 1
+    joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no joints"
+    mass = sum(link.mass for link in tree.links.values())
+    return Finding(
+        "read",
+        f"robot {tree.name!r}: {len(tree.links)} links of {mass:.6g} kg, {joints}; "
+        f"nq = {model.nq}, nv = {model.nv} ({len(read.data)} bytes)",
+    )
+
+
+def _mesh_findings(tree: Tree, dirs: Sequence[Path], base: Path | None) -> list[Finding]:
+    names = meshes.missing(tree.element, dirs, base)
+    what = "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)"
+    return [Finding("ignored", what, names)] if names else []
+
+
+def _choices(read: _Source, root: str, lock: Lock | None, field: np.ndarray) -> list[Finding]:
+    found = [Finding("assumed", f"gravity ({field[0]:g}, {field[1]:g}, {field[2]:g}) m/s^2")]
+    if lock:
+        found.append(Finding("assumed", "locked joints: merged as if they were fixed", tuple(lock)))
+    if read.entry is not None and read.entry.usual_root == "free" and root == "fixed":
+        found.append(Finding("assumed", 'this robot is meant to move about; root="free" frees its base'))
+    return found

@@ -1,0 +1,115 @@
+"""RobotModel: a checked robot. Holding one means that its URDF was read, judged and reported."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.robots.layout import JointLayout, joint_layouts
+from twolink.robots.report import LoadReport
+
+
+@dataclass(frozen=True)
+class Visuals:
+    """What the robot looks like: URDF text with visuals, and the model its joints refer to before locking."""
+
+    text: str
+    model: pin.Model
+    locked: tuple[int, ...]
+    reference: np.ndarray
+
+
+class RobotModel:
+    """A robot that passed every check: a `pin.Model` that is shared and never changed, names, and the report.
+
+    Attributes:
+        name: the robot's name.
+        model: the pin.Model; do not change it, every query and thread reads it.
+        report: what was read, ignored, repaired and assumed.
+        nq, nv: sizes of a configuration and of a velocity.
+        joint_names: the moving joints, in Pinocchio's order.
+        joints: the layout of q and v, joint by joint.
+        visuals: what is needed to draw it.
+        has_mimic: whether some joints follow others (loaded with mimic=True).
+    """
+
+    def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
+        self.name = name
+        self.model = model
+        self.report = report
+        self.nq: int = model.nq
+        self.nv: int = model.nv
+        self.joints: tuple[JointLayout, ...] = joint_layouts(model)
+        self.joint_names: tuple[str, ...] = tuple(j.name for j in self.joints)
+        self.has_mimic: bool = any(j.kind == "mimic" for j in self.joints)
+        self.visuals = visuals
+        # For the quick path of single queries, where an attribute saved is a twentieth of Pinocchio's own time.
+        self._q_shape, self._v_shape = (self.nq,), (self.nv,)
+        self._zero = np.zeros(self.nv)
+        units = [j.unit for j in self.joints if j.unit is not None]
+        self._unit_entries = tuple((u.start, u.start + 1, u.stop - 2, u.stop - 1) for u in units)
+        self._local = threading.local()
+
+    @property
+    def neutral(self) -> np.ndarray:
+        """The neutral configuration (nq,): zeros, unit quaternions, (cos, sin) = (1, 0)."""
+        return np.asarray(pin.neutral(self.model))
+
+    @property
+    def mass(self) -> float:
+        """The mass that moves, kg (what is fixed to the world is not in it)."""
+        return float(sum(self.model.inertias[j].mass for j in range(1, self.model.njoints)))
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """The gravity field (3,), m/s^2, in the world's axes."""
+        return np.array(self.model.gravity.linear)
+
+    @property
+    def data(self) -> pin.Data:
+        """This thread's pin.Data: made on first use in a thread, never shared."""
+        try:
+            return self._local.data
+        except AttributeError:
+            self._local.data = self.model.createData()
+            return self._local.data
+
+    def normalize(self, q: np.ndarray) -> np.ndarray:
+        """q (..., nq) with its quaternions and (cos, sin) pairs scaled to length 1, as a new array."""
+        out = np.array(q, dtype=float)
+        for joint in self.joints:
+            if joint.unit is not None:
+                out[..., joint.unit] /= np.linalg.norm(out[..., joint.unit], axis=-1, keepdims=True)
+        return out
+
+    def with_gravity(self, gravity: np.ndarray) -> Self:
+        """The same robot in another gravity field (3,), m/s^2."""
+        model = self.model.copy()
+        model.gravity.linear = np.asarray(gravity, dtype=float)
+        return type(self)(self.name, model, self.report, self.visuals)
+
+    def visual_model(self) -> pin.GeometryModel:
+        """The shapes to draw, as Pinocchio's GeometryModel: meshes that were missing are left out."""
+        visuals = self.visuals
+        geometry = pin.GeometryModel()
+        pin.buildGeomFromUrdfString(visuals.model, visuals.text, pin.GeometryType.VISUAL, geometry, [])
+        if visuals.locked:
+            _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
+        return geometry
+
+    def __getstate__(self) -> Mapping[str, Any]:
+        state = dict(self.__dict__)
+        del state["_local"]
+        return state
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._local = threading.local()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name!r}: nq={self.nq}, nv={self.nv}, {self.mass:.4g} kg>"

@@ -1,0 +1,136 @@
+"""Scene files: TOML with a strict schema. An unknown key, joint or effect is an error, never passed over."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from twolink.dynamics import Robot, load_robot
+from twolink.effects import Gravity
+from twolink.errors import SceneError, TwolinkError, nearest
+from twolink.scenes.scene import Scene
+
+Values = dict[str, float | list[float]]
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+
+
+class RobotEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The robot of a scene file, where its name alone does not say enough."""
+
+    source: str
+    root: Literal["fixed", "free"] = "fixed"
+    lock: Values = {}
+
+
+class SceneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The schema of a scene file. States are given by joint name; joints that are not named are neutral, at rest."""
+
+    robot: str | RobotEntry
+    title: str = ""
+    duration: Positive = 10.0
+    q: Values = {}
+    v: Values = {}
+    effects: list[Gravity] = []
+
+
+def bundled_scenes() -> tuple[str, ...]:
+    """The names of the scenes that come with twolink."""
+    folder = resources.files("twolink.scenes") / "bundled"
+    return tuple(sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")))
+
+
+def load_scene(source: str | os.PathLike[str]) -> Scene:
+    """A scene by the name of a bundled one, or from a path to a TOML file.
+
+    Raises SceneError with the path of the key, what was expected, and the nearest right name.
+    """
+    name = os.fspath(source)
+    is_path = isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name
+    if not is_path and name not in bundled_scenes():
+        raise SceneError(
+            f"there is no bundled scene {name!r}",
+            where="load_scene",
+            remedy=f"{nearest(name, bundled_scenes())} (a file's name ends in .toml)",
+        )
+    if is_path:
+        return _from_text(_read(Path(name)), name, Path(name).parent)
+    text = (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
+    return _from_text(text, name, None)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+
+
+def _from_text(text: str, label: str, folder: Path | None) -> Scene:
+    try:
+        content = msgspec.convert(tomllib.loads(text), SceneFile)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not TOML: {error}", where=label, remedy="check that line") from None
+    except msgspec.ValidationError as error:
+        raise _schema_error(error, label) from None
+    try:
+        robot = _robot(content.robot, folder)
+        q = _by_joint(robot, content.q, robot.neutral, "q")
+        v = _by_joint(robot, content.v, np.zeros(robot.nv), "v")
+        return Scene(robot, q, v, content.effects, content.duration, content.title)
+    except TwolinkError as error:
+        where = f"{label}: {error.where}" if error.where else label
+        raise SceneError(error.what, where=where, remedy=error.remedy) from None
+
+
+def _schema_error(error: msgspec.ValidationError, label: str) -> SceneError:
+    """msgspec's message in our form: the key's path first, and the nearest name for an unknown key."""
+    message = str(error)
+    match = re.match(r"(.*?)(?: - at `\$?\.?(.*)`)?$", message, re.DOTALL)
+    what, path = (match.group(1), match.group(2) or "") if match else (message, "")
+    unknown = re.search(r"unknown field `(.*)`", what)
+    remedy = "see a bundled scene for an example"
+    if unknown:
+        schemas: dict[str, type[msgspec.Struct]] = {"": SceneFile, "robot": RobotEntry}
+        fields = schemas.get(path, Gravity)
+        remedy = nearest(unknown.group(1), [f.name for f in msgspec.structs.fields(fields)])
+    return SceneError(what, where=f"{label}: {path}" if path else label, remedy=remedy)
+
+
+def _robot(entry: str | RobotEntry, folder: Path | None) -> Robot:
+    entry = RobotEntry(entry) if isinstance(entry, str) else entry
+    beside = None if folder is None else folder / entry.source
+    source = beside if beside is not None and beside.is_file() else entry.source
+    return load_robot(source, root=entry.root, lock=entry.lock)
+
+
+def _by_joint(robot: Robot, values: Values, start: np.ndarray, name: str) -> np.ndarray:
+    """A state vector from values by joint name; a continuous joint's q may be given as an angle."""
+    state = np.array(start)
+    for joint_name, value in values.items():
+        joint = next((j for j in robot.joints if j.name == joint_name), None)
+        if joint is None:
+            raise SceneError(
+                f"robot {robot.name!r} has no joint {joint_name!r}",
+                where=name,
+                remedy=nearest(joint_name, robot.joint_names),
+            )
+        part = joint.q if name == "q" else joint.v
+        given = np.atleast_1d(np.asarray(value, dtype=float))
+        if joint.kind == "cos-sin" and name == "q" and given.size == 1:
+            given = np.array([np.cos(given[0]), np.sin(given[0])])
+        if given.size != part.stop - part.start:
+            raise SceneError(
+                f"expected {part.stop - part.start} numbers, got {given.size}",
+                where=f"{name}.{joint_name}",
+                remedy="give the joint's configuration or velocity",
+            )
+        state[part] = given
+    return state

@@ -1,0 +1,1 @@
+"""Showing: figures, playback in the browser, reports. Imported where something is shown, never before."""

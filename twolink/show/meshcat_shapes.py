@@ -1,0 +1,129 @@
+"""Bodies as three.js JSON, the dictionaries that meshcat's viewer reads: coal's primitives, and triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import umsgpack
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Json = dict[str, Any]
+
+_SEGMENTS = 48  # round bodies look round at full screen
+# meshcat's codes for typed arrays
+_ARRAYS = {
+    "Float32Array": (0x17, "<f4"),
+    "Int16Array": (0x13, "<i2"),
+    "Uint16Array": (0x14, "<u2"),
+    "Uint32Array": (0x16, "<u4"),
+}
+_ROUND = {"widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
+_Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # three.js: along y
+
+
+def packed(array: NDArray[Any], kind: str = "Float32Array") -> umsgpack.Ext:
+    """An array as the viewer's typed array, row by row; as `kind`."""
+    code, dtype = _ARRAYS[kind]
+    return umsgpack.Ext(code, np.ascontiguousarray(array, dtype=dtype).tobytes())
+
+
+def mesh(
+    geometry: Json, materials: Json | list[Json], uuid: str, matrix: Floats | None = None, kind: str = "Mesh"
+) -> Json:
+    """A three.js object of one geometry and its material, or one material for each of the geometry's groups.
+
+    `matrix` (4, 4) places it inside its node.
+    """
+    listed = materials if isinstance(materials, list) else [materials]
+    names = [f"{uuid}-material-{k}" for k in range(len(listed))]
+    inner = np.eye(4) if matrix is None else matrix
+    return {
+        "metadata": {"version": 4.5, "type": "Object"},
+        "geometries": [{"uuid": f"{uuid}-geometry", **geometry}],
+        "materials": [{"uuid": name, **material} for name, material in zip(names, listed, strict=True)],
+        "object": {
+            "uuid": uuid,
+            "type": kind,
+            "geometry": f"{uuid}-geometry",
+            "material": names if isinstance(materials, list) else names[0],
+            "matrix": inner.T.ravel().tolist(),
+        },
+    }
+
+
+def buffer_geometry(vertices: NDArray[Any], faces: NDArray[Any] | None = None) -> Json:
+    """A three.js geometry from (n, 3) vertices (m) and (m, 3) faces (triangles), or none (lines)."""
+    position = {"itemSize": 3, "type": "Float32Array", "array": packed(vertices), "normalized": False}
+    data: Json = {"attributes": {"position": position}}
+    if faces is not None:
+        data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": packed(faces, "Uint32Array")}
+    return {"type": "BufferGeometry", "data": data}
+
+
+def phong(rgba: Floats) -> Json:
+    """A shaded material of the colour (red, green, blue, alpha), each 0 to 1."""
+    red, green, blue = (round(255 * float(c)) for c in np.clip(rgba[:3], 0.0, 1.0))
+    alpha = float(np.clip(rgba[3], 0.0, 1.0))
+    return {
+        "type": "MeshPhongMaterial",
+        "color": red << 16 | green << 8 | blue,
+        "shininess": 20,
+        "side": 2,  # both: many published meshes have faces turned inside out
+        "opacity": alpha,
+        "transparent": alpha < 1.0,
+    }
+
+
+def _sphere(radius: float) -> Json:
+    return {"type": "SphereGeometry", "radius": radius, **_ROUND}
+
+
+def _tube(top: float, bottom: float, height: float) -> tuple[Json, Floats]:
+    geometry = {"type": "CylinderGeometry", "radiusTop": top, "radiusBottom": bottom, "height": height}
+    return {**geometry, "radialSegments": _SEGMENTS}, _Y_TO_Z
+
+
+def _box(sides: Floats) -> Json:
+    width, height, depth = map(float, sides)
+    return {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
+
+
+def _capsule(radius: float, half_length: float) -> Json:
+    """A capsule along z, which the viewer's three.js does not have: rings round z, from pole to pole."""
+    lift = np.linspace(-np.pi / 2, np.pi / 2, 2 * (_SEGMENTS // 4))
+    turn = np.linspace(0.0, 2 * np.pi, _SEGMENTS, endpoint=False)
+    height = radius * np.sin(lift) + np.sign(lift) * half_length
+    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
+    vertices = radius * np.cos(lift)[:, None, None] * ring + height[:, None, None] * np.array([0.0, 0.0, 1.0])
+    low = np.arange(len(lift) - 1)[:, None] * _SEGMENTS
+    here, there = low + np.arange(_SEGMENTS), low + (np.arange(_SEGMENTS) + 1) % _SEGMENTS
+    lower = np.stack([here, there, here + _SEGMENTS], -1)
+    upper = np.stack([there, there + _SEGMENTS, here + _SEGMENTS], -1)
+    return buffer_geometry(vertices.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
+
+
+# By the coal class's name: its three.js geometry, and the matrix that puts it as coal has it (along z).
+SHAPES: dict[str, Callable[[Any], tuple[Json, Floats]]] = {
+    "Box": lambda g: (_box(2.0 * np.asarray(g.halfSide)), np.eye(4)),
+    "Sphere": lambda g: (_sphere(g.radius), np.eye(4)),
+    "Ellipsoid": lambda g: (_sphere(1.0), np.diag([*np.asarray(g.radii), 1.0])),
+    "Cylinder": lambda g: _tube(g.radius, g.radius, 2.0 * g.halfLength),
+    "Cone": lambda g: _tube(0.0, g.radius, 2.0 * g.halfLength),
+    "Capsule": lambda g: (_capsule(g.radius, g.halfLength), np.eye(4)),
+}
+
+
+def triangles(geometry: Any) -> tuple[Floats, NDArray[np.uint32]] | None:
+    """Vertices (n, 3) and faces (m, 3) of a triangle mesh or a convex polyhedron, or None."""
+    kind = type(geometry).__name__
+    if kind.startswith("BVHModel"):
+        vertices, count, face = geometry.vertices(), geometry.num_tris, geometry.tri_indices
+    elif kind.startswith("Convex") and hasattr(geometry, "polygons"):
+        vertices, count, face = geometry.points(), geometry.num_polygons, geometry.polygons
+    else:
+        return None
+    faces = np.array([[int(f[0]), int(f[1]), int(f[2])] for f in map(face, range(count))], dtype=np.uint32)
+    return (np.asarray(vertices, float), faces) if len(faces) else None
