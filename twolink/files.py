@@ -51,6 +51,7 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     """Columns and notes of a file written by `write_table`."""
     reader = _choose(path, {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz})
     try:
+        path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)
     except OSError as error:
         detail = error.strerror or "it is damaged"

@@ -59,7 +59,9 @@ def simulate(
         if finer.interrupted:
             return _trajectory(scene, space, solution, None, cost)
         error = space.distance(space.unpack(solution.x)[0], space.unpack(finer.x)[0])
-        error = np.maximum.accumulate(1.5 * error)  # a bar, not an estimate: it covers the finer one's own error
+        # A bar, not an estimate: it must not vanish where the difference happens to change its sign.
+        error = np.maximum.accumulate(1.5 * error)
+        error[1:] += accuracy / 100
         if error[-1] <= accuracy:
             return _trajectory(scene, space, solution, error, cost)
         if tolerance / 100 <= SMALLEST_TOLERANCE:
@@ -103,7 +105,7 @@ def _times(duration: float, samples: float) -> np.ndarray:
             where="samples",
             remedy="ask for fewer a second, or a shorter duration",
         )
-    inner = np.arange(math.ceil(duration * samples - 1e-9)) / samples
+    inner = np.arange(max(1, math.ceil(duration * samples - 1e-9))) / samples
     return np.append(inner[inner < duration], duration)
 
 

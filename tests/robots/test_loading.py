@@ -38,7 +38,7 @@ def everything() -> dict[str, tl.Robot | tl.errors.RobotError]:
 def test_every_file_of_example_robot_data_has_a_name() -> None:
     share = examples_share()
     assert share is not None
-    files = {p for p in (share / "example-robot-data" / "robots").rglob("*.urdf")}
+    files = set((share / "example-robot-data" / "robots").rglob("*.urdf"))
     named = {find(name).path for name in catalogue_names()}
     unnamed = {p.name for p in files - named}
     # a stub without links, drawings of a model that is in, and a corrected copy that nobody's loader named
@@ -72,7 +72,7 @@ def test_a_second_parser_reads_the_same(name: str) -> None:
     assert second["mass"] < 1e-9
 
 
-def test_sources_are_equivalent(tmp_path: Path) -> None:
+def test_sources_are_equivalent() -> None:
     path = TOP / "urdf" / "two_link.urdf"
     models = [tl.load_robot(s).model for s in ("two_link", path, str(path), path.read_text())]
     assert all(m == models[0] for m in models)
@@ -83,10 +83,12 @@ def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
       <link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
         <visual><geometry><mesh filename="package://nowhere/a.stl"/></geometry></visual>
         <collision><geometry><sphere radius="1"/></geometry></collision></link>
-      <link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <link name="b"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+      </link>
       <link name="c"/>
       <joint name="j" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 2"/>
-        <limit effort="1" velocity="1"/><dynamics damping="0.5" friction="0.2"/><safety_controller k_velocity="1"/></joint>
+        <limit effort="1" velocity="1"/><dynamics damping="0.5" friction="0.2"/><safety_controller k_velocity="1"/>
+      </joint>
       <joint name="k" type="continuous"><parent link="a"/><child link="b"/><mimic joint="j"/></joint>
       <joint name="f" type="fixed"><parent link="b"/><child link="c"/></joint>
       <transmission name="t"/><gazebo/><lnk name="typo"/></robot>"""

@@ -23,14 +23,12 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 _FLOAT = np.dtype(np.float64)
 
 
-def _finite(q: Any, v: Any, given: Any, result: Any) -> bool:
-    """Whether all entries of one state's vectors are finite, in two dot products where sizes allow.
+def _total(x: Any) -> float:
+    """The sum of the entries, as plain floats: not finite if any entry is not, and without NumPy's overhead.
 
-    A sum of products is finite only if every factor is: NaN and inf times anything stay NaN or inf. It may overflow
-    for finite values above 1e150; the caller then takes the slow path, which looks at each entry.
+    It may also overflow where no entry does (above 1e307); the caller then takes the slow path, which looks at each.
     """
-    state = q.dot(v) if q.size == v.size else q.dot(q) + v.dot(v)
-    return isfinite(state) and isfinite(given.dot(result))
+    return float(sum(x.tolist()))
 
 
 class Robot(RobotModel):
@@ -61,7 +59,7 @@ class Robot(RobotModel):
         """
         if f_ext is None and method == "aba" and not self.has_mimic and self._plain(q, v, tau):
             a: Array = pin.aba(self.model, self.data, q, v, tau)
-            if _finite(q, v, tau, a):
+            if isfinite(_total(q) + _total(v) + _total(tau) + _total(a)):
                 return a
         return self._forward(q, v, tau, f_ext, method)
 
@@ -72,10 +70,14 @@ class Robot(RobotModel):
         """
         if f_ext is None and self._plain(q, v, a):
             tau: Array = pin.rnea(self.model, self.data, q, v, a)
-            if _finite(q, v, a, tau):
+            if isfinite(_total(q) + _total(v) + _total(a) + _total(tau)):
                 return tau
         states, batch = self._states(q=q, v=v, a=a)
-        return self._finish(self._recursive(states, batch, f_ext), batch, (self.nv,))
+        if f_ext is None:
+            return self._finish(reference.rnea(self.model, self.data, *states.values()), batch, (self.nv,))
+        states, applied, batch = self._wrenches(f_ext, batch, states)
+        tau = reference.with_wrenches(pin.rnea, self.model, self.data, states["q"], states["v"], states["a"], applied)
+        return self._finish(tau, batch, (self.nv,))
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """The joint-space inertia matrix M(q), (..., nv, nv), symmetric, by composite rigid bodies."""
@@ -105,7 +107,8 @@ class Robot(RobotModel):
             kinetic = pin.computeKineticEnergy(model, data, q, v)
             return np.array([kinetic, pin.computePotentialEnergy(model, data, q)])
         pin.forwardKinematics(model, data, q)  # Pinocchio's own energies refuse mimic joints
-        moment = sum(b.mass * data.oMi[j].act(b.lever) for j, b in enumerate(model.inertias))
+        bodies = range(1, model.njoints)  # what is fixed to the world counts for nothing, as in Pinocchio
+        moment = sum(model.inertias[j].mass * data.oMi[j].act(model.inertias[j].lever) for j in bodies)
         return np.array([v @ pin.crba(model, data, q) @ v / 2, -(model.gravity.linear @ moment)])
 
     def _plain(self, q: Any, v: Any, w: Any) -> bool:
@@ -178,23 +181,16 @@ class Robot(RobotModel):
             ) from None
         return self._finish(a, batch, (self.nv,))
 
-    def _recursive(self, states: dict[str, Array], batch: tuple[int, ...], f_ext: FExt | None) -> Array:
-        if f_ext is None:
-            return reference.rnea(self.model, self.data, *states.values())
-        states, applied, batch = self._wrenches(f_ext, batch, states)
-        tau = reference.with_wrenches(pin.rnea, self.model, self.data, states["q"], states["v"], states["a"], applied)
-        return tau.reshape(*batch, self.nv)
-
-    def _map(self, algorithm: Callable[..., Array], shape: tuple[int, ...], q: Any, v: Any = None) -> Array:
+    def _map(self, algorithm: Callable[..., Array], shape: tuple[int, ...], q: Any, *velocity: Any) -> Array:
         """One of Pinocchio's algorithms of q, or of q and v, state by state."""
-        given = () if v is None else (v,)
-        w = self._zero if v is None else v
-        if self._plain(q, w, w):
-            result = algorithm(self.model, self.data, q, *given)
-            flat = result.reshape(-1)
-            if _finite(q, w, flat, flat):
+        v = velocity[0] if velocity else self._zero
+        if self._plain(q, v, v):
+            result = algorithm(self.model, self.data, q, *velocity)
+            # A mass matrix is positive definite: its diagonal bounds the rest.
+            shown = result.diagonal() if algorithm is pin.crba else result.reshape(-1)
+            if isfinite(_total(q) + _total(v) + _total(shown)):
                 return result
-        states, batch = self._states(q=q, **({} if v is None else {"v": v}))
+        states, batch = self._states(q, **({"v": v} if velocity else {}))
         columns = list(states.values())
 
         def answer(i: int) -> Array:

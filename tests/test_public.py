@@ -1,0 +1,76 @@
+"""The public face: its names, what importing costs, and errors that pickle and have one root."""
+
+import inspect
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from twolink import errors
+
+TOP = Path(__file__).parents[1]
+FACE = {
+    tl: ["Robot", "Scene", "Trajectory", "Wrench", "effects", "errors", "lagrange", "load_robot", "load_scene",
+         "simulate"],
+    tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
+               "mass_matrix", "bias", "coriolis", "gravity_torque", "energy"],
+    tl.Scene: ["robot", "q", "v", "effects", "duration"],
+    tl.Trajectory: ["t", "q", "v", "energy", "error", "events", "cost", "save", "plot", "playback", "play"],
+}  # fmt: skip
+
+
+def test_names_are_there() -> None:
+    robot = tl.load_robot("two_link")
+    examples = {tl.Robot: robot, tl.Scene: tl.Scene(robot), tl.Trajectory: tl.simulate(tl.Scene(robot), 0.01)}
+    for owner, names in FACE.items():
+        for name in names:
+            assert hasattr(examples.get(owner, owner), name), f"{owner}.{name}"
+    assert sorted(tl.__all__) == FACE[tl]
+
+
+def test_simulate_stays_a_function_when_its_module_is_imported() -> None:
+    import twolink.simulate
+
+    assert callable(twolink.simulate)
+
+
+def test_public_functions_say_what_they_do() -> None:
+    for name in tl.__all__:
+        thing = getattr(tl, name)
+        assert thing.__doc__, name
+        for method, value in vars(thing).items() if inspect.isclass(thing) else ():
+            if not method.startswith("_") and callable(value):
+                assert value.__doc__, f"{name}.{method}"
+
+
+def test_import_loads_nothing_that_is_slow() -> None:
+    code = "import sys; before = set(sys.modules); import twolink; print(*sorted(set(sys.modules) - before))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert "pinocchio" in loaded
+    slow = {"matplotlib", "meshcat", "yourdfpy", "sympy", "heyoka", "typer", "pyarrow", "trimesh", "umsgpack", "zmq"}
+    assert not loaded & slow
+    assert "scipy.integrate" not in done.stdout
+
+
+ERRORS = [e for e in vars(errors).values() if isinstance(e, type) and issubclass(e, errors.TwolinkError)]
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+def test_errors_have_one_root_one_line_and_pickle(kind: type[errors.TwolinkError]) -> None:
+    error = kind("it broke", where="there", remedy="mend it")
+    assert str(error) == "there: it broke; mend it"
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is kind
+    assert (again.what, again.where, again.remedy) == ("it broke", "there", "mend it")
+    assert kind.__name__ in (errors.__doc__ or "")
+
+
+def test_every_module_says_its_job_and_no_product_code_asserts() -> None:
+    for path in (TOP / "twolink").rglob("*.py"):
+        text = path.read_text()
+        assert text.startswith('"""'), path
+        assert not any(line.strip().startswith("assert ") for line in text.splitlines()), path

@@ -1,0 +1,49 @@
+"""The README's commands and code are run."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[1]
+TEXT = (TOP / "README.md").read_text()
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
+COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines() if line.startswith("twolink ")]
+
+
+def test_there_is_something_to_run() -> None:
+    assert len(COMMANDS) >= 8
+    assert sum(kind == "python" for kind, _ in BLOCKS) >= 1
+
+
+def test_commands(tmp_path: Path) -> None:
+    """In order, since later ones read what earlier ones wrote."""
+    for line in COMMANDS:
+        arguments = shlex.split(line, comments=True)[1:]
+        done = subprocess.run(
+            [sys.executable, "-m", "twolink.cli", *arguments],
+            cwd=tmp_path, capture_output=True, text=True, timeout=120, env={"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin"},
+        )  # fmt: skip
+        assert done.returncode == 0, f"{line}\n{done.stderr}"
+        assert done.stdout, line
+
+
+@pytest.mark.parametrize("code", [block for kind, block in BLOCKS if kind == "python"])
+def test_code(code: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=tmp_path, capture_output=True, text=True, timeout=120, env={"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"arm.csv", "arm.png", "arm.html"}
+
+
+def test_scripts_and_pictures_exist() -> None:
+    for name in re.findall(r"scripts/\w+", TEXT):
+        assert shutil.which(str(TOP / name)), name
+    for name in re.findall(r"!\[.*?\]\((.*?)\)", TEXT):
+        assert (TOP / name).is_file(), name

@@ -1,0 +1,110 @@
+"""Trajectories: saving keeps every digit, loading is strict, figures are drawn."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import ShowError, TwolinkError
+
+
+@pytest.fixture(scope="module")
+def run() -> tl.Trajectory:
+    return tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-8)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz"])
+def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
+    path = run.save(tmp_path / "deep" / f"x{suffix}")
+    again = tl.Trajectory.load(path, run.robot if suffix == ".csv" else None)
+    for name in ("t", "q", "v", "energy", "error"):
+        assert np.array_equal(getattr(again, name), getattr(run, name)), name
+    assert again.robot.name == "two_link"
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_columns_are_named_by_joint() -> None:
+    assert list(tl.simulate(tl.load_scene("arm-swing"), 0.01).columns()) == [
+        "t", "q.shoulder", "q.elbow", "v.shoulder", "v.elbow", "energy", "error"
+    ]  # fmt: skip
+    scene = tl.Scene(tl.load_robot("kinova"))
+    assert "q.j2s6s200_joint_1.1" in tl.simulate(scene, 0.01, verify=False).columns()
+
+
+def test_not_verified_has_no_error_column(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1, verify=False)
+    assert "error" not in run.columns()
+    assert tl.Trajectory.load(run.save(tmp_path / "x.npz")).error is None
+
+
+def test_other_programs_read_them(run: tl.Trajectory, tmp_path: Path) -> None:
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(run.save(tmp_path / "x.parquet"))
+    assert np.array_equal(table["q.elbow"].to_numpy(), run.q[:, 1])
+    csv = np.genfromtxt(run.save(tmp_path / "x.csv"), delimiter=",", names=True, deletechars="")
+    assert np.array_equal(csv["q.elbow"], run.q[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "part"),
+    [
+        ("x.csv", b"", "empty"),
+        ("x.csv", b"t,q.shoulder\n0,0\n", "column 'q.elbow'"),
+        ("x.csv", b"t,q.shoulder\n0,zero\n", "zero"),
+        ("x.npz", b"not a zip", "cannot be read"),
+        ("x.parquet", b"not parquet", "cannot be read"),
+        ("x.txt", b"", "not a format we know"),
+    ],
+)
+def test_files_that_are_none(run: tl.Trajectory, name: str, content: bytes, part: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(TwolinkError, match=part):
+        tl.Trajectory.load(tmp_path / name, run.robot)
+    with pytest.raises(TwolinkError, match=r"No such file|not a format"):
+        tl.Trajectory.load(tmp_path / f"none-{name}", run.robot)
+
+
+def test_pickles_are_not_opened(run: tl.Trajectory, tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", t=np.array([object()], dtype=object))
+    with pytest.raises(TwolinkError, match="cannot be read"):
+        tl.Trajectory.load(tmp_path / "x.npz", run.robot)
+
+
+def test_places_that_cannot_be_written(run: tl.Trajectory, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TwolinkError, match="cannot be written"):
+        run.save(tmp_path / "file" / "x.csv")
+    with pytest.raises(ShowError, match="cannot be written"):
+        run.plot(tmp_path / "file" / "x.png")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_plots(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
+    path = run.plot(tmp_path / f"x{suffix}")
+    start = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}[suffix]
+    assert path.read_bytes().startswith(start)
+    assert path.stat().st_size > 10_000
+
+
+def test_plot_draws_the_samples(run: tl.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from twolink.show import plots
+
+    drawn = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    plots.plot_trajectory(run, tmp_path / "x.png")
+    lines = drawn[0].axes[0].get_lines()
+    assert [line.get_label() for line in lines] == ["shoulder", "elbow"]
+    assert np.array_equal(lines[1].get_ydata(), run.q[:, 1])
+
+
+def test_playback_is_written(run: tl.Trajectory, tmp_path: Path) -> None:
+    page = run.playback(tmp_path / "x.html").read_text()
+    assert "two_link" in page
+    assert "http://" not in page.split("<script")[0]
+
+
+def test_unknown_picture_format(run: tl.Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(ShowError, match="did you mean"):
+        run.plot(tmp_path / "x.pngg")
