@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import Method, Solution, StateSpace, method_named, solve
-from twolink.integrate.scipy_solver import SMALLEST_TOLERANCE, Progress, Rate
+from twolink.integrate.scipy_solver import SMALLEST_TOLERANCE, Progress, Rate, solver_class
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
 from twolink.trajectory import Cost, Trajectory
@@ -42,6 +42,7 @@ def simulate(
     """
     accuracy = _accuracy(accuracy)
     chosen = method_named(method)
+    solver_class(chosen)  # imported before the clock starts
     times = _times(scene.duration if duration is None else duration_of(duration), samples)
     space = StateSpace(scene.robot)
     rate = smooth_rate(scene, space)

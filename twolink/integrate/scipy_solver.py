@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,11 @@ class Solution:
     interrupted: bool = False
 
 
+def solver_class(method: Method) -> Any:
+    """SciPy's class for a method. Its import takes a third of a second, which queries need not wait for."""
+    return getattr(importlib.import_module("scipy.integrate"), method.solver)
+
+
 def solve(
     rate: Rate,
     x0: np.ndarray,
@@ -42,11 +48,8 @@ def solve(
     tolerance: the error admitted in each step, relative and absolute. Samples come from the method's own
     interpolation. Raises AccuracyError when the step size collapses or the state stops being finite.
     """
-    import scipy.integrate  # a quarter of a second, which those who only ask queries need not wait
-
     tolerance = max(tolerance, SMALLEST_TOLERANCE)
-    kind = getattr(scipy.integrate, method.solver)
-    solver = kind(rate, float(times[0]), x0, float(times[-1]), rtol=tolerance, atol=tolerance)
+    solver = solver_class(method)(rate, float(times[0]), x0, float(times[-1]), rtol=tolerance, atol=tolerance)
     out = np.empty((len(times), len(x0)))
     out[0] = x0
     done, steps = 1, 0
