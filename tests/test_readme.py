@@ -12,7 +12,8 @@ import pytest
 TOP = Path(__file__).parents[1]
 TEXT = (TOP / "README.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
-COMMANDS = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines() if line.startswith("twolink ")]
+COMMANDS = re.findall(r"^twolink .*$", "\n".join(block for kind, block in BLOCKS if kind == "sh"), re.MULTILINE)
+ENVIRONMENT = {"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin"}
 
 
 def test_there_is_something_to_run() -> None:
@@ -26,7 +27,7 @@ def test_commands(tmp_path: Path) -> None:
         arguments = shlex.split(line, comments=True)[1:]
         done = subprocess.run(
             [sys.executable, "-m", "twolink.cli", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, timeout=120, env={"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin"},
+            cwd=tmp_path, capture_output=True, text=True, timeout=120, env=ENVIRONMENT,
         )  # fmt: skip
         assert done.returncode == 0, f"{line}\n{done.stderr}"
         assert done.stdout, line
@@ -36,7 +37,7 @@ def test_commands(tmp_path: Path) -> None:
 def test_code(code: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
-        cwd=tmp_path, capture_output=True, text=True, timeout=120, env={"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin"},
+        cwd=tmp_path, capture_output=True, text=True, timeout=120, env=ENVIRONMENT,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"arm.csv", "arm.png", "arm.html"}

@@ -86,9 +86,7 @@ class Browser:
             page = next(target for target in json.load(answer) if target["type"] == "page")
 
         async def connect() -> Any:
-            return await tornado.websocket.websocket_connect(
-                page["webSocketDebuggerUrl"], max_message_size=200_000_000
-            )
+            return await tornado.websocket.websocket_connect(page["webSocketDebuggerUrl"], max_message_size=200_000_000)
 
         self._socket = self._loop.run_until_complete(asyncio.wait_for(connect(), limit))
         for domain in ("Page", "Network", "Runtime", "Log"):
@@ -142,9 +140,7 @@ class Browser:
 
     def evaluate(self, expression: str, limit: float = 60.0) -> Any:
         """The value of a JavaScript expression (promises are waited for)."""
-        answer = self.call(
-            "Runtime.evaluate", limit, expression=expression, returnByValue=True, awaitPromise=True
-        )
+        answer = self.call("Runtime.evaluate", limit, expression=expression, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in answer:
             raise RuntimeError(f"{expression}: {json.dumps(answer['exceptionDetails'])[:1000]}")
         return answer["result"].get("value")

@@ -166,9 +166,7 @@ def test_a_missing_mesh_is_skipped_and_named(tmp_path: Path) -> None:
 def test_colour_and_alpha_are_those_of_the_urdf(arm: Robot) -> None:
     nodes, _ = scene_nodes(arm[1])
     materials = {node.name: node.object["materials"][0] for node in nodes}
-    assert materials["forearm_0"]["color"] == sum(
-        round(255 * c) << s for c, s in zip(ORANGE, (16, 8, 0), strict=True)
-    )
+    assert materials["forearm_0"]["color"] == sum(round(255 * c) << s for c, s in zip(ORANGE, (16, 8, 0), strict=True))
     assert not materials["forearm_0"]["transparent"]
     nodes, _ = scene_nodes(fixed(geometry("glass", coal.Sphere(0.1)))[1])
     assert nodes[0].object["materials"][0]["opacity"] == pytest.approx(0.5)
@@ -217,9 +215,7 @@ def test_other_refusals(arm: Robot, tmp_path: Path) -> None:
         write_playback(*arm, *still, tmp_path / "a.html", speed=-1.0)
 
 
-def test_a_plane_motion_is_seen_from_the_side_and_fits(
-    arm: Robot, swing: tuple[np.ndarray, np.ndarray]
-) -> None:
+def test_a_plane_motion_is_seen_from_the_side_and_fits(arm: Robot, swing: tuple[np.ndarray, np.ndarray]) -> None:
     nodes, _ = scene_nodes(arm[1])
     placed = poses(*arm, swing[1], nodes)
     view = look_at(nodes, placed)
