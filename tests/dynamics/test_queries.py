@@ -192,6 +192,33 @@ def test_mimic_robots_are_the_constrained_ones() -> None:
         follow.coriolis(q, v)
 
 
+MIMICS = """<robot name="r"><link name="base"/>{links}
+<joint name="a" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/></joint>
+<joint name="b" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.3 0 0"/><axis xyz="1 0 0"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>
+<joint name="c" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0 0.2 0"/><axis xyz="0 0 1"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/><mimic joint="b" multiplier="-2" offset="0.3"/></joint>
+<joint name="d" type="revolute"><parent link="c"/><child link="d"/><origin xyz="0 0.2 0.1"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_mimic_chain_gives_the_same_mass_matrix_every_time() -> None:
+    """Pinocchio 4.1's crba adds to what the data held before when joints mimic one another along a chain."""
+    inertial = ('<inertial><origin xyz="0.1 0.05 0.2"/><mass value="1.5"/><inertia ixx="0.02" iyy="0.03" izz="0.025" '
+                'ixy="0.001" ixz="0" iyz="0.002"/></inertial>')  # fmt: skip
+    text = MIMICS.format(links="".join(f'<link name="{name}">{inertial}</link>' for name in "abcd"))
+    follow, full = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    q, v = np.array([np.cos(0.4), np.sin(0.4), 0.7, -0.5]), np.array([0.5, -1.2, 0.8])
+    whole_q, whole_v = np.r_[q[:3], -2 * q[2] + 0.3, q[3]], np.r_[v[:2], -2 * v[1], v[2]]
+    coupling = np.array([[1.0, 0, 0], [0, 1, 0], [0, -2, 0], [0, 0, 1]])
+    expected = coupling.T @ full.mass_matrix(whole_q) @ coupling
+    for _ in range(3):
+        close(follow.mass_matrix(q), expected, 1e-13)
+        np.testing.assert_allclose(follow.energy(q, v), full.energy(whole_q, whole_v), rtol=1e-13)
+        a = follow.forward_dynamics(q, v, [0.1, 0.2, 0.3], method="crba")
+        close(follow.inverse_dynamics(q, v, a), np.array([0.1, 0.2, 0.3]), 1e-12)
+
+
 def test_free_fall_of_a_free_robot() -> None:
     """Whatever its shape, its centre of mass falls with g and nothing turns: a_root = (0, 0, -g, 0, 0, 0)."""
     robot = tl.load_robot("anymal", root="free")

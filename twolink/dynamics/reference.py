@@ -42,6 +42,11 @@ def rnea(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.n
     return _parallel(pin.rneaInParallel, pin.rnea, model, data, q, v, a)
 
 
+def crba(model: pin.Model, _data: pin.Data, q: np.ndarray) -> np.ndarray:
+    """M(q) of one state where joints may mimic others: on such models Pinocchio 4.1 adds to what the data held."""
+    return np.asarray(pin.crba(model, model.createData(), q))
+
+
 def _parallel(
     many: Callable[..., None],
     one: Callable[..., np.ndarray],

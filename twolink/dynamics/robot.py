@@ -81,7 +81,7 @@ class Robot(RobotModel):
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """The joint-space inertia matrix M(q), (..., nv, nv), symmetric, by composite rigid bodies."""
-        return self._map(pin.crba, (self.nv, self.nv), q)
+        return self._map(reference.crba if self.has_mimic else pin.crba, (self.nv, self.nv), q)
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero."""
@@ -109,7 +109,7 @@ class Robot(RobotModel):
         pin.forwardKinematics(model, data, q)  # Pinocchio's own energies refuse mimic joints
         bodies = range(1, model.njoints)  # what is fixed to the world counts for nothing, as in Pinocchio
         moment = sum(model.inertias[j].mass * data.oMi[j].act(model.inertias[j].lever) for j in bodies)
-        return np.array([v @ pin.crba(model, data, q) @ v / 2, -(model.gravity.linear @ moment)])
+        return np.array([v @ reference.crba(model, data, q) @ v / 2, -(model.gravity.linear @ moment)])
 
     def _plain(self, q: Any, v: Any, w: Any) -> bool:
         """Whether the arguments are one state as float64 arrays, so that Pinocchio can be called straight away."""
@@ -172,7 +172,7 @@ class Robot(RobotModel):
             if applied
             else reference.rnea(self.model, self.data, q, v, still)
         )
-        inertia = reference.each(lambda i: pin.crba(self.model, self.data, q[i]), len(q), (self.nv, self.nv))
+        inertia = self.mass_matrix(q)
         try:
             a = np.linalg.solve(inertia, (tau - bias)[..., None])[..., 0]
         except np.linalg.LinAlgError:
@@ -187,7 +187,7 @@ class Robot(RobotModel):
         if self._plain(q, v, v):
             result = algorithm(self.model, self.data, q, *velocity)
             # A mass matrix is positive definite: its diagonal bounds the rest.
-            shown = result.diagonal() if algorithm is pin.crba else result.reshape(-1)
+            shown = result.diagonal() if algorithm in (pin.crba, reference.crba) else result.reshape(-1)
             if isfinite(_total(q) + _total(v) + _total(shown)):
                 return result
         states, batch = self._states(q, **({"v": v} if velocity else {}))
