@@ -265,9 +265,11 @@ def test_answers_are_the_callers_own() -> None:
     kept = first.copy()
     robot.forward_dynamics(zero + 1, zero + 1, zero)
     assert np.array_equal(first, kept)
-    matrix = robot.mass_matrix(zero)
-    robot.mass_matrix(zero + 1)
-    np.testing.assert_allclose(matrix, robot.mass_matrix(zero))
+    matrix, turning = robot.mass_matrix(zero), robot.coriolis(zero, zero + 1)
+    copies = matrix.copy(), turning.copy()
+    robot.mass_matrix(zero + 1), robot.coriolis(zero + 1, zero + 1)
+    assert np.array_equal(matrix, copies[0])
+    assert np.array_equal(turning, copies[1])
 
 
 Z2, Z9 = [0.0, 0.0], np.zeros(9)

@@ -14,12 +14,17 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import reference
 from twolink.dynamics.arguments import UNIT_TOLERANCE, array, batch_shape, configuration, rows
+from twolink.dynamics.choice import SMALLEST, Choice
+from twolink.dynamics.compiled import Compiled
+from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.wrench import Applied, FExt, read_wrenches
 from twolink.errors import QueryError, nearest
 from twolink.robots.load import Lock, load_model
 from twolink.robots.model import RobotModel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
+Engine = Literal["auto", "pinocchio", "compiled"]
+ENGINES = ("auto", "pinocchio", "compiled")
 _FLOAT = np.dtype(np.float64)
 
 
@@ -42,6 +47,14 @@ class Robot(RobotModel):
     expected and what was given; they never return a number that is not finite.
     """
 
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._compiled: dict[tuple[str, ...], Compiled] = {}
+        self._choice: Choice | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_compiled": {}, "_choice": None}
+
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -49,6 +62,7 @@ class Robot(RobotModel):
         tau: ArrayLike,
         f_ext: FExt | None = None,
         method: Literal["aba", "crba"] = "aba",
+        engine: Engine = "auto",
     ) -> Array:
         """Accelerations a = M(q)^-1 (tau - h(q, v) + J^T f_ext), (..., nv), rad/s^2 or m/s^2.
 
@@ -56,22 +70,30 @@ class Robot(RobotModel):
         by composite bodies (table 6.2), the bias by Newton-Euler, and a solve, O(n^3): a second way to the same answer.
         f_ext: wrenches on the robot by frame name, (..., 6): force [N], torque [N m], at the frame's origin, along
         the frame's own axes, or with `tl.Wrench(value, axes="world")` along the world's.
+        engine: "pinocchio", "compiled" (heyoka, certified against Pinocchio), or "auto": compiled for batches from
+        the size where it is faster.
         """
-        if f_ext is None and method == "aba" and not self.has_mimic and self._plain(q, v, tau):
+        if f_ext is None and method == "aba" and engine != "compiled" and not self.has_mimic and self._plain(q, v, tau):
             a: Array = pin.aba(self.model, self.data, q, v, tau)
             if isfinite(_total(q) + _total(v) + _total(tau) + _total(a)):
                 return a
+        if method == "aba" and self._compiles("forward_dynamics", engine, q, v, tau):
+            return self.compiled().forward_dynamics(q, v, tau, f_ext)
         return self._forward(q, v, tau, f_ext, method)
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None) -> Array:
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, engine: Engine = "auto"
+    ) -> Array:
         """Torques tau = M(q) a + h(q, v) - J^T f_ext, (..., nv), N m or N, by recursive Newton-Euler.
 
         (Featherstone 2008, table 5.1.) f_ext as in `forward_dynamics`.
         """
-        if f_ext is None and self._plain(q, v, a):
+        if f_ext is None and engine != "compiled" and self._plain(q, v, a):
             tau: Array = pin.rnea(self.model, self.data, q, v, a)
             if isfinite(_total(q) + _total(v) + _total(a) + _total(tau)):
                 return tau
+        if self._compiles("inverse_dynamics", engine, q, v, a):
+            return self.compiled().inverse_dynamics(q, v, a, f_ext)
         states, batch = self._states(q=q, v=v, a=a)
         if f_ext is None:
             return self._finish(reference.rnea(self.model, self.data, *states.values()), batch, (self.nv,))
@@ -79,12 +101,16 @@ class Robot(RobotModel):
         tau = reference.with_wrenches(pin.rnea, self.model, self.data, states["q"], states["v"], states["a"], applied)
         return self._finish(tau, batch, (self.nv,))
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
+    def mass_matrix(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """The joint-space inertia matrix M(q), (..., nv, nv), symmetric, by composite rigid bodies."""
+        if self._compiles("mass_matrix", engine, q):
+            return self.compiled().mass_matrix(q)
         return self._map(reference.crba if self.has_mimic else pin.crba, (self.nv, self.nv), q)
 
-    def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
+    def bias(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> Array:
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero."""
+        if self._compiles("bias", engine, q, v):
+            return self.compiled().bias(q, v)
         return self._map(pin.nonLinearEffects, (self.nv,), q, v)
 
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
@@ -93,14 +119,45 @@ class Robot(RobotModel):
             raise QueryError("there is none for mimic joints", where="coriolis", remedy="use bias - gravity_torque")
         return self._map(pin.computeCoriolisMatrix, (self.nv, self.nv), q, v)
 
-    def gravity_torque(self, q: ArrayLike) -> Array:
+    def gravity_torque(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """g(q), (..., nv): the torques that hold the robot still against gravity."""
+        if self._compiles("gravity_torque", engine, q):
+            return self.compiled().gravity_torque(q)
         return self._map(pin.computeGeneralizedGravity, (self.nv,), q)
 
-    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+    def energy(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> tuple[Array, Array]:
         """(kinetic v^T M v / 2, potential -sum m g . c), (...,) each, J. Potential is 0 at the world's origin."""
+        if self._compiles("energy", engine, q, v):
+            return self.compiled().energy(q, v)
         both = self._map(self._energies, (2,), q, v)
         return both[..., 0], both[..., 1]
+
+    def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
+        """The same queries as compiled functions, and more: see `Compiled`. Batches use it by themselves.
+
+        parameters: physical constants to keep as run-time inputs, such as ["forearm.mass", "gravity.z"]. Functions
+        are compiled when first called. Raises MissingExtraError without heyoka, QueryError for an unknown parameter.
+        """
+        key = tuple(parameters)
+        found = self._compiled.get(key)
+        return found if found is not None else self._compiled.setdefault(key, Compiled(self, key))
+
+    def _compiles(self, name: str, engine: str, *arguments: Any) -> bool:
+        """Whether the compiled function answers: when told to, or for batches of arrays where it pays."""
+        if engine == "auto":
+            count = max([x.size // x.shape[-1] for x in arguments if isinstance(x, np.ndarray) and x.size], default=1)
+            if count < SMALLEST or heyoka() is None:
+                return False
+            if self._choice is None:
+                self._choice = Choice(self.compiled())
+
+            def by_pinocchio(*states: Array) -> Any:
+                return getattr(self, name)(*states, engine="pinocchio")
+
+            return self._choice.compiled_pays(name, count, by_pinocchio)
+        if engine not in ENGINES:
+            raise QueryError(f"{engine!r} is unknown", where="engine", remedy=nearest(str(engine), ENGINES))
+        return engine == "compiled"
 
     def _energies(self, model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
         if not self.has_mimic:

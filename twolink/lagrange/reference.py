@@ -41,10 +41,10 @@ class Samples:
 def arm_urdf(l1: float, l2: float, m1: float, m2: float) -> str:
     """The arm of two uniform rods (inertia m l^2 / 12 at mid-rod) as the text of a URDF."""
     upper, lower = (
-        _ROD.format(centre=length / 2, mass=mass, inertia=mass * length**2 / 12)
+        _ROD.format(centre=float(length / 2), mass=float(mass), inertia=float(mass * length**2 / 12))
         for length, mass in ((l1, m1), (l2, m2))
     )
-    return _URDF.format(upper=upper, lower=lower, elbow=l1)
+    return _URDF.format(upper=upper, lower=lower, elbow=float(l1))
 
 
 def arm(l1: float, l2: float, m1: float, m2: float, g: float) -> pin.Model:

@@ -102,7 +102,7 @@ class RobotModel:
             _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
         return geometry
 
-    def __getstate__(self) -> Mapping[str, Any]:
+    def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
         del state["_local"]
         return state

@@ -1,0 +1,479 @@
+"""Compiled dynamics: the same answers as Pinocchio, certified, cached safely, chosen by themselves."""
+
+import concurrent.futures
+import multiprocessing
+import os
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.dynamics import cache, choice, compiled, functions, kernels
+from twolink.dynamics.certify import certify
+from twolink.errors import CertificationError, MissingExtraError, QueryError
+from twolink.lagrange.reference import arm_urdf
+
+ROBOTS = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    os.environ["TWOLINK_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def robot(request: pytest.FixtureRequest) -> tl.Robot:
+    return tl.load_robot(request.param, root=ROBOTS[request.param])
+
+
+def states(robot: tl.Robot, n: int, seed: int = 0) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    q = np.array([pin.integrate(robot.model, robot.neutral, rng.uniform(-2, 2, robot.nv)) for _ in range(n)])
+    return robot.normalize(q), rng.uniform(-3, 3, (n, robot.nv)), rng.uniform(-20, 20, (n, robot.nv))
+
+
+def close(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-12) -> None:
+    assert np.shape(a) == np.shape(b)
+    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(1.0, float(np.abs(b).max())))
+
+
+def test_queries_equal_pinocchios(robot: tl.Robot) -> None:
+    q, v, w = states(robot, 40)
+    fast = robot.compiled()
+    tolerance = 1e-15 * np.linalg.cond(robot.mass_matrix(q, engine="pinocchio")).max() + 1e-12
+    close(fast.forward_dynamics(q, v, w), robot.forward_dynamics(q, v, w, engine="pinocchio"), tolerance)
+    close(fast.inverse_dynamics(q, v, w), robot.inverse_dynamics(q, v, w, engine="pinocchio"))
+    close(fast.mass_matrix(q), robot.mass_matrix(q, engine="pinocchio"))
+    close(fast.bias(q, v), robot.bias(q, v, engine="pinocchio"))
+    close(fast.gravity_torque(q), robot.gravity_torque(q, engine="pinocchio"))
+    for ours, theirs in zip(fast.energy(q, v), robot.energy(q, v, engine="pinocchio"), strict=True):
+        close(ours, theirs)
+
+
+def test_frames_equal_pinocchios(robot: tl.Robot) -> None:
+    q, _, _ = states(robot, 5)
+    fast, model = robot.compiled(), robot.model
+    frame = [f.name for f in model.frames if f.type == pin.FrameType.BODY][-1]
+    index, data = model.getFrameId(frame), model.createData()
+    for i in range(5):
+        pin.framesForwardKinematics(model, data, q[i])
+        close(fast.frame_position(frame, q)[i], np.array(data.oMf[index].translation))
+        close(fast.frame_rotation(frame, q)[i], np.array(data.oMf[index].rotation))
+        for axes, reference in (("frame", pin.LOCAL), ("world", pin.LOCAL_WORLD_ALIGNED)):
+            expected = pin.computeFrameJacobian(model, data, q[i], index, reference)
+            close(fast.frame_jacobian(frame, q, axes)[i], expected)
+
+
+@pytest.mark.parametrize("name", ["two_link", "ur5", "kinova"])
+def test_derivatives_equal_pinocchios(name: str) -> None:
+    robot = tl.load_robot(name)
+    q, v, w = states(robot, 6)
+    fast, model = robot.compiled(), robot.model
+    condition = np.linalg.cond(robot.mass_matrix(q)).max()
+    forward, inverse = fast.forward_dynamics_derivatives(q, v, w), fast.inverse_dynamics_derivatives(q, v, w)
+    for i in range(6):
+        data = model.createData()
+        pin.computeABADerivatives(model, data, q[i], v[i], w[i])
+        by_tau = np.triu(data.Minv) + np.triu(data.Minv, 1).T
+        for ours, theirs in zip(forward, (data.ddq_dq, data.ddq_dv, by_tau), strict=True):
+            close(ours[i], np.array(theirs), 1e-14 * condition + 1e-12)
+        data = model.createData()
+        pin.computeRNEADerivatives(model, data, q[i], v[i], w[i])
+        for ours, theirs in zip(inverse[:2], (data.dtau_dq, data.dtau_dv), strict=True):
+            close(ours[i], np.array(theirs))
+        close(inverse[2][i], robot.mass_matrix(q[i]))
+
+
+def test_shapes_broadcast_and_layouts_are_kept(robot: tl.Robot) -> None:
+    q, v, w = states(robot, 6)
+    fast = robot.compiled()
+    rows = fast.forward_dynamics(q, v, w)
+    assert rows.flags.c_contiguous
+    columns = fast.forward_dynamics(*(np.ascontiguousarray(x.T).T for x in (q, v, w)))
+    assert columns.T.flags.c_contiguous
+    assert np.array_equal(rows, columns)
+    assert np.array_equal(fast.forward_dynamics(q[2], v[2], w[2]), rows[2])
+    assert np.array_equal(fast.forward_dynamics(q[2].tolist(), v[2].tolist(), w[2].tolist()), rows[2])
+    shaped = fast.forward_dynamics(q.reshape(2, 3, -1), v.reshape(2, 3, -1), w.reshape(2, 3, -1))
+    assert np.array_equal(shaped.reshape(6, -1), rows)
+    close(fast.bias(q[0], v), robot.bias(np.tile(q[0], (6, 1)), v, engine="pinocchio"))
+    assert fast.mass_matrix(np.tile(q[:, None], (1, 2, 1))).shape == (6, 2, robot.nv, robot.nv)
+    assert fast.energy(q[0], v[0])[0].shape == ()
+    assert fast.forward_dynamics(q[:0], v[:0], w[:0]).shape == (0, robot.nv)
+
+
+def test_batches_of_every_size_give_the_same_bits() -> None:
+    """Chunks, remainders of the vector width and threads do not change an answer."""
+    robot = tl.load_robot("ur5")
+    q, v, w = (np.tile(x, (3_000, 1)) for x in states(robot, 7))
+    whole = robot.compiled().forward_dynamics(q, v, w)
+    assert np.array_equal(whole, np.tile(whole[:7], (3_000, 1)))
+    for n in (1, 2, 3, 5, 8, 257, 1_000, 4_099):
+        assert np.array_equal(robot.compiled().forward_dynamics(q[:n], v[:n], w[:n]), whole[:n])
+
+
+@pytest.mark.parametrize("axes", ["frame", "world"])
+def test_wrenches(axes: str) -> None:
+    robot = tl.load_robot("panda")
+    q, v, w = states(robot, 5)
+    rng = np.random.default_rng(3)
+    pushes = {name: tl.Wrench(rng.uniform(-5, 5, (5, 6)), axes) for name in ("panda_link3", "panda_hand_tcp")}
+    for query in ("forward_dynamics", "inverse_dynamics"):
+        ours = getattr(robot.compiled(), query)(q, v, w, pushes)
+        close(ours, getattr(robot, query)(q, v, w, pushes, engine="pinocchio"), 1e-10)
+    one = {"panda_hand_tcp": tl.Wrench(np.ones(6), axes)}
+    assert robot.forward_dynamics(q[0], v[0], w[0], one, engine="compiled").shape == (9,)
+
+
+def test_mimic_robots() -> None:
+    robot = tl.load_robot("panda", mimic=True)
+    q, v, w = states(robot, 5)
+    expected = robot.forward_dynamics(q, v, w, method="crba", engine="pinocchio")
+    close(robot.compiled().forward_dynamics(q, v, w), expected, 1e-10)
+    close(robot.compiled().mass_matrix(q), robot.mass_matrix(q, engine="pinocchio"))
+
+
+def test_parameters_are_the_robots_with_these_values() -> None:
+    """Every state of the batch is its own arm; the truth is each arm's own URDF."""
+    rng = np.random.default_rng(4)
+    n = 30
+    length, m1, m2, g = rng.uniform(0.5, 2, (4, n))
+    names = ["elbow.origin.x", "upper_arm.mass", "upper_arm.com.x", "upper_arm.inertia.yy", "forearm.mass",
+             "forearm.inertia.yy", "gravity.z"]  # fmt: skip
+    many = tl.load_robot(arm_urdf(1, 1, 1, 1)).compiled(parameters=names)
+    values = {"elbow.origin.x": length, "upper_arm.com.x": length / 2, "upper_arm.mass": m1,
+              "upper_arm.inertia.yy": m1 * length**2 / 12, "forearm.mass": m2, "forearm.inertia.yy": m2 / 12,
+              "gravity.z": -g}  # fmt: skip
+    q, v, w = rng.uniform(-2, 2, (3, n, 2))
+    accelerations = many.forward_dynamics(q, v, w, parameters=values)
+    inertias = many.mass_matrix(q, parameters=values)
+    for i in range(n):
+        one = tl.load_robot(arm_urdf(length[i], 1, m1[i], m2[i]), gravity=(0, 0, -g[i]))
+        close(accelerations[i], one.forward_dynamics(q[i], v[i], w[i]), 1e-11)
+        close(inertias[i], one.mass_matrix(q[i]))
+    nominal = many.forward_dynamics(q, v, w)
+    close(nominal, tl.load_robot(arm_urdf(1, 1, 1, 1)).forward_dynamics(q, v, w), 1e-11)
+    moon = many.forward_dynamics(q[0], v[0], w[0], parameters={"gravity.z": -1.62})
+    close(moon, tl.load_robot(arm_urdf(1, 1, 1, 1), gravity=(0, 0, -1.62)).forward_dynamics(q[0], v[0], w[0]), 1e-11)
+
+
+def test_damping_and_armature_as_parameters() -> None:
+    robot = tl.load_robot("two_link")
+    soft = robot.compiled(parameters=["elbow.damping", "shoulder.armature"])
+    q, v, w = states(robot, 5)
+    ours = soft.inverse_dynamics(q, v, w, parameters={"elbow.damping": 0.3, "shoulder.armature": 2.0})
+    expected = robot.inverse_dynamics(q, v, w) + np.stack([2.0 * w[:, 0], 0.3 * v[:, 1]], axis=1)
+    close(ours, expected)
+
+
+def test_unknown_parameters_are_refused() -> None:
+    robot = tl.load_robot("two_link")
+    with pytest.raises(QueryError, match=r"did you mean 'forearm\.mass'"):
+        robot.compiled(parameters=["forarm.mass"])
+    with pytest.raises(QueryError, match="not kept as a parameter"):
+        robot.compiled().gravity_torque([0, 0], parameters={"forearm.mass": 2})
+    kept = robot.compiled(parameters=["forearm.mass"])
+    with pytest.raises(QueryError, match="finite"):
+        kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": np.nan})
+    with pytest.raises(QueryError, match="cannot be compiled"):
+        functions.function(robot.model, "forward_dynamic")
+    with pytest.raises(QueryError, match="did you mean 'tip'"):
+        robot.compiled().frame_position("tpi", [0, 0])
+
+
+BAD = {
+    "NaN in q": ([[np.nan, 0.0]] * 20, np.zeros((20, 2)), "q: expected finite numbers, got nan at [0, 0]"),
+    "inf in v": (np.zeros((20, 2)), [[0.0, np.inf]] * 20, "v: expected finite numbers, got inf at [0, 1]"),
+    "shape": (np.zeros((20, 3)), np.zeros((20, 2)), "q: expected shape (..., 2), got (20, 3)"),
+    "batches": (np.zeros((20, 2)), np.zeros((19, 2)), "do not broadcast"),
+}
+
+
+@pytest.mark.parametrize("layout", ["rows", "columns"])
+@pytest.mark.parametrize("case", BAD)
+def test_the_guard_finds_what_arguments_must_not_hold(case: str, layout: str) -> None:
+    q, v, message = BAD[case]
+    arrays = [np.array(q, dtype=float), np.array(v, dtype=float)]
+    if layout == "columns":
+        arrays = [np.ascontiguousarray(a.T).T for a in arrays]
+    with pytest.raises(QueryError) as caught:
+        tl.load_robot("two_link").bias(*arrays, engine="compiled")
+    assert message in str(caught.value)
+
+
+def test_nan_is_found_where_the_answer_does_not_depend_on_it() -> None:
+    """The first angle of an arm without gravity changes nothing, but NaN is no angle."""
+    robot = tl.load_robot("two_link", gravity=(0, 0, 0))
+    q = np.zeros((20, 2))
+    q[7, 0] = np.nan
+    with pytest.raises(QueryError, match=r"nan at \[7, 0\]"):
+        robot.mass_matrix(q, engine="compiled")
+
+
+@pytest.mark.parametrize(("name", "entry"), [("anymal", slice(3, 7)), ("kinova", slice(0, 2))])
+def test_the_guard_wants_unit_quaternions_and_pairs(name: str, entry: slice) -> None:
+    robot = tl.load_robot(name, root="free" if name == "anymal" else "fixed")
+    q = np.tile(robot.neutral, (20, 1))
+    q[3, entry] *= 1 + 1e-6
+    with pytest.raises(QueryError, match="expected length 1"):
+        robot.gravity_torque(q, engine="compiled")
+    close(robot.gravity_torque(robot.normalize(q), engine="compiled"), robot.gravity_torque(robot.normalize(q)))
+
+
+def test_angles_beyond_our_sine_are_answered_by_pinocchio() -> None:
+    robot = tl.load_robot("two_link")
+    q = np.array([[0.1, 0.2], [3e6, 1.0], [1e9, -1e12]])
+    assert np.array_equal(robot.gravity_torque(q, engine="compiled"), robot.gravity_torque(q, engine="pinocchio"))
+    near = np.array([[9.9e5, 1.0], [-9.9e5, 2.0]])
+    close(robot.gravity_torque(near, engine="compiled"), robot.gravity_torque(near, engine="pinocchio"), 1e-14)
+
+
+def test_overflow_is_refused() -> None:
+    with pytest.raises(QueryError, match="not finite"):
+        tl.load_robot("two_link").bias(np.zeros((20, 2)), np.full((20, 2), 1e200), engine="compiled")
+
+
+def test_a_wrong_function_is_not_certified() -> None:
+    """A kernel of a robot that weighs 1e-9 more must not pass for this one's."""
+    right, wrong = tl.load_robot(arm_urdf(1, 1, 3, 1)).model, tl.load_robot(arm_urdf(1, 1, 3 + 3e-9, 1)).model
+    for name in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "gravity_torque", "energy"):
+        made = functions.function(right, name)
+        certify(right, made, kernels.build(right, made))
+        with pytest.raises(CertificationError, match="differs from Pinocchio"):
+            certify(right, made, kernels.build(wrong, made))
+
+
+def test_certificates_say_what_was_compared() -> None:
+    certificate = tl.load_robot("ur5").compiled().certificate("forward_dynamics")
+    assert certificate.states >= 96
+    assert 0 < certificate.worst < certificate.bound
+    for part in ("forward_dynamics", "96 states against Pinocchio", "heyoka", "operations"):
+        assert part in str(certificate)
+
+
+def test_nothing_is_left_of_what_is_absent() -> None:
+    """Operations: the two-link arm's forward dynamics are a textbook's few dozen, and without gravity fewer."""
+
+    def operations(robot: tl.Robot, name: str) -> int:
+        counts = kernels.count_operations(robot.model, functions.function(robot.model, name))
+        return min(sum(c.values()) for c in counts)
+
+    arm, still = tl.load_robot("two_link"), tl.load_robot("two_link", gravity=(0, 0, 0))
+    assert operations(arm, "forward_dynamics") <= 45
+    assert operations(still, "forward_dynamics") <= operations(arm, "forward_dynamics") - 7
+    assert operations(still, "gravity_torque") == 0
+
+
+# The disk cache.
+
+
+def build_once(folder: Path) -> tuple[float, tl.Robot]:
+    os.environ["TWOLINK_CACHE"] = str(folder)
+    robot = tl.load_robot("ur5")
+    start = time.perf_counter()
+    robot.compiled().certificate("inverse_dynamics")
+    return time.perf_counter() - start, robot
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    built: list[str] = []
+    original = kernels.build
+    monkeypatch.setattr(compiled, "build", lambda *a: built.append("built") or original(*a))
+    return built
+
+
+def test_a_second_process_reads_what_the_first_built(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = counted(monkeypatch)
+    build_once(folder)
+    assert built == ["built"]
+    assert len(list(folder.iterdir())) == 1
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert next(folder.iterdir()).stat().st_mode & 0o777 == 0o600
+    _, robot = build_once(folder)
+    assert built == ["built"]
+    q, v, w = states(robot, 5)
+    close(robot.compiled().inverse_dynamics(q, v, w), robot.inverse_dynamics(q, v, w, engine="pinocchio"))
+
+
+DAMAGE = {
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:1000]),
+    "empty": lambda path: path.write_bytes(b""),
+    "a byte changed": lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"),
+    "writable by others": lambda path: path.chmod(0o666),
+    "a link": lambda path: (path.rename(path.parent.parent / "elsewhere"), path.symlink_to("../elsewhere")),
+    "folder writable by others": lambda path: path.parent.chmod(0o777),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_what_is_damaged_or_foreign_is_built_again(how: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build_once(folder)
+    DAMAGE[how](next(folder.iterdir()))
+    built = counted(monkeypatch)
+    _, robot = build_once(folder)
+    assert built == ["built"]
+    q, v, w = states(robot, 3)
+    close(robot.compiled().inverse_dynamics(q, v, w), robot.inverse_dynamics(q, v, w, engine="pinocchio"))
+
+
+def test_a_foreign_file_is_not_unpickled(folder: Path, tmp_path: Path) -> None:
+    """A pickle that would run code, put in the kernel's place without a matching digest, is not opened."""
+    build_once(folder)
+    place = next(folder.iterdir())
+    harm = f"cos\nsystem\n(S'touch {tmp_path / 'harm'}'\ntR.".encode()
+    place.write_bytes(bytes(32) + harm)
+    build_once(folder)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_another_robots_kernel_under_this_name_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole file with a right digest, but made for other constants: the states of its certificate tell."""
+    other = tl.load_robot(arm_urdf(1, 1, 1, 1))
+    other.compiled().certificate("gravity_torque")
+    content = next(folder.iterdir()).read_bytes()
+    robot = tl.load_robot(arm_urdf(1, 1, 2, 1))
+    (folder / robot.compiled()._file("gravity_torque", ())).write_bytes(content)
+    built = counted(monkeypatch)
+    q = np.array([0.1, 0.2])
+    close(robot.compiled().gravity_torque(q), robot.gravity_torque(q))
+    assert built == ["built"]
+
+
+def test_keys_tell_robots_functions_and_parameters_apart() -> None:
+    texts = [arm_urdf(1, 1, 1, 1), arm_urdf(1, 1, 1, 1 + 1e-15), arm_urdf(1, 1 + 1e-15, 1, 1)]
+    keys = {cache.key(tl.load_robot(t).model, ("forward_dynamics",)) for t in texts}
+    keys |= {cache.key(tl.load_robot(texts[0]).model, parts) for parts in (("bias",), ("forward_dynamics", "x.mass"))}
+    keys.add(cache.key(tl.load_robot(texts[0], gravity=(0, 0, -9.8)).model, ("forward_dynamics",)))
+    assert len(keys) == 6
+    assert cache.key(tl.load_robot(texts[0]).model, ("bias",)) == cache.key(tl.load_robot(texts[0]).model, ("bias",))
+
+
+def test_the_folder_keeps_below_its_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TWOLINK_CACHE_MB", "1")
+    for i in range(8):
+        cache.store(f"k{i}", np.zeros(50_000))
+        time.sleep(0.01)
+    assert sum(p.stat().st_size for p in folder.iterdir()) <= 2**20
+    assert cache.load("k7") is not None
+    assert cache.load("k0") is None
+
+
+def test_without_a_folder_everything_works(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for setting in ("off", str(tmp_path / "file" / "cache")):
+        monkeypatch.setenv("TWOLINK_CACHE", setting)
+        assert cache.folder() is None
+        assert tl.load_robot("two_link").mass_matrix(np.zeros((9, 2)), engine="compiled").shape == (9, 2, 2)
+
+
+def _in_a_process(folder: str) -> list[float]:
+    os.environ["TWOLINK_CACHE"] = folder
+    return tl.load_robot("ur5").gravity_torque(np.full((9, 6), 0.3), engine="compiled")[0].tolist()
+
+
+def test_many_processes_at_once(folder: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(4, mp_context=context) as pool:
+        answers = list(pool.map(_in_a_process, [str(folder)] * 8))
+    assert all(a == answers[0] for a in answers)
+    assert [p for p in folder.iterdir() if p.name.startswith(".new")] == []
+
+
+# Chosen by itself.
+
+
+@pytest.mark.usefixtures("folder")
+def test_batches_move_to_the_compiled_function_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = tl.load_robot("ur5")
+    built = counted(monkeypatch)
+    q, v, w = states(robot, 100)
+    robot.forward_dynamics(q[0], v[0], w[0])
+    first = robot.forward_dynamics(q, v, w)
+    assert built == []  # a hundred states would not have paid for compiling
+    many = [np.tile(x, (4_000, 1)) for x in (q, v, w)]
+    assert robot.forward_dynamics(*many).shape == (400_000, 6)
+    assert built == ["built"]
+    close(robot.forward_dynamics(q, v, w), first, 1e-10)
+    assert robot._choice is not None
+    assert robot._choice._from["forward_dynamics"] in choice.SIZES
+    calls: list[int] = []
+    monkeypatch.setattr(kernels.Kernel, "_rows", lambda *_: calls.append(1))
+    robot.forward_dynamics(q[:4], v[:4], w[:4])
+    robot.forward_dynamics(q, v, w, engine="pinocchio")
+    assert calls == []
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_failed_certificate_leaves_the_query_on_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise CertificationError("it differs", where="here")
+
+    monkeypatch.setattr(compiled, "certify", refuse)
+    robot = tl.load_robot("two_link")
+    q = np.zeros((900_000, 2))
+    with pytest.warns(RuntimeWarning, match="it differs"):
+        a = robot.bias(q, q)
+    assert np.array_equal(a[0], robot.bias(q[0], q[0]))
+    with pytest.raises(CertificationError):
+        robot.bias(q[:9], q[:9], engine="compiled")
+
+
+def test_engines() -> None:
+    robot = tl.load_robot("two_link")
+    with pytest.raises(QueryError, match="did you mean 'compiled'"):
+        robot.bias([0, 0], [0, 0], engine="compile")  # type: ignore[arg-type]
+    single = robot.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2), engine="compiled")
+    close(single, robot.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2)))
+
+
+def test_without_heyoka_pinocchio_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("robot", "compiled"):
+        monkeypatch.setattr(f"twolink.dynamics.{module}.heyoka", lambda: None)
+    robot = tl.load_robot("two_link")
+    assert robot.bias(np.zeros((100_000, 2)), np.zeros(2)).shape == (100_000, 2)
+    with pytest.raises(MissingExtraError, match="pip install heyoka"):
+        robot.compiled()
+    with pytest.raises(MissingExtraError):
+        robot.bias(np.zeros((9, 2)), np.zeros(2), engine="compiled")
+
+
+def test_many_threads_at_once(robot: tl.Robot) -> None:
+    q, v, w = states(robot, 300)
+    expected = robot.compiled().inverse_dynamics(q, v, w)
+    wrong: list[int] = []
+
+    def work(n: int) -> None:
+        for _ in range(20):
+            if not np.array_equal(robot.compiled().inverse_dynamics(q[:n], v[:n], w[:n]), expected[:n]):
+                wrong.append(n)
+
+    threads = [threading.Thread(target=work, args=(n,)) for n in (1, 7, 100, 300, 299, 64)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert wrong == []
+
+
+def test_the_threads_setting_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    import heyoka
+
+    robot = tl.load_robot("two_link")
+    q = np.zeros((200_000, 2))
+    for threads in ("1", "2"):
+        monkeypatch.setenv("TWOLINK_THREADS", threads)
+        robot.bias(q, q, engine="compiled")
+        assert heyoka.get_nthreads() == int(threads)
+    monkeypatch.setenv("TWOLINK_THREADS", "many")
+    with pytest.raises(QueryError, match="TWOLINK_THREADS"):
+        robot.bias(q, q, engine="compiled")

@@ -1,0 +1,168 @@
+"""Derivatives of the dynamics against Pinocchio's, against finite differences, and compiled against themselves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
+from twolink.dynamics import derivatives, recursions
+from twolink.dynamics.branch_sparse import ldlt, ldlt_inverse
+from twolink.dynamics.mechanism import mechanism, nominal
+from twolink.dynamics.sincos import TRACED
+from twolink.errors import QueryError
+
+STATES = 4
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module", params=[*ROBOTS, "odd", "balls"])
+def case(request: pytest.FixtureRequest) -> Case:
+    return Case(make(request.param), STATES)
+
+
+def symmetric(upper: np.ndarray) -> np.ndarray:
+    """The whole matrix: Pinocchio leaves some symmetric ones with their upper triangle only."""
+    return np.triu(upper) + np.triu(upper, 1).T
+
+
+def reference(case: Case, algorithm: Any, *arguments: np.ndarray) -> list[np.ndarray]:
+    """Pinocchio's three matrices, each (nv, nv, states)."""
+    answers = []
+    for i in range(case.count):
+        data = case.model.createData()  # the answers are views of it
+        by_q, by_v, by_input = algorithm(case.model, data, *(x[:, i] for x in arguments))
+        answers.append((by_q.copy(), by_v.copy(), symmetric(by_input)))
+    return [np.stack(group, axis=-1) for group in zip(*answers, strict=True)]
+
+
+@pytest.mark.parametrize("regroup", [True, False], ids=["regrouped", "single"])
+def test_inverse_dynamics(case: Case, regroup: bool) -> None:
+    mech = mechanism(case.model, regroup=regroup)
+    ours = derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np)
+    theirs = reference(case, pin.computeRNEADerivatives, case.q, case.v, case.a)
+    for mine, expected in zip(ours, theirs, strict=True):
+        close(case.dense(mine), expected, 1e-11)
+
+
+@pytest.mark.parametrize("regroup", [True, False], ids=["regrouped", "single"])
+def test_forward_dynamics(case: Case, regroup: bool) -> None:
+    mech = mechanism(case.model, regroup=regroup)
+    tau = case.reference(pin.rnea, case.q, case.v, case.a)
+    condition = np.linalg.cond(np.moveaxis(case.reference(pin.crba, case.q), -1, 0))
+    ours = derivatives.forward_dynamics_derivatives(mech, case.q, case.v, tau, np)
+    theirs = reference(case, pin.computeABADerivatives, case.q, case.v, tau)
+    for mine, expected in zip(ours, theirs, strict=True):
+        close(case.dense(mine), expected, 1e-11 * condition)
+
+
+def differences(case: Case, algorithm: Any, x: np.ndarray) -> list[np.ndarray]:
+    """Central differences of our algorithm(q, v, x): (nv, nv, states) each, along q's tangent, v and x."""
+
+    def moved(k: int, h: float) -> list[np.ndarray]:
+        step = np.zeros_like(x)
+        step[k] = h
+        columns = zip(case.q.T, step.T, strict=True)
+        q = np.stack([pin.integrate(case.model, a, b) for a, b in columns], axis=-1)
+        points = ((q, case.v, x), (case.q, case.v + step, x), (case.q, case.v, x + step))
+        return [case.dense(algorithm(*point)) for point in points]
+
+    columns = []
+    for k in range(case.model.nv):
+        pairs = zip(moved(k, STEP), moved(k, -STEP), strict=True)
+        columns.append([(ahead - behind) / (2 * STEP) for ahead, behind in pairs])
+    return [np.stack(group, axis=1) for group in zip(*columns, strict=True)]
+
+
+@pytest.mark.parametrize("name", ["panda", "odd"])
+def test_finite_differences(name: str) -> None:
+    """Without Pinocchio's derivatives; damping and armature are those of every joint that can have them."""
+    model = make(name)
+    single = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1]
+    given = {f"{joint}.damping": 0.3 + 0.1 * n for n, joint in enumerate(single)}
+    given |= {f"{joint}.armature": 0.2 + 0.1 * n for n, joint in enumerate(single)}
+    case, mech = Case(model, STATES), mechanism(model, given)
+    tau = case.dense(recursions.rnea(mech, case.q, case.v, case.a, None, np))
+    for ours, algorithm, x in (
+        (derivatives.inverse_dynamics_derivatives, recursions.rnea, case.a),
+        (derivatives.forward_dynamics_derivatives, recursions.forward_dynamics_crba, tau),
+    ):
+        expected = differences(case, lambda q, v, x, f=algorithm: f(mech, q, v, x, None, np), x)
+        for mine, theirs in zip(ours(mech, case.q, case.v, x, np), expected, strict=True):
+            close(case.dense(mine), theirs, 1e-7)
+
+
+def test_damping_enters_where_it_was_asked_for() -> None:
+    model = make("odd")
+    case, name = Case(model, STATES), "j_f.damping"
+    k = model.joints[model.getJointId("j_f")].idx_v
+    plain, damped = (
+        [case.dense(m) for m in derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np)]
+        for mech in (mechanism(model), mechanism(model, {name: nominal(model, name)}))
+    )
+    extra = np.zeros_like(plain[1])
+    extra[k, k] = 0.7
+    np.testing.assert_allclose(damped[1] - plain[1], extra, atol=1e-12)
+    assert (damped[0] == plain[0]).all()
+    assert (damped[2] == plain[2]).all()
+
+
+def test_the_two_are_inverse_to_each_other(case: Case) -> None:
+    """da/dq = -M^-1 d tau/dq at the same motion, and M^-1 M = 1."""
+    mech = mechanism(case.model)
+    tau = case.dense(recursions.rnea(mech, case.q, case.v, case.a, None, np))
+    by_q, by_v, matrix = map(case.dense, derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np))
+    a_q, a_v, inverse = map(case.dense, derivatives.forward_dynamics_derivatives(mech, case.q, case.v, tau, np))
+    condition = np.linalg.cond(np.moveaxis(matrix, -1, 0))
+    close(np.einsum("ijn,jkn->ikn", matrix, a_q), -by_q, 1e-11 * condition)
+    close(np.einsum("ijn,jkn->ikn", matrix, a_v), -by_v, 1e-11 * condition)
+    identity = np.repeat(np.eye(mech.nv)[..., None], case.count, axis=-1)
+    close(np.einsum("ijn,jkn->ikn", matrix, inverse), identity, 1e-13 * condition)
+
+
+def test_branches_do_not_touch() -> None:
+    """Entries between branches are constants, not computed zeros, as are those of a sparse factor."""
+    model = make("anymal")
+    mech, case = mechanism(model), Case(model, 1)
+    matrices = derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np)
+    assert all(m[6][9] == 0.0 and type(m[6][9]) is float for m in matrices)
+    assert type(ldlt(matrices[2], mech.dof_parents())[0][9][6]) is float
+
+
+def test_sparse_inverse() -> None:
+    """A tree of 5 degrees of freedom with integers, by hand: two branches on a common trunk of one."""
+    parents = [-1, 0, 1, 0, 3]
+    lower = np.eye(5)
+    for i, j, x in ((1, 0, 2.0), (2, 0, -1.0), (2, 1, 3.0), (3, 0, 1.0), (4, 0, 4.0), (4, 3, -2.0)):
+        lower[i, j] = x
+    matrix = lower.T @ np.diag([1.0, 2.0, 4.0, 0.5, 8.0]) @ lower
+    factor, reciprocal = ldlt(matrix.tolist(), parents)
+    np.testing.assert_allclose(np.tril(factor, -1), np.tril(lower, -1), atol=1e-13)
+    np.testing.assert_allclose(matrix @ np.array(ldlt_inverse(factor, reciprocal, parents)), np.eye(5), atol=1e-10)
+
+
+def test_mimic_joints_are_refused() -> None:
+    model = pin.buildModelFromXML(FOLLOWERS, True)
+    case, mech = Case(model, 1), mechanism(model)
+    for function in (derivatives.inverse_dynamics_derivatives, derivatives.forward_dynamics_derivatives):
+        with pytest.raises(QueryError, match="derivatives are not available for mimic joints"):
+            function(mech, case.q, case.v, case.a, np)
+
+
+@pytest.mark.parametrize("name", ["arm", "panda"])
+@pytest.mark.parametrize("function", ["inverse_dynamics_derivatives", "forward_dynamics_derivatives"])
+def test_compiled_is_the_same_as_numpy(name: str, function: str) -> None:
+    hy = pytest.importorskip("heyoka")
+    case, algorithm = Case(make(name), 32), getattr(derivatives, function)
+    mech = mechanism(case.model)
+    sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
+    symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
+    traced = algorithm(mech, *symbols, TRACED)
+    outputs = [x + hy.expression(0.0) for matrix in traced for row in matrix for x in row]
+    compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
+    answers = compiled(np.concatenate([case.q, case.v, case.a])).reshape(3, mech.nv, mech.nv, -1)
+    for mine, expected in zip(answers, algorithm(mech, case.q, case.v, case.a, np), strict=True):
+        close(mine, case.dense(expected), 1e-10)

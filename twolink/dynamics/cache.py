@@ -1,0 +1,131 @@
+"""The disk cache of compiled kernels: the user's own folder, whole files, checked before they are opened.
+
+Loading a kernel runs what is in the file, so that a file counts only when it and the folder belong to the user and
+nobody else can write there, and when its digest matches. Anything else is left alone and built again.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import pickle
+import platform
+import stat
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pinocchio as pin
+
+FORMAT = 1
+DIGEST = hashlib.sha256().digest_size
+
+
+def folder() -> Path | None:
+    """The cache's folder, made with private permissions; None where there can be none (TWOLINK_CACHE=off)."""
+    setting = os.environ.get("TWOLINK_CACHE", "")
+    if setting == "off":
+        return None
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    path = Path(setting or os.path.join(base, "twolink"))
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return path if _is_private(path.stat(), stat.S_ISDIR) else None
+    except OSError:
+        return None  # a read-only home: every process compiles for itself
+
+
+def _is_private(info: os.stat_result, right_kind: Any) -> bool:
+    ours = not hasattr(os, "getuid") or info.st_uid == os.getuid()
+    return bool(ours and right_kind(info.st_mode) and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def key(model: pin.Model, parts: Sequence[str]) -> str:
+    """A name for what a kernel is made from: the model's content, our code, versions and the processor."""
+    digest = hashlib.sha256(_surroundings().encode())
+    digest.update(repr(tuple(parts)).encode())
+    digest.update(repr([j.shortname() for j in model.joints]).encode())
+    digest.update(repr((list(model.names), model.parents.tolist(), model.nqs.tolist())).encode())
+    for array in (model.armature, model.damping, model.gravity.linear):
+        digest.update(array.tobytes())
+    for joint in range(model.njoints):
+        body = model.inertias[joint]
+        digest.update(repr((body.mass, body.lever.tolist(), body.inertia.tolist())).encode())
+        digest.update(model.jointPlacements[joint].homogeneous.tobytes())
+        digest.update(repr(model.joints[joint]).encode())
+    digest.update(repr([(f.name, f.parentJoint, f.placement.homogeneous.tolist()) for f in model.frames]).encode())
+    return digest.hexdigest()[:40]
+
+
+@functools.cache
+def _surroundings() -> str:
+    """Our own code, the versions of what it stands on, and the processor, as text."""
+    code = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        code.update(path.read_bytes())
+    versions = [f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy")]
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
+    except OSError:
+        processor = [platform.processor()]
+    return repr((FORMAT, code.hexdigest(), versions, sys.version, platform.machine(), processor))
+
+
+def load(name: str) -> Any:
+    """The content stored under this name, or None: absent, damaged, or not the user's own."""
+    place = folder()
+    if place is None:
+        return None
+    try:
+        handle = os.open(place / name, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    except OSError:
+        return None
+    with os.fdopen(handle, "rb") as file:
+        if not _is_private(os.fstat(handle), stat.S_ISREG):
+            return None
+        data = file.read()
+    if hashlib.sha256(data[DIGEST:]).digest() != data[:DIGEST]:
+        return None
+    try:
+        content = pickle.loads(data[DIGEST:])
+        os.utime(place / name)  # the least recently used goes first
+    except Exception:  # whatever an outdated file raises, it is built again
+        return None
+    return content
+
+
+def store(name: str, content: Any) -> None:
+    """Store content under this name, whole or not at all, and keep the folder below its size."""
+    place = folder()
+    if place is None:
+        return
+    payload = pickle.dumps(content)
+    try:
+        handle, temporary = tempfile.mkstemp(dir=place, prefix=".new-")
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(payload).digest() + payload)
+        os.replace(temporary, place / name)
+        _shrink(place)
+    except OSError:
+        return  # a full disk costs time, not answers
+
+
+def _shrink(place: Path) -> None:
+    """Remove the least recently used files until the folder is below TWOLINK_CACHE_MB (512)."""
+    setting = os.environ.get("TWOLINK_CACHE_MB", "512")
+    limit = (int(setting) if setting.isdigit() else 512) * 2**20
+    files = []
+    for entry in os.scandir(place):
+        info = entry.stat(follow_symlinks=False)
+        files.append((info.st_mtime, info.st_size, entry.path))
+    total = sum(size for _, size, _ in files)
+    for _, size, path in sorted(files):
+        if total <= limit:
+            return
+        Path(path).unlink(missing_ok=True)
+        total -= size

@@ -1,0 +1,261 @@
+"""Compiled: a robot's queries as compiled functions, each certified against Pinocchio before its first use."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.dynamics import cache
+from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.certify import Certificate, certify
+from twolink.dynamics.functions import FrameForce, frame_pose, function
+from twolink.dynamics.kernels import Kernel, build, heyoka
+from twolink.dynamics.mechanism import nominal, parameter_names
+from twolink.dynamics.sincos import LIMIT
+from twolink.dynamics.wrench import FExt, Wrench
+from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
+
+if TYPE_CHECKING:
+    from twolink.dynamics.robot import Robot
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+Parameters = Mapping[str, ArrayLike]
+_BY_PINOCCHIO = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias", "gravity_torque", "energy")
+
+
+class Compiled:
+    """The queries of a Robot, compiled: the same names, arguments and results, for one state or a batch.
+
+    Functions are compiled on first need (or read from the disk cache) and certified. parameters: physical constants
+    that stay run-time inputs, by name (`parameter_names`): every query then takes parameters={name: value}, a number
+    or one value for each state of the batch; those not given are nominal.
+
+    Arrays whose memory holds one state a column (transposed views of C-ordered (nv, n) arrays) are read without
+    a copy, and the result is such a view. May be used from many threads at once.
+    """
+
+    def __init__(self, robot: Robot, parameters: Sequence[str] = ()) -> None:
+        if heyoka() is None:
+            raise MissingExtraError(
+                "compiled dynamics need heyoka", remedy="pip install heyoka (Linux), or conda-forge"
+            )
+        known = parameter_names(robot.model)
+        for name in parameters:
+            if name not in known:
+                raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, known))
+        self.robot = robot
+        self.parameters: tuple[str, ...] = tuple(dict.fromkeys(parameters))
+        self.compile_seconds = 0.0
+        self._kernels: dict[tuple[str, ...], tuple[Kernel, Certificate]] = {}
+        self._files: dict[tuple[str, ...], str] = {}
+        self._lock = threading.Lock()
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        tau: ArrayLike,
+        f_ext: FExt | None = None,
+        parameters: Parameters | None = None,
+    ) -> Array:
+        """a = M^-1 (tau - h + J^T f_ext), (..., nv); see `Robot.forward_dynamics`."""
+        return self._answer("forward_dynamics", {"q": q, "v": v, "tau": tau}, parameters, f_ext)
+
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, parameters: Parameters | None = None
+    ) -> Array:
+        """tau = M a + h - J^T f_ext, (..., nv); see `Robot.inverse_dynamics`."""
+        return self._answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
+
+    def mass_matrix(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+        """M(q), (..., nv, nv)."""
+        return self._answer("mass_matrix", {"q": q}, parameters)
+
+    def bias(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> Array:
+        """h(q, v), (..., nv)."""
+        return self._answer("bias", {"q": q, "v": v}, parameters)
+
+    def gravity_torque(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+        """g(q), (..., nv)."""
+        return self._answer("gravity_torque", {"q": q}, parameters)
+
+    def energy(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> tuple[Array, Array]:
+        """(kinetic, potential), (...,) each, J."""
+        both = self._answer("energy", {"q": q, "v": v}, parameters)
+        return both[..., 0], both[..., 1]
+
+    def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+        """Where a link's frame is, in the world, (..., 3), m."""
+        return self._answer(f"frame_position:{frame}", {"q": q}, parameters)
+
+    def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+        """How a link's frame is turned: R with world = R frame, (..., 3, 3)."""
+        return self._answer(f"frame_rotation:{frame}", {"q": q}, parameters)
+
+    def frame_jacobian(
+        self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters | None = None
+    ) -> Array:
+        """J with J v = (velocity of the frame's origin, angular velocity), (..., 6, nv).
+
+        axes: "frame", along the frame's own axes (Pinocchio's LOCAL), or "world" (LOCAL_WORLD_ALIGNED).
+        """
+        if axes not in ("frame", "world"):
+            raise QueryError(f"axes {axes!r} is unknown", where="axes", remedy='"frame" or "world"')
+        kind = "frame_jacobian" if axes == "frame" else "frame_jacobian_world"
+        return self._answer(f"{kind}:{frame}", {"q": q}, parameters)
+
+    def forward_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, parameters: Parameters | None = None
+    ) -> tuple[Array, Array, Array]:
+        """(da/dq, da/dv, da/dtau), (..., nv, nv) each; dq in the tangent space, as pin.computeABADerivatives."""
+        all_three = self._answer("forward_dynamics_derivatives", {"q": q, "v": v, "tau": tau}, parameters)
+        return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
+
+    def inverse_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: Parameters | None = None
+    ) -> tuple[Array, Array, Array]:
+        """(dtau/dq, dtau/dv, dtau/da), (..., nv, nv) each; dq in the tangent space, as pin.computeRNEADerivatives."""
+        all_three = self._answer("inverse_dynamics_derivatives", {"q": q, "v": v, "a": a}, parameters)
+        return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
+
+    def certificate(self, name: str) -> Certificate:
+        """The certificate of a function, such as "forward_dynamics" or "frame_position:tip"; made if there is none."""
+        return self._kernel(name, ())[1]
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """The certificates of all functions built so far."""
+        return tuple(c for _, c in self._kernels.values())
+
+    def is_ready(self, name: str) -> bool:
+        """Whether the function is compiled already, here or in the disk cache."""
+        place = cache.folder()
+        return (name,) in self._kernels or (place is not None and (place / self._file(name, ())).exists())
+
+    def _file(self, name: str, frames: tuple[str, ...]) -> str:
+        key = (name, *frames)
+        if key not in self._files:
+            self._files[key] = cache.key(self.robot.model, (*key, "|", *self.parameters))
+        return self._files[key]
+
+    def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
+        """The kernel of a function, built and certified, or read from the cache and checked again on its states."""
+        key = (name, *frames)
+        found = self._kernels.get(key)
+        if found is not None:
+            return found
+        with self._lock:
+            if key not in self._kernels:
+                start = time.perf_counter()
+                self._kernels[key] = self._read(name, frames) or self._build(name, frames)
+                self.compile_seconds += time.perf_counter() - start
+            return self._kernels[key]
+
+    def _read(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate] | None:
+        content = cache.load(self._file(name, frames))
+        if not (isinstance(content, tuple) and len(content) == 2 and isinstance(content[0], Kernel)):
+            return None
+        kernel, certificate = content
+        try:
+            certify(
+                self.robot.model, function(self.robot.model, name, self._forces(frames)), kernel, self.parameters, 8
+            )
+        except CertificationError:
+            return None  # made elsewhere, or damaged in a way its digest does not show: build it again
+        return kernel, certificate
+
+    def _build(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
+        made = function(self.robot.model, name, self._forces(frames))
+        kernel = build(self.robot.model, made, self.parameters)
+        certificate = certify(self.robot.model, made, kernel, self.parameters)
+        cache.store(self._file(name, frames), (kernel, certificate))
+        return kernel, certificate
+
+    def _forces(self, frames: tuple[str, ...]) -> list[FrameForce]:
+        return [FrameForce(f"f_ext:{frame}", *frame_pose(self.robot.model, frame)) for frame in frames]
+
+    def _answer(
+        self, name: str, given: dict[str, ArrayLike], parameters: Parameters | None, f_ext: FExt | None = None
+    ) -> Array:
+        forces = self._own_axes(f_ext, given["q"]) if f_ext else {}
+        kernel, _ = self._kernel(name, tuple(forces))
+        forces = {f"f_ext:{frame}": value for frame, value in forces.items()}
+        sizes = dict(zip((*given, *forces, *self.parameters), kernel.sizes, strict=True))
+        arrays = {k: shaped(k, value, sizes[k]) for k, value in {**given, **forces}.items()}
+        arrays |= self._parameter_arrays(parameters)
+        batch = batch_shape(**arrays)
+        result = kernel([columns_or_rows(a, batch) for a in arrays.values()])
+        if result is None:
+            return self._slowly(name, arrays)
+        return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
+
+    def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, ArrayLike]:
+        """Wrenches by frame, turned into the frames' own axes."""
+        out: dict[str, ArrayLike] = {}
+        for frame, given in f_ext.items():
+            wrench = given if isinstance(given, Wrench) else Wrench(given)
+            value = array(f"f_ext[{frame!r}]", wrench.value, 6)
+            if wrench.axes == "world":
+                turn = np.swapaxes(self.frame_rotation(frame, q), -1, -2)
+                parts = [(turn @ value[..., i : i + 3, None])[..., 0] for i in (0, 3)]
+                value = np.concatenate(parts, axis=-1)
+            frame_pose(self.robot.model, frame)
+            out[frame] = value
+        return out
+
+    def _parameter_arrays(self, parameters: Parameters | None) -> dict[str, Array]:
+        given = dict(parameters or {})
+        for name in given:
+            if name not in self.parameters:
+                raise QueryError(
+                    f"{name!r} is not kept as a parameter",
+                    where="parameters",
+                    remedy=nearest(name, self.parameters)
+                    if self.parameters
+                    else f"robot.compiled(parameters=[{name!r}])",
+                )
+        arrays = {}
+        for name in self.parameters:
+            value = np.asarray(given.get(name, nominal(self.robot.model, name)))
+            arrays[name] = array(f"parameters[{name!r}]", value[..., None], 1)
+        return arrays
+
+    def _slowly(self, name: str, arrays: dict[str, Array]) -> Array:
+        """What the guard found: an argument to refuse, or angles beyond our sine, which Pinocchio answers."""
+        robot = self.robot
+        for key, value in arrays.items():
+            size = value.shape[-1]
+            configuration(key, value, size, robot.joints) if key == "q" else array(key, value, size)
+        if self.parameters or name not in _BY_PINOCCHIO:
+            raise QueryError(
+                f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad",
+                where=f"compiled {name}",
+                remedy="wrap the angles, or check the values",
+            )
+        values = [a for k, a in arrays.items() if k in ("q", "v", "tau", "a")]
+        wrenches = {k.removeprefix("f_ext:"): a for k, a in arrays.items() if k.startswith("f_ext:")}
+        options: dict[str, Any] = {"f_ext": wrenches} if wrenches else {}
+        options["engine"] = "pinocchio"
+        if name == "forward_dynamics":
+            options["method"] = "crba" if robot.has_mimic else "aba"
+        answer = getattr(robot, name)(*values, **options)
+        return np.stack(answer, axis=-1) if name == "energy" else np.asarray(answer)
+
+
+def shaped(name: str, value: ArrayLike, size: int) -> Array:
+    """`value` as float64 of shape (..., size); its entries are the guard's business."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim and value.shape[-1] == size:
+        return value
+    return array(name, value, size)
+
+
+def columns_or_rows(a: Array, batch: tuple[int, ...]) -> Array:
+    """(n, size) of the batch: as it is where its memory holds one state a column or a row, else copied to rows."""
+    if len(batch) == 1 and a.ndim == 2 and len(a) == batch[0] and (a.flags.f_contiguous or a.flags.c_contiguous):
+        return a
+    return rows(a, batch)

@@ -1,0 +1,197 @@
+"""Kernels: a function traced over a robot's constants and compiled by heyoka, and calling it on batches.
+
+Every check of the values is compiled into the kernel as one more output, the guard: a number that is finite if and
+only if all inputs and outputs are, all angles are within reach of our sine, and quaternions and (cos, sin) pairs have
+length 1. A batch whose guard is not finite is answered by the slow path, which looks at each value.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics import sincos
+from twolink.dynamics.arguments import UNIT_TOLERANCE
+from twolink.dynamics.counting import Tape
+from twolink.dynamics.functions import Function
+from twolink.dynamics.mechanism import mechanism
+from twolink.dynamics.threads import thread_count
+from twolink.robots.layout import joint_layouts
+
+CHUNK_BYTES = 2**20  # of inputs and outputs together: they stay in the second-level cache
+THREADS_FROM = 1_000_000  # operations in a call from which heyoka's threads pay (scripts/bench_queries.py)
+SINE = 20  # operations of our sine or cosine
+
+_local = threading.local()
+_threads_lock = threading.Lock()
+
+
+def heyoka() -> Any:
+    """The heyoka module, or None where it is not installed (there are wheels for Linux only)."""
+    try:
+        import heyoka as module
+    except ImportError:
+        return None
+    return module
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A compiled function. `cfunc` takes the first argument as its variables, the others as its parameters.
+
+    sizes: entries of each argument, run-time parameters last, one each. operations: counted before compiling.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    sizes: tuple[int, ...]
+    cfunc: Any
+    operations: dict[str, int]
+    variant: int
+
+    @property
+    def work(self) -> int:
+        """Floating-point operations a state."""
+        return sum(n * (SINE if what in ("sin", "cos") else 1) for what, n in self.operations.items())
+
+    def __call__(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
+        """The results (n, *shape) for arguments (n, size) each; None when the guard found something to look at.
+
+        Arrays whose memory holds one state a column (transposed views) are taken as they are, and the result is such
+        a view; others go through cache-sized buffers.
+        """
+        if not len(arguments[0]):
+            return np.empty((0, *self.shape))
+        if all(_is_columns(a) for a in arguments):
+            return self._columns([a.T for a in arguments])
+        return self._rows(arguments)
+
+    def _columns(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
+        count = arguments[0].shape[1]
+        entries = math.prod(self.shape)
+        out = np.empty((entries + 1, count))
+        rest = arguments[1] if len(arguments) == 2 else np.concatenate(arguments[1:]) if arguments[1:] else None
+        self._evaluate(arguments[0], rest, out)
+        if not math.isfinite(out[-1].sum()):
+            return None
+        return out[:-1].T.reshape(count, *self.shape) if len(self.shape) != 1 else out[:-1].T
+
+    def _rows(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
+        count, entries = len(arguments[0]), math.prod(self.shape)
+        width = sum(self.sizes) + entries + 1
+        chunk = min(count, max(512, CHUNK_BYTES // (8 * width) // 256 * 256))
+        result = np.empty((count, entries))
+        for start in range(0, count, chunk):
+            stop = min(start + chunk, count)
+            first, rest, out = self._buffers(stop - start, entries)
+            first[:] = arguments[0][start:stop].T
+            row = 0
+            for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
+                rest[row : row + size] = values[start:stop].T
+                row += size
+            self._evaluate(first, rest if row else None, out)
+            if not math.isfinite(out[-1].sum()):
+                return None
+            for k in range(entries):  # a column at a time: four times faster than one transposed copy
+                result[start:stop, k] = out[k]
+        return result.reshape(count, *self.shape)
+
+    def _buffers(self, count: int, entries: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """This thread's buffers for `count` states, kept from call to call."""
+        rows = (self.sizes[0], sum(self.sizes[1:]), entries + 1)
+        key = (count, *rows)
+        if getattr(_local, "key", None) != key:
+            _local.key, _local.buffers = key, tuple(np.empty((n, count)) for n in rows)
+        buffers: tuple[np.ndarray, np.ndarray, np.ndarray] = _local.buffers
+        return buffers
+
+    def _evaluate(self, first: np.ndarray, rest: np.ndarray | None, out: np.ndarray) -> None:
+        parallel = first.shape[1] * self.work >= THREADS_FROM and _limit_threads() > 1
+        pars = {} if rest is None else {"pars": rest}
+        self.cfunc(first, outputs=out, batch_parallel=parallel, **pars)
+
+
+def _is_columns(a: np.ndarray) -> bool:
+    return a.ndim == 2 and a.flags.f_contiguous and not (a.flags.c_contiguous and a.shape[1] > 1)
+
+
+def _limit_threads() -> int:
+    """Keep heyoka to TWOLINK_THREADS; returns how many."""
+    threads, module = thread_count(), heyoka()
+    if module.get_nthreads() != threads:
+        with _threads_lock:
+            module.set_nthreads(threads)
+    return threads
+
+
+class _Recorder:
+    """The namespace of sin, cos, sqrt for tracing; it remembers the angles, which the guard bounds."""
+
+    def __init__(self, sqrt: Any) -> None:
+        self.sqrt = sqrt
+        self.angles: dict[str, Any] = {}
+
+    def sin(self, x: Any) -> Any:
+        self.angles[str(x)] = x
+        return sincos.sin_cos(x)[0]
+
+    def cos(self, x: Any) -> Any:
+        self.angles[str(x)] = x
+        return sincos.sin_cos(x)[1]
+
+
+def count_operations(model: pin.Model, function: Function, parameters: Sequence[str] = ()) -> list[dict[str, int]]:
+    """The operations of each of the function's variants, by kind."""
+    counts = []
+    for trace in function.variants:
+        tape = Tape()
+        arguments: dict[str, Any] = {name: [tape.variable() for _ in range(size)] for name, size in function.arguments}
+        mech = mechanism(model, {name: tape.variable() for name in parameters})
+        counts.append(tape.count(trace(mech, arguments, tape)))
+    return counts
+
+
+def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) -> Kernel:
+    """Trace the function's cheapest variant over the model's constants, and compile it.
+
+    parameters: physical constants kept as run-time inputs (names: `mechanism.parameter_names`).
+    """
+    module = heyoka()
+    counts = count_operations(model, function, parameters)
+    variant = min(range(len(counts)), key=lambda i: sum(counts[i].values()))
+    first, *others = function.arguments
+    variables = [module.expression(f"x{i}") for i in range(first[1])]
+    index = iter(range(10**9))
+    arguments: dict[str, Sequence[Any]] = {first[0]: variables}
+    arguments.update({name: [module.par[next(index)] for _ in range(size)] for name, size in others})
+    constants = {name: module.par[next(index)] for name in parameters}
+    recorder = _Recorder(module.sqrt)
+    entries = function.variants[variant](mechanism(model, constants), dict(arguments), recorder)
+    outputs = [e if isinstance(e, module.expression) else module.expression(float(e)) for e in entries]
+    inputs = [x for values in arguments.values() for x in values] + list(constants.values())
+    outputs.append(_guard(module, model, inputs, outputs, list(recorder.angles.values()), variables))
+    compiled = module.cfunc(outputs, vars=variables)
+    sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))
+    return Kernel(function.name, function.shape, sizes, compiled, counts[variant], variant)
+
+
+def _guard(
+    module: Any, model: pin.Model, inputs: list[Any], outputs: list[Any], angles: list[Any], q: list[Any]
+) -> Any:
+    """Finite if and only if all is well: the sum of everything, or NaN where a condition fails."""
+    total = module.sum([*inputs, *outputs])
+    conditions = [] if not angles else [(module.sum([a * a for a in angles]), sincos.LIMIT**2)]
+    for joint in joint_layouts(model):
+        if joint.unit is not None:
+            defect = module.sum([x * x for x in q[joint.unit]]) - 1.0
+            conditions.append((defect * defect, (2 * UNIT_TOLERANCE) ** 2))
+    nan = module.expression(math.nan)
+    for value, limit in conditions:
+        total = module.select(module.gt(value, module.expression(limit)), nan, total)
+    return total
