@@ -144,6 +144,10 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
         ({"accuracy": float("inf")}, AccuracyError, "got inf"),
         ({"accuracy": "high"}, AccuracyError, "got 'high'"),
         ({"samples": 0}, SceneError, "samples"),
+        ({"accuracy": 1e-13}, AccuracyError, "below what can be verified"),
+        ({"accuracy": 1e-20}, AccuracyError, "below what can be verified"),
+        ({"samples": "many"}, SceneError, "samples"),
+        ({"method": []}, SceneError, "is unknown"),
         ({"method": "dop835"}, SceneError, "did you mean 'dop853'"),
     ],
 )
@@ -159,6 +163,8 @@ def test_refusals(options: dict, kind: type, part: str) -> None:
         ({"v": [np.nan, 0]}, QueryError, "v: expected finite"),
         ({"q": [[0.0, 0.0]]}, SceneError, "one state"),
         ({"effects": ["gravity"]}, SceneError, "expected effects, got str"),
+        ({"effects": GRAVITY[0]}, SceneError, "expected a list of effects"),
+        ({"effects": None}, SceneError, "expected a list of effects"),
         ({"effects": GRAVITY * 2}, SceneError, "gravity is given twice"),
         ({"duration": -2}, SceneError, "above 0 s"),
     ],
@@ -209,3 +215,40 @@ def test_runs_in_threads_do_not_mix() -> None:
         t.join()
     assert len(results) == 6
     assert all(np.array_equal(q, alone.q) for q in results)
+
+
+def test_chaos_is_refused_whatever_is_asked() -> None:
+    """Nothing between 1e-3 and 1e-20 may be promised for 30 s of this motion, whose errors grow 1e15-fold."""
+    scene = tl.Scene(tl.load_robot("two_link"), q=[1.5, 0.3], effects=GRAVITY)
+    for accuracy in (1e-6, 1e-11, 1e-12, 1e-13, 1e-14):
+        with pytest.raises(AccuracyError):
+            tl.simulate(scene, 40.0, accuracy=accuracy, samples=10)
+
+
+def test_speeds_that_overflow_end_in_an_error_not_in_a_loop() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), v=[1e200, -1e200])
+    with pytest.raises(AccuracyError, match="not finite"):
+        tl.simulate(scene, 1.0)
+
+
+def test_interrupting_the_second_solution_says_so() -> None:
+    seen: list[float] = []
+
+    def stop(t: float) -> None:
+        if seen and t < seen[-1]:
+            raise KeyboardInterrupt
+        seen.append(t)
+
+    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, progress=stop)
+    assert run.interrupted
+    assert run.error is None
+    assert run.t[-1] == 1.0
+
+
+def test_wrong_types_are_named() -> None:
+    with pytest.raises(SceneError, match="expected a Scene, got str"):
+        tl.simulate("arm-swing")  # type: ignore[arg-type]
+    for field in ("abc", 5, (0.0, 0.0)):
+        with pytest.raises(SceneError, match="3 finite numbers"):
+            tl.effects.Gravity(field)  # type: ignore[arg-type]
+    assert tl.simulate(tl.load_scene("arm-swing"), 0.1, accuracy=np.float32(1e-3)).error is not None

@@ -132,8 +132,21 @@ def inspect(
         q, v = ("-" if a == b else f"{a}" if b == a + 1 else f"{a}:{b}" for a, b in (j["q"], j["v"]))
         typer.echo(f"{j['name']:<32}{j['kind']:<24}{q:>8}{v:>8}{j['mass']:>18.6g}")
     typer.echo(f"\n{loaded.report}")
+    typer.echo(f"\nbatches: {_engines(loaded)}")
     if second:
         typer.echo(f"\nsecond reading (yourdfpy): {second['text']}")
+
+
+def _engines(robot: Robot) -> str:
+    """How batches of queries are answered here."""
+    from twolink.dynamics.kernels import heyoka
+
+    module = heyoka()
+    if module is None:
+        return "by Pinocchio alone; heyoka, which compiles them, is not installed here"
+    ready = [name for name in ("forward_dynamics", "inverse_dynamics") if robot.compiled().is_ready(name)]
+    cached = f"; compiled already: {', '.join(ready)}" if ready else ""
+    return f"compiled by heyoka {module.__version__} where it pays, certified against Pinocchio{cached}"
 
 
 @app.command()

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 import tempfile
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from twolink.errors import TwolinkError, nearest
 
 Columns = dict[str, np.ndarray]
-T = TypeVar("T")
+SUFFIXES = (".csv", ".parquet", ".npz")
 
 
 def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
@@ -24,7 +24,7 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
-        raise TwolinkError(f"cannot be written: {error.strerror}", where=str(path), remedy="check the folder") from None
+        raise _unwritten(path, error, "check the folder") from None
     try:
         with os.fdopen(handle, "wb") as file:
             write(file)
@@ -34,57 +34,71 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
         os.replace(name, path)
     except OSError as error:
         Path(name).unlink(missing_ok=True)
-        raise TwolinkError(f"cannot be written: {error.strerror}", where=str(path), remedy="check the disk") from None
+        raise _unwritten(path, error, "check the disk") from None
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
     return path
 
 
+def _unwritten(path: Path, error: OSError, remedy: str) -> TwolinkError:
+    return TwolinkError(f"cannot be written: {error.strerror or error}", where=str(path), remedy=remedy)
+
+
 def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
     """Write equally long columns; `notes` are kept where the format has a place for them (not in .csv)."""
-    writer = _choose(path, {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz})
+    writer = {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz}[require_format(path)]
     return write_whole(path, lambda file: writer(file, columns, notes))
 
 
 def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     """Columns and notes of a file written by `write_table`."""
-    reader = _choose(path, {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz})
+    reader = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz}[require_format(path)]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)
     except OSError as error:
         detail = error.strerror or "it is damaged"
         raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
-    except (ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise TwolinkError(f"cannot be read: {error}", where=str(path), remedy="save it again") from None
+    except Exception as error:  # whatever a back end raises for a damaged file
+        detail = " ".join(str(error).split()) or type(error).__name__
+        raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy="save it again") from None
 
 
-def _choose(path: Path, by_suffix: dict[str, T]) -> T:
-    if path.suffix not in by_suffix:
+def require_format(path: Path, known: Iterable[str] = SUFFIXES) -> str:
+    """The ending of a path in small letters. Raises TwolinkError when it is none of the known."""
+    suffix, endings = path.suffix.lower(), tuple(known)
+    if suffix not in endings:
         raise TwolinkError(
             f"{path.suffix or 'no ending'!r} is not a format we know",
             where=str(path),
-            remedy=nearest(path.suffix, by_suffix),
+            remedy=nearest(suffix, endings),
         )
-    return by_suffix[path.suffix]
+    return suffix
 
 
 def _write_csv(file: BinaryIO, columns: Columns, _notes: Mapping[str, str]) -> None:
-    lines = [
-        ",".join(columns),
-        *(",".join(map(repr, row)) for row in np.column_stack([*columns.values()]).tolist()),
-    ]
-    file.write(("\n".join(lines) + "\n").encode())
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(np.column_stack([*columns.values()]).tolist())  # floats in their shortest exact form
+    file.write(text.getvalue().encode())
 
 
 def _read_csv(path: Path) -> tuple[Columns, dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if row]
     if not rows:
         raise ValueError("it is empty")
-    values = np.array([[float(x) for x in row] for row in rows[1:]]).reshape(-1, len(rows[0]))
-    return dict(zip(rows[0], values.T, strict=True)), {}
+    header = rows[0]
+    repeated = next((name for i, name in enumerate(header) if name in header[:i]), None)
+    if repeated is not None:
+        raise ValueError(f"column {repeated!r} is there twice")
+    uneven = next((i for i, row in enumerate(rows) if len(row) != len(header)), None)
+    if uneven is not None:
+        raise ValueError(f"row {uneven} has {len(rows[uneven])} cells, the header has {len(header)}")
+    values = np.array([[float(x) for x in row] for row in rows[1:]]).reshape(-1, len(header))
+    return dict(zip(header, values.T, strict=True)), {}
 
 
 def _write_parquet(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:
@@ -109,6 +123,9 @@ def _write_npz(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> No
 
 
 def _read_npz(path: Path) -> tuple[Columns, dict[str, str]]:
-    with np.load(path, allow_pickle=False) as archive:
+    archive = np.load(path, allow_pickle=False)
+    if not isinstance(archive, np.lib.npyio.NpzFile):
+        raise ValueError("it is one array, not an archive of them")
+    with archive:
         notes = {k.removeprefix("note:"): str(archive[k]) for k in archive.files if k.startswith("note:")}
         return {k: archive[k] for k in archive.files if not k.startswith("note:")}, notes

@@ -17,6 +17,7 @@ from twolink.scenes.scene import duration_of
 from twolink.trajectory import Cost, Trajectory
 
 MAX_SAMPLES = 20_000_000
+CLOSER = 4.0  # how many times smaller the second solution's tolerance must be for its distance to tell the error
 
 
 def simulate(
@@ -40,6 +41,8 @@ def simulate(
 
     Raises AccuracyError when the accuracy cannot be kept, with the time up to which it is.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
     accuracy = _accuracy(accuracy)
     chosen = method_named(method)
     solver_class(chosen)  # imported before the clock starts
@@ -47,27 +50,30 @@ def simulate(
     space = StateSpace(scene.robot)
     rate = smooth_rate(scene, space)
     start = space.pack(scene.q, scene.v)
-    tolerance = accuracy / 10
+    tolerance = max(accuracy / 10, SMALLEST_TOLERANCE)
     solution, seconds = _timed(rate, start, times, chosen, tolerance, progress)
     if not verify or solution.interrupted:
         return _trajectory(scene, space, solution, None, _cost(chosen, tolerance, solution, seconds))
     verify_seconds = 0.0
     while True:
-        # The finer solution is 100 times closer by construction, so that its distance is the coarse one's error.
-        finer, more = _timed(rate, start, times, chosen, tolerance / 100, progress)
+        finer_tolerance = max(tolerance / 100, SMALLEST_TOLERANCE)
+        if finer_tolerance > tolerance / CLOSER:
+            raise _unreachable(accuracy)
+        # The finer solution is closer by construction: its distance is the coarse one's error, a quarter more or less.
+        finer, more = _timed(rate, start, times, chosen, finer_tolerance, progress)
         verify_seconds += more
         cost = replace(_cost(chosen, tolerance, solution, seconds), verify_seconds=verify_seconds)
         if finer.interrupted:
-            return _trajectory(scene, space, solution, None, cost)
+            return replace(_trajectory(scene, space, solution, None, cost), interrupted=True)
         error = space.distance(space.unpack(solution.x)[0], space.unpack(finer.x)[0])
         # A bar, not an estimate: it must not vanish where the difference happens to change its sign.
         error = np.maximum.accumulate(1.5 * error)
         error[1:] += accuracy / 100
         if error[-1] <= accuracy:
             return _trajectory(scene, space, solution, error, cost)
-        if tolerance / 100 <= SMALLEST_TOLERANCE:
+        if finer_tolerance / CLOSER < SMALLEST_TOLERANCE:
             raise _out_of_reach(accuracy, times, error)
-        solution, seconds, tolerance = finer, more, tolerance / 100
+        solution, seconds, tolerance = finer, more, finer_tolerance
 
 
 def smooth_rate(scene: Scene, space: StateSpace) -> Rate:
@@ -78,27 +84,39 @@ def smooth_rate(scene: Scene, space: StateSpace) -> Rate:
         raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False")
     if not space.curved:
 
-        def flat(_t: float, x: np.ndarray) -> np.ndarray:
-            return np.concatenate([x[nq:], pin.aba(model, data, x[:nq], x[nq:], tau)])
+        def flat(t: float, x: np.ndarray) -> np.ndarray:
+            return _finite(t, np.concatenate([x[nq:], pin.aba(model, data, x[:nq], x[nq:], tau)]))
 
         return flat
 
-    def curved(_t: float, x: np.ndarray) -> np.ndarray:
+    def curved(t: float, x: np.ndarray) -> np.ndarray:
         q, v = space.unpack(x)
-        return np.concatenate([space.rate(x[:nq], v), pin.aba(model, data, q, v, tau)])
+        return _finite(t, np.concatenate([space.rate(x[:nq], v), pin.aba(model, data, q, v, tau)]))
 
     return curved
 
 
+def _finite(t: float, rate: np.ndarray) -> np.ndarray:
+    """The rate, or an error: an integrator that is given NaN shortens its step for ever."""
+    if not math.isfinite(sum(rate.tolist())):
+        raise AccuracyError("the acceleration is not finite", where=f"t = {t:.6g} s",
+                            remedy="check forces, masses and the initial state")  # fmt: skip
+    return rate
+
+
 def _accuracy(value: float) -> float:
-    if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
         raise AccuracyError(f"expected a number above 0, got {value!r}", where="accuracy", remedy="such as 1e-6")
-    return float(value)
+    return number
 
 
 def _times(duration: float, samples: float) -> np.ndarray:
     """0, 1/samples, 2/samples, ... below the duration, and the duration itself."""
-    if not (math.isfinite(samples) and samples > 0):
+    if not (isinstance(samples, (int, float)) and math.isfinite(samples) and samples > 0):
         raise SceneError(f"expected a number above 0, got {samples!r}", where="samples", remedy="such as 200 a second")
     if duration * samples > MAX_SAMPLES:
         raise SceneError(
@@ -133,6 +151,15 @@ def _trajectory(
     q, v = space.unpack(solution.x)
     kinetic, potential = scene.robot.energy(q, v)
     return Trajectory(scene.robot, solution.t, q, v, kinetic + potential, error, cost, interrupted=solution.interrupted)
+
+
+def _unreachable(accuracy: float) -> AccuracyError:
+    least = 10 * CLOSER * SMALLEST_TOLERANCE
+    return AccuracyError(
+        f"{accuracy:g} is below what can be verified in double precision",
+        where="accuracy",
+        remedy=f"ask for {least:.1e} or more, or take the answer without an error bar: verify=False",
+    )
 
 
 def _out_of_reach(accuracy: float, times: np.ndarray, error: np.ndarray) -> AccuracyError:

@@ -1,5 +1,6 @@
 """Queries: identities of the equations of motion, second ways to a number, batches, wrenches, threads, errors."""
 
+import multiprocessing
 import threading
 from collections.abc import Callable
 
@@ -287,6 +288,7 @@ ERRORS = {
     "ragged": (lambda r: r.mass_matrix([[0, 0], [0]]), ["q: expected an array"]),
     "words": (lambda r: r.mass_matrix(["a", "b"]), ["q: expected real numbers"]),
     "None": (lambda r: r.bias(Z2, None), ["v: expected real numbers"]),
+    "mask": (lambda r: r.mass_matrix(np.ma.masked_array([0.0, 1.0], [0, 1])), ["q", "mask"]),
     "complex": (lambda r: r.mass_matrix([1j, 0]), ["q: expected real numbers, got complex128"]),
     "batches": (lambda r: r.bias(np.zeros((3, 2)), np.zeros((4, 2))), ["do not broadcast", "(3, 2)", "(4, 2)"]),
     "method": (lambda r: r.forward_dynamics(Z2, Z2, Z2, method="abba"), ["method", "did you mean 'aba'"]),
@@ -337,3 +339,17 @@ def test_values_near_overflow_still_get_their_answer() -> None:
     robot = tl.load_robot("two_link", gravity=(0, 0, 0))
     a = robot.forward_dynamics(np.zeros(2), np.zeros(2), np.array([1e160, 0.0]))
     np.testing.assert_allclose(a, 1e160 * robot.forward_dynamics(np.zeros(2), np.zeros(2), np.array([1.0, 0.0])))
+
+
+def _in_a_child(n: int) -> float:
+    robot = tl.load_robot("panda")
+    zero = np.zeros((n, 9))
+    return float(robot.forward_dynamics(zero, zero, zero, engine="pinocchio").sum())
+
+
+def test_a_forked_child_answers_batches() -> None:
+    """OpenMP's threads do not survive a fork: a child that waited for them would wait for ever."""
+    here = _in_a_child(200)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        there = pool.map_async(_in_a_child, [200, 200]).get(timeout=60)
+    np.testing.assert_allclose(there, here, rtol=1e-12)

@@ -95,6 +95,11 @@ BAD = {
     "ball joint": (swapped('"revolute"', '"ball"'), ["type 'ball' is unknown"]),
     "damping in words": (
         swapped("</joint>", '<dynamics damping="high"/></joint>'), ["joint 'hinge'", "'high' is not a number"]),
+    "planar normal": (swapped('"revolute"', '"planar"'), ["joint 'hinge'", "x-y plane", '<axis xyz="0 0 1"/>']),
+    "other digits": (swapped('mass value="2"', 'mass value="\u0662"'), ["is not a number"]),
+    "masses add up to infinity": (
+        robot(link("a", INERTIAL.replace('"2"', '"1.7e308"')), link("b", INERTIAL.replace('"2"', '"1.7e308"')),
+              joint("j", "a", "b")), ["masses add up"]),
     "entity": ('<!DOCTYPE robot [<!ENTITY a "x">]>' + GOOD, ["DOCTYPE"]),
     "billion laughs": (
         '<!DOCTYPE r [<!ENTITY a "' + "x" * 100 + '"><!ENTITY b "' + "&a;" * 99 + '">]><r>&b;</r>', ["DOCTYPE"]),
@@ -180,6 +185,8 @@ def test_too_many_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         (".", "no robot of this name"),
         ("/tmp", "directory"),
         ("x\0.urdf", "cannot be read"),
+        ("a" * 5_000, "no robot of this name"),
+        ("/dev/zero", "the limit is"),
     ],
 )
 def test_sources_that_are_none(source: str, part: str) -> None:
@@ -211,6 +218,9 @@ def test_binary_files_are_refused(tmp_path: Path) -> None:
         ({"lock": {"hinge": math.inf}}, "expected 1 finite number"),
         ({"lock": {"hinge": "shut"}}, "expected 1 finite number"),
         ({"unphysical": "ignore"}, "'ignore' is unknown"),
+        ({"lock": ["hinge"]}, "expected joints with their configurations"),
+        ({"lock": {1: 0.0}}, "no moving joint 1"),
+        ({"package_dirs": 5}, "expected folders"),
     ],
 )
 def test_bad_options(options: dict[str, object], part: str) -> None:

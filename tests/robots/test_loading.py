@@ -189,3 +189,68 @@ def test_gravity_and_mass() -> None:
     np.testing.assert_allclose(moon.gravity_torque(q) / earth.gravity_torque(q), 1.62 / 9.81, rtol=1e-14)
     assert earth.mass == 4.0
     assert np.array_equal(pin.neutral(earth.model), earth.neutral)
+
+
+def test_numbers_with_blanks_around_them_are_read_as_they_stand() -> None:
+    """Pinocchio's own parser drops the inertia of a link that has one."""
+    text = (TOP / "urdf" / "two_link.urdf").read_text()
+    padded = text.replace('mass value="3"', 'mass value=" 3 "').replace('iyy="0.25"', 'iyy=" 0.25 "')
+    assert tl.load_robot(padded).model == tl.load_robot(text).model
+
+
+def test_inertia_without_mass_counts() -> None:
+    rotor = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="0"/>
+    <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
+    <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+    assert tl.load_robot(rotor).mass_matrix([1.0, 0.0])[0, 0] == 2.0
+
+
+def test_text_in_memory_is_unicode_whatever_it_declares() -> None:
+    text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + (TOP / "urdf" / "two_link.urdf").read_text()[21:]
+    assert tl.load_robot(text.replace('"elbow"', '"coudé"')).joint_names == ("shoulder", "coudé")
+
+
+def test_typing_errors_are_named() -> None:
+    text = (TOP / "urdf" / "two_link.urdf").read_text()
+    odd = text.replace('<origin xyz="1 0 0"/>', '<origin xzy="1 0 0"/>', 1).replace(
+        '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><axis xyz="0 1 0"/>more', 1
+    )
+    said = " | ".join(str(f) for f in tl.load_robot(odd).report.ignored)
+    for part in ("xzy= in <origin>", "did you mean 'xyz'", "<axis> in <joint>", "the first one counts", "in <joint>"):
+        assert part in said
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("j2s6s200_joint_1", [3.0, 4.0]), ("j2s6s200_joint_1", [0.0, 0.0]), ("root_joint", [0] * 6 + [2])],
+)
+def test_locks_want_unit_values(name: str, value: list[float]) -> None:
+    root = "free" if name == "root_joint" else "fixed"
+    with pytest.raises(tl.errors.RobotError, match="expected length 1"):
+        tl.load_robot("kinova", root=root, lock={name: value})
+
+
+def test_locks_beyond_limits_are_reported() -> None:
+    report = tl.load_robot("panda", lock={"panda_joint1": 1000.0}).report
+    assert any("beyond their limits" in str(f) and "panda_joint1" in f.names for f in report.assumed)
+
+
+def test_robots_without_joints_answer_with_nothing() -> None:
+    robot = tl.load_robot("hector")
+    assert robot.mass_matrix([]).shape == (0, 0)
+    assert robot.forward_dynamics(np.zeros((5, 0)), np.zeros(0), []).shape == (5, 0)
+    assert robot.bias(np.zeros((0, 0)), []).shape == (0, 0)
+    run = tl.simulate(tl.Scene(robot), 0.1)
+    assert run.q.shape == (21, 0)
+
+
+def test_normalize_and_gravity_refuse_what_they_cannot_use() -> None:
+    robot = tl.load_robot("kinova")
+    for bad in ("a", np.zeros(3), 1.0):
+        with pytest.raises(tl.errors.QueryError, match="expected shape"):
+            robot.normalize(bad)  # type: ignore[arg-type]
+    with pytest.raises(tl.errors.QueryError, match="no direction"):
+        robot.normalize(np.zeros(9))
+    for field in ([np.nan] * 3, [1.0, 2.0]):
+        with pytest.raises(tl.errors.QueryError, match="3 finite numbers"):
+            robot.with_gravity(field)

@@ -75,6 +75,8 @@ BAD = {
     "value": (GOOD.replace("0.1", '"much"'), ["my.toml: q", "float", "str"]),
     "duration": (GOOD.replace("2.0", "-2.0"), ["my.toml: duration", "> 0"]),
     "effect": (GOOD.replace('"gravity"', '"gravty"'), ["effects[0]", "gravty"]),
+    "effect without type": (GOOD.replace('type = "gravity"', ""), ["effects[0]", "it has no type"]),
+    "long name": (GOOD.replace("two_link", "a" * 5_000), ["no robot of this name"]),
     "effect's key": (GOOD.replace("field", "feild"), ["effects[0]", "`feild`", "did you mean 'field'"]),
     "effect's shape": (GOOD.replace("[0.0, 0.0, -1.62]", "[0.0, -1.62]"), ["effects[0].field", "length 3"]),
     "not finite": (GOOD.replace("0.1", "nan"), ["my.toml: q", "nan"]),
@@ -96,3 +98,7 @@ def test_names_and_paths_that_do_not_exist(tmp_path: Path) -> None:
         tl.load_scene("arm_swing")
     with pytest.raises(SceneError, match="No such file"):
         tl.load_scene(tmp_path / "none.toml")
+    with pytest.raises(SceneError, match="a NoneType is not a scene"):
+        tl.load_scene(None)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="more than"):
+        tl.load_scene(Path("/dev/zero"))

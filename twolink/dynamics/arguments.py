@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ UNIT_TOLERANCE = 1e-8
 
 def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
     """`value` as finite float64 of shape (..., size). Raises QueryError that names the argument."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise QueryError("expected an array, got one with a mask", where=name, remedy="fill it: value.filled(...)")
     try:
         out = np.asarray(value)
     except ValueError:
@@ -84,6 +87,6 @@ def batch_shape(**arrays: np.ndarray) -> tuple[int, ...]:
 def rows(array: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:
     """The array broadcast to the batch and flattened to C-ordered rows (n, size); no copy where it already is."""
     if array.shape[:-1] == batch and array.flags.c_contiguous:
-        return array.reshape(-1, array.shape[-1])
+        return array.reshape(math.prod(batch), array.shape[-1])
     wide = np.broadcast_to(array, (*batch, array.shape[-1]))
-    return np.ascontiguousarray(wide).reshape(-1, array.shape[-1])
+    return np.ascontiguousarray(wide).reshape(math.prod(batch), array.shape[-1])

@@ -236,7 +236,7 @@ def _reach(model: pin.Model, q: np.ndarray) -> float:
 
 def _frame(model: pin.Model, q: np.ndarray, frame: str) -> tuple[pin.Data, int, float]:
     data = model.createData()
-    index = model.getFrameId(frame)
+    index = model.getFrameId(frame, pin.FrameType.BODY)
     pin.framesForwardKinematics(model, data, q)
     return data, index, _reach(model, q) + float(np.abs(data.oMf[index].translation).max()) + 1e-3
 

@@ -149,10 +149,10 @@ def _flat(matrices: Any) -> list[Scalar]:
 
 def frame_pose(model: pin.Model, frame: str) -> tuple[int, Pose]:
     """The joint that carries a link's frame, and where the frame sits there. Raises QueryError for an unknown frame."""
-    names = [f.name for f in model.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
+    names = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
     if frame not in names:
         raise QueryError(f"there is no frame {frame!r}", where="frame", remedy=nearest(frame, names))
-    found = next(f for f in model.frames if f.name == frame and f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME))
+    found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
     x, y, z = (tuple(row) for row in found.placement.rotation.tolist())
     return found.parentJoint, Pose(((x, y, z),), tuple(found.placement.translation.tolist()))
 

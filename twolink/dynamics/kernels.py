@@ -19,6 +19,7 @@ import pinocchio as pin
 from twolink.dynamics import sincos
 from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.counting import Tape
+from twolink.dynamics.forks import is_forked_child
 from twolink.dynamics.functions import Function
 from twolink.dynamics.mechanism import mechanism
 from twolink.dynamics.threads import thread_count
@@ -112,7 +113,7 @@ class Kernel:
         return buffers
 
     def _evaluate(self, first: np.ndarray, rest: np.ndarray | None, out: np.ndarray) -> None:
-        parallel = first.shape[1] * self.work >= THREADS_FROM and _limit_threads() > 1
+        parallel = first.shape[1] * self.work >= THREADS_FROM and not is_forked_child() and _limit_threads() > 1
         pars = {} if rest is None else {"pars": rest}
         self.cfunc(first, outputs=out, batch_parallel=parallel, **pars)
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
+from twolink.dynamics.forks import is_forked_child
 from twolink.dynamics.threads import thread_count
 from twolink.dynamics.wrench import Applied, joint_forces
 
@@ -57,7 +58,7 @@ def _parallel(
     third: np.ndarray,
 ) -> np.ndarray:
     threads = thread_count()
-    if len(q) >= PARALLEL_FROM:
+    if len(q) >= PARALLEL_FROM and not is_forked_child():
         out = np.empty((model.nv, len(q)), order="F")
         many(threads, _pool(model, threads), q.T, v.T, third.T, out)
         return out.T

@@ -51,7 +51,7 @@ def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
             remedy='such as {"tip": [fx, fy, fz, tx, ty, tz]}',
         )
     applied = []
-    names = [f.name for f in model.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
+    names = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
     for name, given in f_ext.items():
         if name not in names:
             raise QueryError(f"there is no frame {name!r}", where="f_ext", remedy=nearest(str(name), names))

@@ -17,7 +17,11 @@ class Gravity(Effect, frozen=True):
     field: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
-        if len(self.field) != 3 or not all(math.isfinite(g) for g in self.field):
+        try:
+            fits = len(self.field) == 3 and all(math.isfinite(g) for g in self.field)
+        except TypeError:
+            fits = False
+        if not fits:
             raise SceneError(
                 f"expected 3 finite numbers, got {self.field!r}",
                 where="gravity.field",

@@ -52,7 +52,7 @@ METHODS: dict[str, Method] = {
 
 def method_named(name: str) -> Method:
     """The method of this name; "auto" is the one for smooth scenes at high accuracy."""
-    key = "dop853" if name == "auto" else name
+    key = "dop853" if name == "auto" else str(name)
     if key not in METHODS:
         raise SceneError(f"{name!r} is unknown", where="method", remedy=nearest(str(name), ("auto", *METHODS)))
     return METHODS[key]

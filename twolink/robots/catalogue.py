@@ -130,9 +130,9 @@ def catalogue_names() -> tuple[str, ...]:
 
 def find(name: str) -> Entry:
     """The catalogue's entry of this name. Raises RobotError with the nearest name when there is none."""
-    own = our_urdfs() / f"{name}.urdf"
-    if name.isidentifier() and own.is_file():
-        return Entry(name, own, (own.parent,), "fixed", "twolink")
+    own = {path.stem: path for path in our_urdfs().glob("*.urdf")}
+    if name in own:
+        return Entry(name, own[name], (our_urdfs(),), "fixed", "twolink")
     share = examples_share()
     if name in _EXAMPLES and share is not None:
         relative, free = _EXAMPLES[name]

@@ -16,6 +16,22 @@ _KNOWN = {
     "inertial": {"origin", "mass", "inertia"},
     "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"},
 }
+_ATTRIBUTES = {
+    "robot": {"name", "version"},
+    "link": {"name", "type"},
+    "inertial": set(),
+    "joint": {"name", "type"},
+    "origin": {"xyz", "rpy"},
+    "mass": {"value"},
+    "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
+    "parent": {"link"},
+    "child": {"link"},
+    "axis": {"xyz"},
+    "limit": {"lower", "upper", "effort", "velocity"},
+    "dynamics": {"damping", "friction"},
+    "mimic": {"joint", "multiplier", "offset"},
+}
+_MANY = {"link", "joint", "material", "visual", "collision"}
 # Elements of other programs that are common and rightly not dynamics.
 _FOREIGN = {
     "transmission": "transmissions (rotor inertia and gearing are not modelled from them)",
@@ -66,29 +82,40 @@ def _ignored(tree: Tree, mimic: bool) -> list[Finding]:
             [j.name for j in moving if j.mimic is not None and j.mimic not in {k.name for k in tree.joints}],
         ),
         *named("collision shapes (there is no contact)", [k.name for k in links if k.element.first("collision")]),
-        *named("all but the first <inertial>", [k.name for k in links if len(k.element.all("inertial")) > 1]),
     ]
 
 
 def _foreign(tree: Tree) -> list[Finding]:
-    """Elements that are not URDF's, or that a typing error has made so."""
+    """Elements, attributes and text that are not URDF's, or that a typing error has made so."""
     foreign: Counter[str] = Counter()
-    unknown: Counter[str] = Counter()
+    odd: dict[str, list[str]] = {"unknown elements": [], "unknown attributes": [], "text": [], "repeated elements": []}
 
     def look(element: Element, level: str) -> None:
+        allowed = _ATTRIBUTES.get(level)
+        if allowed is not None:
+            odd["unknown attributes"] += [
+                f"{key}= in <{level}>, line {element.line} ({nearest(key, sorted(allowed))})"
+                for key in element.attributes
+                if key not in allowed and not key.startswith("xmlns")
+            ]
+            odd["text"] += [f"in <{level}>, line {element.line}"] if element.has_text else []
+        seen: set[str] = set()
         for child in element.children:
-            if child.tag in _KNOWN.get(level, ()):
-                look(child, child.tag)
-            elif child.tag in _FOREIGN:
+            if child.tag in _FOREIGN:
                 foreign[_FOREIGN[child.tag]] += 1
-            elif level in _KNOWN:
-                unknown[f"<{child.tag}> in <{level}> ({nearest(child.tag, sorted(_KNOWN[level]))})"] += 1
+                continue
+            if level in _KNOWN and child.tag not in _KNOWN[level]:
+                hint = nearest(child.tag, sorted(_KNOWN[level]))
+                odd["unknown elements"].append(f"<{child.tag}> in <{level}> ({hint})")
+                continue
+            if level in _KNOWN and child.tag in seen and child.tag not in _MANY:
+                odd["repeated elements"].append(f"<{child.tag}> in <{level}>, line {child.line}: the first one counts")
+            seen.add(child.tag)
+            look(child, child.tag)
 
     look(tree.element, "robot")
     found = [Finding("ignored", f"{count} x {what}") for what, count in foreign.items()]
-    if unknown:
-        found.append(Finding("ignored", "unknown elements", tuple(unknown)))
-    return found
+    return found + [Finding("ignored", what, tuple(dict.fromkeys(names))) for what, names in odd.items() if names]
 
 
 def _repaired(tree: Tree) -> list[Finding]:
@@ -109,7 +136,7 @@ def _assumed(tree: Tree, root: str) -> list[Finding]:
         *named("links without <inertial> have no mass", bare),
         *named(
             "joints without <axis> turn or slide along x",
-            [j.name for j in moving if j.axis is None and j.type not in ("floating",)],
+            [j.name for j in moving if j.axis is None and j.type != "floating"],
         ),
         *named(
             "limits without lower or upper: taken as 0",

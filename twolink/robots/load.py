@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,9 @@ import pinocchio as pin
 
 from twolink.errors import RobotError, nearest
 from twolink.robots import catalogue, meshes, physics
+from twolink.robots.canonical import canonical
 from twolink.robots.findings import findings
+from twolink.robots.layout import joint_layouts
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.report import Finding, LoadReport
 from twolink.robots.tree import Tree, read_tree
@@ -35,6 +38,7 @@ class _Source:
     data: bytes
     path: Path | None
     entry: catalogue.Entry | None
+    encoding: str | None = None
 
 
 def load_model(
@@ -53,18 +57,18 @@ def load_model(
     _require_choice("unphysical", unphysical, ("refuse", "report"))
     field = _gravity(gravity)
     read = _open(source)
-    tree = read_tree(parse_xml(read.data, read.label), read.label)
+    tree = read_tree(parse_xml(read.data, read.label, read.encoding), read.label)
     if mimic:
         _check_mimic(tree)
     full = _build(tree, read, root, mimic)
-    _check_against_tree(full, tree, read.label)
+    _check_against_tree(full, tree, read.label, root)
     locked, reference = _locked(full, lock or {})
     model = _reduced(full, locked, reference)
     model.gravity.linear = field
-    found = physics.check_bodies(tree, model, unphysical)
+    found = physics.check_bodies(tree, full, unphysical)
     physics.check_invertible(tree, model)
     base = None if read.path is None else read.path.parent
-    dirs = meshes.search_path([Path(d) for d in package_dirs], read.path, catalogue.examples_share())
+    dirs = meshes.search_path(_folders(package_dirs), read.path, catalogue.examples_share())
     report = LoadReport(
         read.label,
         (
@@ -73,6 +77,7 @@ def load_model(
             *findings(tree, root=root, mimic=mimic, reduced=bool(locked)),
             *_mesh_findings(tree, dirs, base),
             *_choices(read, root, lock, field),
+            *_beyond_limits(full, locked, reference),
         ),
     )
     visuals = Visuals(meshes.without_missing(tree.element, dirs, base), full, locked, reference)
@@ -83,7 +88,7 @@ def load_model(
 def _open(source: str | os.PathLike[str]) -> _Source:
     """Text when it looks like XML, a file when it looks like a path, else a catalogue name."""
     if isinstance(source, str) and "<" in source:
-        return _Source("URDF text", source.encode("utf-8", "surrogatepass"), None, None)
+        return _Source("URDF text", source.encode("utf-8", "surrogatepass"), None, None, "utf-8")
     if not isinstance(source, (str, os.PathLike)):
         raise RobotError(
             f"a {type(source).__name__} is not a robot",
@@ -91,10 +96,10 @@ def _open(source: str | os.PathLike[str]) -> _Source:
             remedy="pass a name, a path or URDF text",
         )
     text = os.fspath(source)
-    looks_like_path = isinstance(source, os.PathLike) or os.sep in text or text.endswith((".urdf", ".xml", ".xacro"))
-    if not text.strip():
+    if not isinstance(text, str) or not text.strip():
         raise RobotError("the source is empty", where="load_robot", remedy="pass a name, a path or URDF text")
-    if not looks_like_path and not (Path(text).is_file() and text not in catalogue.catalogue_names()):
+    looks_like_path = isinstance(source, os.PathLike) or os.sep in text or text.endswith((".urdf", ".xml", ".xacro"))
+    if not looks_like_path and (text in catalogue.catalogue_names() or not os.path.isfile(text)):
         entry = catalogue.find(text)
         return _Source(entry.path.name, _read_bytes(entry.path), entry.path, entry)
     path = Path(text)
@@ -102,30 +107,28 @@ def _open(source: str | os.PathLike[str]) -> _Source:
 
 
 def _read_bytes(path: Path) -> bytes:
+    """The file, of which no more is read than may be: some have no size, and no end."""
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise RobotError(
-                f"{path.stat().st_size} bytes, the limit is {MAX_BYTES}",
-                where=str(path),
-                remedy="a URDF is text; keep meshes in files of their own",
-            )
-        return path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         detail = getattr(error, "strerror", None) or str(error)
         raise RobotError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+    return data
 
 
 def _build(tree: Tree, read: _Source, root: str, mimic: bool) -> pin.Model:
     """Pinocchio's model, built on a thread whose stack holds the deepest tree we let through."""
     names = {j.name for j in tree.joints}
-    reserved = "root_joint" if root == "free" else "universe"
-    if reserved in names:
+    own = ("universe", "root_joint") if root == "free" else ("universe",)
+    reserved = next((name for name in own if name in names), None)
+    if reserved is not None:
         raise RobotError(
             f"Pinocchio keeps the joint name {reserved!r} for itself",
             where=read.label,
             remedy="rename the joint",
         )
-    arguments = [tree.element.to_xml(), *([pin.JointModelFreeFlyer()] if root == "free" else []), mimic]
+    arguments = [canonical(tree), *([pin.JointModelFreeFlyer()] if root == "free" else []), mimic]
     result: list[pin.Model | Exception] = []
 
     def work() -> None:
@@ -151,33 +154,33 @@ def _build(tree: Tree, read: _Source, root: str, mimic: bool) -> pin.Model:
     return result[0]
 
 
-def _check_against_tree(model: pin.Model, tree: Tree, label: str) -> None:
-    """Compare what Pinocchio made with our own reading: joints, mass and placements.
+def _check_against_tree(model: pin.Model, tree: Tree, label: str, root: str) -> None:
+    """Compare what Pinocchio made with our own reading: joints, masses and limits.
 
     It guards against anything the parser below drops or misreads without a word: a locale's decimal comma, say.
     """
-    built = {name for name in model.names if name not in ("universe", "root_joint")}
+    own = ("universe", "root_joint") if root == "free" else ("universe",)
+    built = {name for name in model.names if name not in own}
     expected = {j.name for j in tree.moving}
     if built != expected:
         odd = ", ".join(sorted(built ^ expected)[:5])
         raise RobotError(f"Pinocchio's joints differ from the file's: {odd}", where=label, remedy="report it to us")
+    remedy = "report it to us, with the locale in force"
     mass = sum(inertia.mass for inertia in model.inertias)
     written = sum(link.mass for link in tree.links.values())
+    if not math.isfinite(written):
+        raise RobotError("the masses add up to more than a double holds", where=label, remedy="correct them")
     if not abs(mass - written) <= 1e-9 * written:
-        raise RobotError(
-            f"Pinocchio read {mass} kg, the file says {written} kg",
-            where=label,
-            remedy="report it to us, with the locale in force",
-        )
+        raise RobotError(f"Pinocchio read {mass} kg, the file says {written} kg", where=label, remedy=remedy)
     for joint in tree.moving:
-        limits, index = joint.limits, model.getJointId(joint.name)
-        read = model.lowerPositionLimit[model.idx_qs[index]] if model.nqs[index] == 1 else None
-        if limits is not None and read is not None and abs(read - limits[0]) > 1e-9 * max(1, abs(limits[0])):
-            raise RobotError(
-                f"Pinocchio read the lower limit {read}, the file says {limits[0]}",
-                where=joint.where,
-                remedy="report it to us, with the locale in force",
-            )
+        index = model.getJointId(joint.name)
+        if joint.limits is None or model.nqs[index] != 1:
+            continue
+        start = model.idx_qs[index]
+        read = (model.lowerPositionLimit[start], model.upperPositionLimit[start])
+        if any(abs(r - w) > 1e-9 * max(1, abs(w)) for r, w in zip(read, joint.limits, strict=True)):
+            what = f"Pinocchio read the limits {read}, the file says {joint.limits}"
+            raise RobotError(what, where=joint.where, remedy=remedy)
 
 
 def _check_mimic(tree: Tree) -> None:
@@ -193,26 +196,43 @@ def _check_mimic(tree: Tree) -> None:
 
 def _locked(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
     """Indices of the joints to lock, and a configuration that holds their values."""
+    if not isinstance(lock, Mapping):
+        raise RobotError(f"expected joints with their configurations, got {lock!r}", where="lock",
+                         remedy="such as {'elbow': 0.5}")  # fmt: skip
     reference = np.asarray(pin.neutral(model))
-    indices = []
+    layouts = {joint.name: joint for joint in joint_layouts(model)}
     for name, value in lock.items():
-        if name not in list(model.names)[1:]:
-            raise RobotError(
-                f"there is no moving joint {name!r} to lock",
-                where="lock",
-                remedy=nearest(name, list(model.names)[1:]),
-            )
-        index = model.getJointId(name)
-        start, size = model.idx_qs[index], model.nqs[index]
+        if name not in layouts:
+            what = f"there is no moving joint {name!r} to lock"
+            raise RobotError(what, where="lock", remedy=nearest(str(name), list(layouts)))
+        joint = layouts[name]
+        size = joint.q.stop - joint.q.start
         values = _numbers(value)
-        if size == 2 and values.size == 1:  # a continuous joint is locked at an angle
+        if joint.kind == "cos-sin" and values.size == 1:  # a continuous joint is locked at an angle
             values = np.array([np.cos(values[0]), np.sin(values[0])])
         if values.shape != (size,) or not np.isfinite(values).all():
             expected = f"expected {size} finite number{'s' if size > 1 else ''}"
             raise RobotError(f"{expected}, got {value!r}", where=f"lock[{name!r}]", remedy="give its configuration")
-        reference[start : start + size] = values
-        indices.append(index)
-    return tuple(sorted(indices)), reference
+        reference[joint.q] = values
+        if joint.unit is not None and not abs(np.linalg.norm(reference[joint.unit]) - 1) <= 1e-8:
+            length = float(np.linalg.norm(reference[joint.unit]))
+            what = f"quaternion or (cos, sin), expected length 1, got {length:.12g}"
+            raise RobotError(what, where=f"lock[{name!r}]", remedy="divide it by its length")
+    return tuple(sorted(layouts[name].index for name in lock)), reference
+
+
+def _beyond_limits(model: pin.Model, locked: tuple[int, ...], reference: np.ndarray) -> list[Finding]:
+    names = [
+        model.names[j]
+        for j in locked
+        if model.nqs[j] == 1
+        and not (
+            model.lowerPositionLimit[model.idx_qs[j]]
+            <= reference[model.idx_qs[j]]
+            <= model.upperPositionLimit[model.idx_qs[j]]
+        )
+    ]
+    return [Finding("assumed", "joints locked beyond their limits", tuple(names))] if names else []
 
 
 def _reduced(model: pin.Model, locked: tuple[int, ...], reference: np.ndarray) -> pin.Model:
@@ -237,11 +257,21 @@ def _gravity(gravity: Sequence[float]) -> np.ndarray:
     return field
 
 
+def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:
+    try:
+        if isinstance(package_dirs, (str, os.PathLike)):
+            return [Path(package_dirs)]
+        return [Path(d) for d in package_dirs]
+    except TypeError:
+        raise RobotError(f"expected folders, got {package_dirs!r}", where="package_dirs",
+                         remedy='such as ["/opt/ros/share"]') from None  # fmt: skip
+
+
 def _numbers(value: object) -> np.ndarray:
     """A value as an array of one axis or more; an empty one when it holds no numbers."""
     try:
         return np.atleast_1d(np.asarray(value, dtype=float))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return np.empty(0)
 
 

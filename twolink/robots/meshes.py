@@ -32,9 +32,14 @@ def missing(robot: Element, package_dirs: Sequence[Path], base: Path | None) -> 
 
 
 def without_missing(robot: Element, package_dirs: Sequence[Path], base: Path | None) -> str:
-    """The URDF as text, visuals only, with found meshes by full path and the visuals of the others left out."""
-    out = Element("robot", dict(robot.attributes), robot.line, [c for c in robot.children if c.tag != "link"])
-    out.children = [c for c in out.children if c.tag in ("joint", "material")]
+    """The URDF as text, visuals only, with found meshes by full path and the visuals of the others left out.
+
+    A material is defined where it first stands, for all visuals after it: one that stands in a visual left out moves up
+    to the robot.
+    """
+    out = Element("robot", dict(robot.attributes), robot.line, [])
+    out.children = [c for c in robot.children if c.tag in ("joint", "material")]
+    out.children += _orphaned_materials(robot, package_dirs, base)
     for link in robot.all("link"):
         kept = [c for c in link.children if c.tag == "inertial"]
         kept += [v for v in (_located(v, package_dirs, base) for v in link.all("visual")) if v is not None]
@@ -54,6 +59,21 @@ def _located(visual: Element, package_dirs: Sequence[Path], base: Path | None) -
     shape = Element("geometry", {}, geometry.line, [located])
     rest = [c for c in visual.children if c.tag != "geometry"]
     return Element("visual", visual.attributes, visual.line, [*rest, shape])
+
+
+def _orphaned_materials(robot: Element, package_dirs: Sequence[Path], base: Path | None) -> list[Element]:
+    """The materials that others may use by name and that are defined in a visual that is left out."""
+    known = {material.attributes.get("name", "") for material in robot.all("material")}
+    orphaned = []
+    for visual in (visual for link in robot.all("link") for visual in link.all("visual")):
+        material = visual.first("material")
+        name = "" if material is None else material.attributes.get("name", "")
+        if material is None or not material.children or not name or name in known:
+            continue
+        known.add(name)
+        if _located(visual, package_dirs, base) is None:
+            orphaned.append(material)
+    return orphaned
 
 
 def _visual_meshes(robot: Element) -> Iterable[Element]:

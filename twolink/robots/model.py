@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import pinocchio as pin
 
+from twolink.errors import QueryError
 from twolink.robots.layout import JointLayout, joint_layouts
 from twolink.robots.report import LoadReport
 
@@ -81,16 +82,28 @@ class RobotModel:
 
     def normalize(self, q: np.ndarray) -> np.ndarray:
         """q (..., nq) with its quaternions and (cos, sin) pairs scaled to length 1, as a new array."""
-        out = np.array(q, dtype=float)
+        try:
+            out = np.array(q, dtype=float)
+        except (TypeError, ValueError):
+            out = np.empty(0)
+        if out.ndim == 0 or out.shape[-1] != self.nq:
+            raise QueryError(f"expected shape (..., {self.nq})", where="q", remedy="give configurations")
         for joint in self.joints:
             if joint.unit is not None:
-                out[..., joint.unit] /= np.linalg.norm(out[..., joint.unit], axis=-1, keepdims=True)
+                length = np.linalg.norm(out[..., joint.unit], axis=-1, keepdims=True)
+                if not np.all(length > 0):
+                    what = f"entries {joint.unit.start}:{joint.unit.stop} of joint {joint.name!r} have no direction"
+                    raise QueryError(what, where="q", remedy="give a quaternion or a (cos, sin) pair")
+                out[..., joint.unit] /= length
         return out
 
     def with_gravity(self, gravity: np.ndarray) -> Self:
         """The same robot in another gravity field (3,), m/s^2."""
+        field = np.asarray(gravity, dtype=float)
+        if field.shape != (3,) or not np.isfinite(field).all():
+            raise QueryError(f"expected 3 finite numbers, got {gravity!r}", where="gravity", remedy="give m/s^2")
         model = self.model.copy()
-        model.gravity.linear = np.asarray(gravity, dtype=float)
+        model.gravity.linear = field
         return type(self)(self.name, model, self.report, self.visuals)
 
     def visual_model(self) -> pin.GeometryModel:

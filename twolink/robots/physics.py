@@ -42,6 +42,8 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[Finding]
     """
     for joint in range(model.njoints):
         inertia = model.inertias[joint]
+        if not np.isfinite(inertia.inertia).all():
+            raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
         if unphysical == "refuse" and (
             semidefinite_defect(inertia.inertia, inertia.mass) < 0 or triangle_excess(inertia.inertia, inertia.mass) > 0
         ):
@@ -89,10 +91,9 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     by: D_i = S_i^T I^A_i S_i (Featherstone 2008, eq. 7.44). A pivot that is zero next to M_ii in every one of
     several configurations belongs to a massless leaf, or to links without inertia about the joint's axis.
     """
-    data = model.createData()
     smallest = np.zeros(model.nv)
     for q in _configurations(model):
-        matrix = pin.crba(model, data, q)
+        matrix = pin.crba(model, model.createData(), q)  # a new data each: mimic joints add to what it holds
         smallest = np.maximum(smallest, _relative_pivots(matrix))
     bad = np.flatnonzero(smallest <= 1e-15 * model.nv)
     if bad.size == 0:

@@ -63,8 +63,8 @@ class Reader:
 
     def name(self, element: Element, owner: str = "") -> str:
         """The name of a link or joint; for a part of one, `owner` says whose."""
-        value = element.attributes.get("name", "").strip()
-        if not value:
+        value = element.attributes.get("name", "")
+        if not value.strip():
             what = f"<{element.tag}> has no name"
             raise RobotError(what, where=self.where(element, owner), remedy='add name="..."')
         return value
@@ -105,15 +105,15 @@ class Reader:
     def reference(self, joint: Element, tag: str, owner: str) -> str:
         """The link named by a joint's <parent> or <child>."""
         element = joint.first(tag)
-        name = "" if element is None else element.attributes.get("link", "").strip()
-        if not name:
+        name = "" if element is None else element.attributes.get("link", "")
+        if not name.strip():
             raise RobotError(f"it has no <{tag} link=...>", where=self.where(joint, owner), remedy="add it")
         return name
 
 
 def _number(text: str, shown: str, where: str) -> float:
     try:
-        if "_" in text:  # float() takes 1_000, URDF does not
+        if "_" in text or not text.isascii():  # float() takes 1_000 and other scripts' digits, URDF does not
             raise ValueError(text)
         return float(text)
     except ValueError:
@@ -172,6 +172,8 @@ def read_joint(reader: Reader, element: Element) -> Joint:
         raise RobotError(f"parent and child are both {parent!r}", where=where, remedy="connect two links")
     reader.pose(element, owner)
     axis = _axis(reader, element, owner) if kind in _WITH_AXIS else None
+    if kind == "planar":
+        _require_planar_axis(axis, where)
     damping = friction = 0.0
     dynamics = element.first("dynamics")
     if dynamics is not None:
@@ -181,7 +183,7 @@ def read_joint(reader: Reader, element: Element) -> Joint:
     if mimic is not None:
         reader.number(mimic, "multiplier", owner, 1.0)
         reader.number(mimic, "offset", owner, 0.0)
-    target = None if mimic is None else mimic.attributes.get("joint", "").strip()
+    target = None if mimic is None else mimic.attributes.get("joint", "")
     limits = _limits(reader, element, owner, kind)
     return Joint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
 
@@ -198,6 +200,17 @@ def _axis(reader: Reader, joint: Element, owner: str) -> Vector | None:
             remedy='give one, such as <axis xyz="0 0 1"/>',
         )
     return axis
+
+
+def _require_planar_axis(axis: Vector | None, where: str) -> None:
+    """A planar joint's axis is its plane's normal; Pinocchio moves in x-y, whatever the axis says."""
+    normal = (1.0, 0.0, 0.0) if axis is None else axis
+    if not (normal[0] == normal[1] == 0.0 and normal[2] > 0.0):
+        raise RobotError(
+            f"a planar joint with the normal {normal}: Pinocchio's moves in the x-y plane of its frame",
+            where=where,
+            remedy='turn its <origin> so that the normal is <axis xyz="0 0 1"/>',
+        )
 
 
 def _limits(reader: Reader, joint: Element, owner: str, kind: str) -> tuple[float, float] | None:

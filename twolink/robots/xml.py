@@ -24,6 +24,7 @@ class Element:
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
+    has_text: bool = False
 
     def all(self, tag: str) -> list[Element]:
         """The children with this tag, in order."""
@@ -34,7 +35,7 @@ class Element:
         return next((child for child in self.children if child.tag == tag), None)
 
     def to_xml(self) -> str:
-        """The element as XML text (text content is not kept: URDF has none)."""
+        """The element as XML text (text is not kept: URDF has none)."""
         attributes = "".join(f" {escape(k)}={quoteattr(v)}" for k, v in self.attributes.items())
         if not self.children:
             return f"<{self.tag}{attributes}/>"
@@ -44,14 +45,15 @@ class Element:
 class _Builder:
     """Collects expat's events into Elements, and stops at the limits."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, encoding: str | None) -> None:
         self.source = source
         self.root: Element | None = None
         self.stack: list[Element] = []
         self.count = 0
-        self.parser = expat.ParserCreate()
+        self.parser = expat.ParserCreate(encoding)
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
+        self.parser.CharacterDataHandler = self.text
         self.parser.StartDoctypeDeclHandler = self.doctype
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -67,6 +69,10 @@ class _Builder:
             self.root = element
         self.stack.append(element)
 
+    def text(self, data: str) -> None:
+        if self.stack and not data.isspace():
+            self.stack[-1].has_text = True
+
     def end(self, _tag: str) -> None:
         self.stack.pop()
 
@@ -78,8 +84,8 @@ class _Builder:
         )
 
 
-def parse_xml(data: bytes, source: str) -> Element:
-    """Parse XML bytes. `source` is the name used in errors.
+def parse_xml(data: bytes, source: str, encoding: str | None = None) -> Element:
+    """Parse XML bytes. `source` is the name used in errors; `encoding` overrules the one that the XML declares.
 
     Raises RobotError when the data is too large, not XML, has a DOCTYPE, or is nested absurdly.
     """
@@ -89,7 +95,7 @@ def parse_xml(data: bytes, source: str) -> Element:
             where=source,
             remedy="keep meshes in files of their own",
         )
-    builder = _Builder(source)
+    builder = _Builder(source, encoding)
     try:
         builder.parser.Parse(data, True)
     except expat.ExpatError as error:

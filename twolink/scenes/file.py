@@ -17,6 +17,7 @@ from twolink.effects import Gravity
 from twolink.errors import SceneError, TwolinkError, nearest
 from twolink.scenes.scene import Scene
 
+MAX_BYTES = 2**20
 Values = dict[str, float | list[float]]
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
@@ -51,7 +52,11 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
 
     Raises SceneError with the path of the key, what was expected, and the nearest right name.
     """
-    name = os.fspath(source)
+    try:
+        name = os.fspath(source)
+    except TypeError:
+        raise SceneError(f"a {type(source).__name__} is not a scene", where="load_scene",
+                         remedy="pass a name or a path") from None  # fmt: skip
     is_path = isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name
     if not is_path and name not in bundled_scenes():
         raise SceneError(
@@ -67,15 +72,25 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        text = data.decode("utf-8-sig")
     except (OSError, ValueError) as error:
         detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+    if len(data) > MAX_BYTES:
+        raise SceneError(f"more than {MAX_BYTES} bytes", where=str(path), remedy="keep samples in files of their own")
+    return text
 
 
 def _from_text(text: str, label: str, folder: Path | None) -> Scene:
     try:
-        content = msgspec.convert(tomllib.loads(text), SceneFile)
+        table = tomllib.loads(text)
+        effects = table.get("effects", [])
+        for i, effect in enumerate(effects if isinstance(effects, list) else []):
+            if isinstance(effect, dict) and "type" not in effect:
+                raise SceneError("it has no type", where=f"{label}: effects[{i}]", remedy='such as type = "gravity"')
+        content = msgspec.convert(table, SceneFile)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"not TOML: {error}", where=label, remedy="check that line") from None
     except msgspec.ValidationError as error:
@@ -106,8 +121,8 @@ def _schema_error(error: msgspec.ValidationError, label: str) -> SceneError:
 
 def _robot(entry: str | RobotEntry, folder: Path | None) -> Robot:
     entry = RobotEntry(entry) if isinstance(entry, str) else entry
-    beside = None if folder is None else folder / entry.source
-    source = beside if beside is not None and beside.is_file() else entry.source
+    beside = None if folder is None else os.path.join(folder, entry.source)
+    source = beside if beside is not None and os.path.isfile(beside) else entry.source
     return load_robot(source, root=entry.root, lock=entry.lock)
 
 

@@ -76,6 +76,9 @@ class Scene:
 
 
 def _checked(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    if isinstance(effects, Effect) or not isinstance(effects, Sequence):
+        raise SceneError(f"expected a list of effects, got {type(effects).__name__}", where="effects",
+                         remedy="such as [tl.effects.Gravity()]")  # fmt: skip
     for effect in effects:
         if not isinstance(effect, Effect):
             raise SceneError(

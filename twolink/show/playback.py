@@ -18,7 +18,8 @@ import numpy as np
 import umsgpack
 from numpy.typing import ArrayLike
 
-from twolink.errors import MissingExtraError, ShowError
+from twolink.errors import MissingExtraError, ShowError, TwolinkError
+from twolink.files import write_whole
 from twolink.show.meshcat_scene import Node, poses, scene_nodes, set_object, set_pose
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import Side, View, check_motion, look_at, resample, stage, to_three
@@ -86,11 +87,9 @@ def write_playback(
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
         raise ShowError(what, where=str(path), remedy=remedy)
     try:
-        Path(path).write_bytes(page)
-    except OSError as failure:
-        what = f"cannot write the page: {failure.strerror or failure}"
-        raise ShowError(what, where=str(path), remedy="name a file in a directory that exists") from failure
-    return Path(path)
+        return write_whole(Path(path), lambda file: file.write(page))
+    except TwolinkError as failure:
+        raise ShowError(failure.what, where=failure.where, remedy=failure.remedy) from None
 
 
 def choose_frames(t: Floats, speed: float, fps: float, most: int) -> Frames:

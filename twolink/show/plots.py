@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.errors import ShowError, nearest
+from twolink.errors import ShowError, TwolinkError
+from twolink.files import require_format, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,19 +35,18 @@ def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **opti
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Save a figure as .png, .svg or .pdf."""
-    if path.suffix not in FORMATS:
-        raise ShowError(
-            f"{path.suffix or 'no ending'!r} is not a picture format we know",
-            where=str(path),
-            remedy=nearest(path.suffix, FORMATS),
-        )
+    """Save a figure as .png, .svg or .pdf, whole or not at all."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-    except OSError as error:
-        raise ShowError(f"cannot be written: {error.strerror}", where=str(path), remedy="check the folder") from None
-    return path
+        suffix = require_format(path, FORMATS)
+        return write_whole(path, lambda file: figure.savefig(file, format=suffix[1:]))
+    except TwolinkError as error:
+        raise ShowError(error.what, where=error.where, remedy=error.remedy) from None
+
+
+def plain(name: str) -> str:
+    """A name from outside as matplotlib shows it to the letter: no formulas, and no label that a legend leaves out."""
+    text = name.replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def plot_trajectory(run: Trajectory, path: Path) -> Path:
@@ -60,7 +60,7 @@ def plot_trajectory(run: Trajectory, path: Path) -> Path:
     ):
         names = [n for n in columns if n.startswith(prefix)]
         for name, colour in zip(names[:MAX_LINES], COLOURS * 2, strict=False):
-            axis.plot(run.t, columns[name], color=colour, linewidth=1.2, label=name.removeprefix(prefix))
+            axis.plot(run.t, columns[name], color=colour, linewidth=1.2, label=plain(name.removeprefix(prefix)))
         title = None if len(names) <= MAX_LINES else f"the first {MAX_LINES} of {len(names)}"
         axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False, title=title)
         axis.set_ylabel(label)
@@ -68,7 +68,7 @@ def plot_trajectory(run: Trajectory, path: Path) -> Path:
     energy.set_ylabel(f"energy (J)\nabove {run.energy[0]:.4g} J")
     _plot_error(error, run)
     error.set_xlabel("time t (s)")
-    figure.suptitle(f"{run.robot.name}: {run.t[-1]:g} s")
+    figure.suptitle(f"{plain(run.robot.name)}: {run.t[-1]:g} s")
     return save_figure(figure, path)
 
 

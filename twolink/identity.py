@@ -1,0 +1,120 @@
+"""What a saved trajectory says of its robot, and how that very robot is found again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics import Robot, load_robot
+from twolink.errors import RobotError, SceneError, TwolinkError
+from twolink.robots.catalogue import find
+
+GIVE_IT = "give it: robot=..."
+
+
+def robot_notes(robot: Robot) -> dict[str, str]:
+    """Name, origin, and how it was loaded: all that finds a robot of the catalogue again, and a digest to be sure."""
+    full = robot.visuals.model
+    free = full.njoints > 1 and full.names[1] == "root_joint"
+    return {
+        "robot": robot.name,
+        "source": robot.report.source,
+        "catalogue": json.dumps(_is_from_catalogue(robot)),
+        "root": "free" if free else "fixed",
+        "lock": json.dumps(_lock(robot)),
+        "mimic": json.dumps(robot.has_mimic),
+        "gravity": json.dumps(robot.gravity.tolist()),
+        "nq": str(robot.nq),
+        "digest": model_digest(robot.model),
+    }
+
+
+def find_robot(notes: Mapping[str, str], label: str) -> Robot:
+    """The robot that the notes name, loaded again from the catalogue (never from a path) as it was then.
+
+    Raises SceneError when it is none of the catalogue, or is not the same any more.
+    """
+    if "robot" not in notes:
+        raise SceneError("the file does not name its robot", where=label, remedy=GIVE_IT)
+    name = notes["robot"]
+    if notes.get("catalogue") != "true" or "digest" not in notes:
+        source = f" (it came from {notes['source']!r})" if "source" in notes else ""
+        raise SceneError(f"its robot {name!r} is not known by name{source}", where=label, remedy=GIVE_IT)
+    root: Literal["fixed", "free"] = "free" if notes.get("root") == "free" else "fixed"
+    try:
+        lock, mimic = json.loads(notes.get("lock", "{}")), notes.get("mimic") == "true"
+        robot = load_robot(find(name).name, root=root, lock=lock, mimic=mimic)
+    except RobotError as error:
+        raise SceneError(f"its robot {name!r}: {error.what}", where=label, remedy=GIVE_IT) from None
+    except (ValueError, RecursionError):
+        raise _damaged(label) from None
+    return require_same(robot, notes, label)
+
+
+def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
+    """The robot, in the gravity field of the notes, if it is the one they describe; else SceneError."""
+    nq, digest = notes.get("nq", str(robot.nq)), notes.get("digest")
+    if nq != str(robot.nq):
+        what = f"its robot has nq = {nq}, {robot.name!r} has {robot.nq}"
+        raise SceneError(what, where=label, remedy="give the robot with the same root and locked joints: robot=...")
+    if digest is not None and digest != model_digest(robot.model):
+        what = f"its robot {notes.get('robot', '')!r} is not this {robot.name!r}: joints, masses or placements differ"
+        raise SceneError(what, where=label, remedy="give the robot it was made with: robot=...")
+    if "gravity" not in notes:
+        return robot
+    try:
+        gravity = np.array(json.loads(notes["gravity"]), dtype=float)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise ValueError
+    except (ValueError, TypeError, RecursionError, TwolinkError):
+        raise _damaged(label) from None
+    return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
+
+
+def model_digest(model: pin.Model) -> str:
+    """A digest of what moves: joints by name, type, axis and placement, and the inertias; not gravity.
+
+    Numbers count to nine digits, so that another build of the parser gives the same.
+    """
+    digest = hashlib.sha256()
+    joints = [joint.shortname() for joint in model.joints]
+    digest.update(repr((joints, list(model.names), [int(p) for p in model.parents])).encode())
+    # Pinocchio does not show the axes of its joints; the Jacobians at the neutral configuration do.
+    jacobians = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))
+    _add(digest, jacobians)
+    _add(digest, np.asarray(model.armature))
+    for placement, body in zip(model.jointPlacements, model.inertias, strict=True):
+        for part in (placement.translation, placement.rotation, np.array([body.mass]), body.lever, body.inertia):
+            _add(digest, part)
+    return digest.hexdigest()[:32]
+
+
+def _add(digest: Any, values: np.ndarray) -> None:
+    """Add numbers to a digest, to nine digits of the largest of them."""
+    largest = float(np.abs(values).max(initial=0.0))
+    scaled = np.round(values / largest, 9) + 0.0 if largest > 0 else np.zeros_like(values)  # + 0.0: no -0.0
+    digest.update(f"{largest:.9g}".encode())
+    digest.update(np.ascontiguousarray(scaled, dtype="<f8").tobytes())
+
+
+def _is_from_catalogue(robot: Robot) -> bool:
+    try:
+        return find(robot.name).path.name == robot.report.source
+    except RobotError:
+        return False
+
+
+def _lock(robot: Robot) -> dict[str, list[float]]:
+    """The locked joints with their configurations, as load_robot takes them."""
+    full, reference = robot.visuals.model, robot.visuals.reference
+    starts = {full.names[j]: (full.idx_qs[j], full.nqs[j]) for j in robot.visuals.locked}
+    return {name: reference[start : start + size].tolist() for name, (start, size) in starts.items()}
+
+
+def _damaged(label: str) -> SceneError:
+    return SceneError("what it says of its robot is damaged", where=label, remedy="save it again")
