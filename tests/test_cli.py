@@ -1,36 +1,29 @@
 """The command line: what it prints, its exit codes (0 done, 1 failed, 2 misused), and errors in one line."""
 
+import copy
+import dataclasses
+import io
 import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.cli import app
+from tests.command import TOP, answer, call, one_line
+from twolink.cli import app, main
 
-TOP = Path(__file__).parents[1]
 COMMANDS = ["robots", "inspect", "query", "check", "run", "paper", "play"]
-
-
-def call(*arguments: str, stdin: str = "") -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "twolink.cli", *arguments]
-    return subprocess.run(command, input=stdin, capture_output=True, text=True, cwd=TOP, timeout=120)
-
-
-def answer(*arguments: str, stdin: str = "") -> dict:
-    done = call(*arguments, "--json", stdin=stdin)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_teaches(command: str) -> None:
     done = call(command, "--help")
     assert done.returncode == 0
-    assert "Usage: twolink" in done.stdout.replace("python -m twolink.cli", "twolink").replace("cli.py", "twolink")
+    assert f"Usage: twolink {command}" in done.stdout
 
 
 def test_commands_are_all_there() -> None:
@@ -49,7 +42,7 @@ def test_robots_lists_all_with_sizes_or_reasons() -> None:
 def test_inspect_reports() -> None:
     done = call("inspect", "panda", "--cross-check")
     assert done.returncode == 0
-    for part in ("panda_joint1", "ignored:", "mimic", "assumed:", "second reading (yourdfpy): 13 links"):
+    for part in ("panda_joint1", "ignored:", "mimic", "assumed:", "second reading (yourdfpy): agree: 13 links"):
         assert part in done.stdout
     data = answer("inspect", "kinova")
     assert data["nq"] == 9
@@ -115,65 +108,102 @@ def test_query_with_a_wrench() -> None:
 
 FAILED = {
     "robot": (["inspect", "pandda"], "did you mean 'panda'"),
+    "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
+    "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
+    "play": (["play", "none.npz"], "No such file"),
+}
+BIAS = ["query", "arm", "bias", "--q", "0 0"]
+MISUSED = {
+    "command": (["inspct"], "Did you mean 'inspect'"),
+    "no robot": (["inspect"], "robot"),
+    "option": (["run", "arm-swing", "--accurac", "1"], "--accurac"),
+    "words for a number": (["run", "arm-swing", "--accuracy", "high"], "--accuracy"),
+    "root": (["inspect", "arm", "--root", "flying"], "root: 'flying' is unknown"),
+    "n": (["check", "--n", "0"], "--n"),
     "query": (["query", "arm", "mass", "--q", "0 0"], "did you mean 'mass-matrix'"),
     "no q": (["query", "arm", "bias"], "q: it is not given"),
     "shape": (["query", "arm", "bias", "--q", "0 0 0"], "q: expected shape (..., 2), got (3,)"),
     "words": (["query", "arm", "bias", "--q", "a b"], "q: 'a b' is not a list of numbers"),
-    "tau for bias": (["query", "arm", "bias", "--q", "0 0", "--tau", "1 1"], "bias takes no tau"),
+    "underscore": (["query", "arm", "bias", "--q", "1_0 0"], "q: '1_0 0' is not a list of numbers"),
+    "deep": (["query", "arm", "bias", "--q", "[" * 100_000], "q: "),
+    "tau for bias": ([*BIAS, "--tau", "1 1"], "bias takes no tau"),
+    "q twice": ([*BIAS, "--states", "-"], "q: it is given twice"),
     "f_ext": (["query", "arm", "forward-dynamics", "--q", "0 0", "--f-ext", "{"], "not JSON"),
     "method": (["query", "arm", "forward-dynamics", "--q", "0 0", "--method", "crab"], "did you mean 'crba'"),
-    "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
-    "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
+    "method of another": (["query", "arm", "mass-matrix", "--q", "0 0", "--method", "crba"], "takes no method"),
+    "lock": ([*BIAS, "--lock", "elbow"], "lock: expected JOINT=VALUE, got 'elbow'"),
+    "lock twice": ([*BIAS, "--lock", "elbow=0", "--lock", "elbow=1"], "lock: joint 'elbow' is given twice"),
+    "locked joint": (["inspect", "arm", "--lock", "elbw=0"], "did you mean 'elbow'"),
+    "gravity": (["inspect", "arm", "--gravity", "1 2"], "gravity: expected 3 finite numbers"),
+    "unphysical": (["inspect", "arm", "--unphysical", "ignore"], "unphysical: 'ignore' is unknown"),
     "duration": (["run", "arm-swing", "--duration", "-1"], "above 0 s"),
-    "out": (["run", "arm-swing", "--duration", "0.1", "--out", "x.doc"], "not a format we know"),
-    "play": (["play", "none.npz"], "No such file"),
+    "accuracy": (["run", "arm-swing", "--accuracy", "0"], "accuracy: expected a number above 0"),
+    "integrator": (["run", "arm-swing", "--method", "rk46"], "method: 'rk46' is unknown"),
+    "samples": (["run", "arm-swing", "--samples", "nan"], "samples: expected a number above 0"),
+    "speed": (["play", "none.npz", "--speed", "0"], "speed: expected a number above 0"),
 }
 
 
 @pytest.mark.parametrize("case", FAILED)
 def test_failures_are_one_line_and_exit_1(case: str) -> None:
     arguments, part = FAILED[case]
-    done = call(*arguments)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert done.stderr.startswith("twolink: ")
-    assert part in done.stderr
-    assert done.stderr.count("\n") == 1
+    one_line(call(*arguments), 1, part)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [["inspct"], ["inspect"], ["run", "arm-swing", "--accurac", "1"], ["run", "arm-swing", "--accuracy", "high"],
-     ["inspect", "arm", "--root", "flying"], ["check", "--n", "0"]],
-)  # fmt: skip
-def test_misuse_is_one_line_and_exit_2(arguments: list[str]) -> None:
-    done = call(*arguments)
-    assert done.returncode == 2
-    assert done.stderr.startswith("twolink: ")
-    assert done.stderr.count("\n") == 1
+@pytest.mark.parametrize("case", MISUSED)
+def test_misuse_is_one_line_and_exit_2(
+    case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, part = MISUSED[case]
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b'{"q": [0, 0]}')))
+    monkeypatch.setattr(sys, "argv", ["twolink", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    one_line(subprocess.CompletedProcess(arguments, stop.value.code, *capsys.readouterr()), 2, part)
 
 
-STDIN = {
-    "neither": ("hello", "header"),
-    "array of numbers": ("[1, 2]", "expected an object"),
-    "uneven": ('[{"q": [0, 0]}, {"v": [0, 0]}]', "state 1 has ['v']"),
-    "unknown key": ('{"x": [0, 0]}', "takes no x"),
-    "broken JSON": ('{"q": [0,', "not JSON"),
-    "missing column": ("q0,v0,v1\n1,2,3", "column 'q1' is missing"),
-    "unknown column": ("q0,q1,z\n1,2,3", "column 'z' is unknown"),
-    "words": ("q0,q1\n1,two", "not a table of numbers"),
-    "ragged": ("q0,q1\n1,2\n3", "not a table of numbers"),
-    "nan": ("q0,q1\n1,nan", "finite numbers, got nan"),
-}
+def test_bare_it_prints_the_help() -> None:
+    done = call()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("Usage: twolink")
+    assert "inspect  Say what a URDF holds" in done.stdout
 
 
-@pytest.mark.parametrize("case", STDIN)
-def test_states_that_are_none(case: str) -> None:
-    text, part = STDIN[case]
-    done = call("query", "two_link", "bias", "--states", "-", stdin=text)
-    assert done.returncode == 1
-    assert part in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_both_modules_are_the_command() -> None:
+    old = subprocess.run([sys.executable, "-m", "twolink.cli", "--version"], capture_output=True, text=True, cwd=TOP)
+    assert old.stdout == call("--version").stdout == f"twolink {tl.__version__}\n"
+
+
+def test_options_say_which_robot() -> None:
+    locked = tl.load_robot("two_link", lock={"elbow": -0.5}, gravity=(1, 2, 3))
+    options = ("--lock", "elbow=-0.5", "--gravity", "1 2 3", "--unphysical", "report")
+    assert answer("query", "two_link", "bias", "--q", "0.3", *options)["h"] == locked.bias([0.3], [0]).tolist()
+    assert answer("inspect", "two_link", *options)["nq"] == 1
+    assert answer("inspect", "panda", "--mimic")["nq"] == 8
+    assert "gravity (1, 2, 3)" in call("inspect", "two_link", *options).stdout
+
+
+def test_a_cross_check_judges(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    from twolink.robots import second_reading
+
+    robot = tl.load_robot("two_link")
+    assert second_reading.compare(robot)["agree"]
+    text = robot.visuals.text
+    for wrong in (text.replace('xyz="1 0 0"', 'xyz="1 0 1e-6"'), text.replace('mass value="', 'mass value="0.1')):
+        assert wrong != text
+        other = copy.copy(robot)
+        other.visuals = dataclasses.replace(robot.visuals, text=wrong)
+        found = second_reading.compare(other)
+        assert not found["agree"]
+        assert found["text"].startswith("DIFFER: ")
+    monkeypatch.setattr(second_reading, "compare", lambda _: found)
+    monkeypatch.setattr(sys, "argv", ["twolink", "inspect", "two_link", "--cross-check"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    out, err = capsys.readouterr()
+    assert "second reading (yourdfpy): DIFFER" in out
+    assert "read it differently" in err
 
 
 def test_check_passes_and_says_what_is_misprinted() -> None:
@@ -182,34 +212,13 @@ def test_check_passes_and_says_what_is_misprinted() -> None:
     assert "PASSED: the paper errs in C21, C22" in done.stdout
 
 
-def test_run_reports_and_writes(tmp_path: Path) -> None:
-    names = ["x.csv", "x.npz", "x.png", "x.html"]
-    outs = [part for name in names for part in ("--out", str(tmp_path / name))]
-    done = answer("run", "arm-swing", "--duration", "0.5", "--accuracy", "1e-8", *outs)
-    assert done["error"] <= 1e-8
-    assert done["cost"]["evaluations"] > 0
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
-    assert "not verified" in call("run", "arm-swing", "--duration", "0.1", "--no-verify").stdout
+def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from twolink.lagrange import check
 
-
-def test_paper_answers_the_claims(tmp_path: Path) -> None:
-    done = answer("paper", "--out", str(tmp_path))
-    assert done["difference"] < 1e-8
-    verdicts = {c["text"]: c["holds"] for c in done["claims"]}
-    assert verdicts["theta1 stays below zero"]
-    assert verdicts["theta2 changes sign when theta1 = -pi/2, twice a cycle"]
-    assert not verdicts["the links' velocities oppose each other"]
-    assert verdicts["the motion nearly repeats with m1 : m2 = 3 : 1"]
-    assert not verdicts["the motion nearly repeats with m1 : m2 = 1 : 1"]
-    assert not verdicts["the C matrix as printed gives this motion"]
-    assert len(list(tmp_path.glob("*.png"))) == 2
-
-
-def test_play_writes_a_page(tmp_path: Path) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
-    saved = run.save(tmp_path / "run.npz")
-    assert call("play", str(saved), "--html", str(tmp_path / "run.html")).returncode == 0
-    assert (tmp_path / "run.html").stat().st_size > 500_000
-    table = run.save(tmp_path / "run.csv")
-    assert "does not name its robot" in call("play", str(table)).stderr
-    assert call("play", str(table), "--robot", "two_link", "--html", str(tmp_path / "c.html")).returncode == 0
+    failed = SimpleNamespace(passed=False, text=lambda: "FAILED", to_dict=dict)
+    monkeypatch.setattr(check, "check", lambda **_: failed)
+    monkeypatch.setattr(sys, "argv", ["twolink", "check"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    assert capsys.readouterr().out == "FAILED\n"

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.errors import ShowError, TwolinkError
+from twolink.errors import SceneError, ShowError, TwolinkError
+
+HEADER = b"t,q.shoulder,q.elbow,v.shoulder,v.elbow,energy"
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,11 @@ def test_other_programs_read_them(run: tl.Trajectory, tmp_path: Path) -> None:
     [
         ("x.csv", b"", "empty"),
         ("x.csv", b"t,q.shoulder\n0,0\n", "column 'q.elbow'"),
+        ("x.csv", HEADER + b",z\n0,0,0,0,0,0,0\n", "column 'z' is unknown"),
+        ("x.csv", HEADER + b"\n0,0,0,0,0,0\n0,0,0,0,0,0\n", "t does not increase at sample 1"),
+        ("x.csv", HEADER + b"\n1,0,0,0,0,0\n0,0,0,0,0,0\n", "t does not increase at sample 1"),
+        ("x.csv", HEADER + b"\n0,0,inf,0,0,0\n", "not finite"),
+        ("x.csv", HEADER + b"\n", "no samples"),
         ("x.csv", b"t,q.shoulder\n0,zero\n", "zero"),
         ("x.npz", b"not a zip", "cannot be read"),
         ("x.parquet", b"not parquet", "cannot be read"),
@@ -64,6 +71,65 @@ def test_files_that_are_none(run: tl.Trajectory, name: str, content: bytes, part
         tl.Trajectory.load(tmp_path / name, run.robot)
     with pytest.raises(TwolinkError, match=r"No such file|not a format"):
         tl.Trajectory.load(tmp_path / f"none-{name}", run.robot)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "part"),
+    [
+        ("error", np.zeros(3), "column 'error' has 3 samples, t has 101"),
+        ("q.elbow", np.zeros(1), "column 'q.elbow' has 1 samples, t has 101"),
+        ("q.elbow", np.zeros((101, 1)), "column 'q.elbow' is not a row of numbers"),
+        ("q.elbow", np.array(["a"] * 101), "column 'q.elbow' is not a row of numbers"),
+        ("q.elbow", np.zeros(101, complex), "column 'q.elbow' is not a row of numbers"),
+        ("error", np.full(101, np.nan), "not finite"),
+    ],
+)
+def test_columns_that_do_not_fit(run: tl.Trajectory, name: str, values: np.ndarray, part: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", **{**run.columns(), name: values})
+    with pytest.raises(SceneError, match=part):
+        tl.Trajectory.load(tmp_path / "x.npz", run.robot)
+
+
+def test_columns_of_one_name_are_refused() -> None:
+    text = run_of_names("a", "a.0", kinds=("floating", "revolute"))
+    run = tl.simulate(tl.Scene(tl.load_robot(text)), 0.01, verify=False)
+    with pytest.raises(SceneError, match=r"joint 'a\.0': two columns are named 'q\.a\.0'"):
+        run.save("never.csv")
+
+
+def run_of_names(first: str, second: str, kinds: tuple[str, str] = ("revolute", "revolute"), name: str = "x") -> str:
+    """A URDF with two joints of these names."""
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = (
+        '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    )
+    links = f'<link name="w"/><link name="b">{body}</link><link name="c">{body}</link>'
+    joints = joint.format(first, kinds[0], "w", "b") + joint.format(second, kinds[1], "b", "c")
+    return f'<robot name="{name}">{links}{joints}</robot>'
+
+
+def test_names_are_quoted_in_csv(tmp_path: Path) -> None:
+    robot = tl.load_robot(run_of_names("a,b", "c&quot;d"))
+    run = tl.simulate(tl.Scene(robot, v=[1, 2]), 0.05, verify=False)
+    again = tl.Trajectory.load(run.save(tmp_path / "x.csv"), robot)
+    assert np.array_equal(again.q, run.q)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_names_are_drawn_to_the_letter(suffix: str, tmp_path: Path) -> None:
+    robot = tl.load_robot(run_of_names(r"$\frac{$", "_x", name="$$_$"))
+    tl.simulate(tl.Scene(robot, v=[1, 2]), 0.05, verify=False).plot(tmp_path / f"x{suffix}")
+
+
+def test_legends_show_every_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from twolink.show import plots
+
+    drawn = []
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    plots.plot_trajectory(tl.simulate(tl.Scene(tl.load_robot(run_of_names("_x", "$y$"))), 0.05), tmp_path / "x.png")
+    legend = drawn[0].axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [" _x", r"\$y\$"]
 
 
 def test_pickles_are_not_opened(run: tl.Trajectory, tmp_path: Path) -> None:

@@ -123,9 +123,9 @@ def _write_npz(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> No
 
 
 def _read_npz(path: Path) -> tuple[Columns, dict[str, str]]:
-    archive = np.load(path, allow_pickle=False)
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise ValueError("it is one array, not an archive of them")
-    with archive:
+    with path.open("rb") as file:
+        archive = np.load(file, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise ValueError("it is one array, not an archive of them")
         notes = {k.removeprefix("note:"): str(archive[k]) for k in archive.files if k.startswith("note:")}
         return {k: archive[k] for k in archive.files if not k.startswith("note:")}, notes

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
-from twolink.errors import RobotError, SceneError, TwolinkError
+from twolink.errors import RobotError, SceneError
 from twolink.robots.catalogue import find
 
 GIVE_IT = "give it: robot=..."
@@ -71,7 +71,7 @@ def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
         gravity = np.array(json.loads(notes["gravity"]), dtype=float)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise ValueError
-    except (ValueError, TypeError, RecursionError, TwolinkError):
+    except (ValueError, TypeError, RecursionError):
         raise _damaged(label) from None
     return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
 

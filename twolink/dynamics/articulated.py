@@ -32,6 +32,7 @@ from twolink.dynamics.spatial import (
     motion_to_child,
     plus,
     product,
+    reciprocal,
     rotate,
     rotational_inertia,
     scale,
@@ -125,7 +126,7 @@ def forward_dynamics_aba(
         p, joint = mech.parents[i], mech.joints[i]
         for k, s in zip(joint.dofs, joint.subspace, strict=True):
             u = articulated_times(inertia[i], s)
-            inverse = 1.0 / plus(spatial_dot(s, u), mech.armature[k])
+            inverse = reciprocal(plus(spatial_dot(s, u), mech.armature[k]), xp)
             effort = minus(minus(tau[k], times(mech.damping[k], v[k])), spatial_dot(s, force[i]))
             alone = constant(mech.armature[k]) and mech.armature[k] == 0.0
             inertia[i] = articulated_without(inertia[i], u, inverse, s if alone else None)

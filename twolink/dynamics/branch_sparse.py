@@ -7,21 +7,22 @@ same places. parents: the parent of each degree of freedom, -1 at a root (`Mecha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from twolink.dynamics.spatial import Matrix, Scalar, Scalars, minus, times
+from twolink.dynamics.spatial import Matrix, Scalar, Scalars, minus, reciprocal, times
 
 
-def ldlt_solve(matrix: Matrix, parents: Sequence[int], b: Scalars) -> list[Scalar]:
+def ldlt_solve(matrix: Matrix, parents: Sequence[int], b: Scalars, xp: Any = None) -> list[Scalar]:
     """x of M x = b by M = L^T D L, without fill-in: L has M's sparsity."""
-    lower, inverse = ldlt(matrix, parents)
+    lower, inverse = ldlt(matrix, parents, xp)
     return ldlt_apply(lower, inverse, parents, b)
 
 
-def ldlt(matrix: Matrix, parents: Sequence[int]) -> tuple[Matrix, list[Scalar]]:
+def ldlt(matrix: Matrix, parents: Sequence[int], xp: Any = None) -> tuple[Matrix, list[Scalar]]:
     """L (unit lower triangular, its strict part) and 1 / D of M = L^T D L, Featherstone table 6.3."""
     h, inverse = [list(row) for row in matrix], [0.0 for _ in matrix]
     for k in reversed(range(len(matrix))):
-        inverse[k] = 1.0 / h[k][k]
+        inverse[k] = reciprocal(h[k][k], xp)
         for i in _ancestors(parents, k):
             ratio = times(h[k][i], inverse[k])
             for j in (i, *_ancestors(parents, i)):

@@ -50,7 +50,7 @@ def forward_dynamics_derivatives(mech: Mechanism, q: Scalars, v: Scalars, tau: S
     """
     _refuse_mimic(mech)
     at, parents = poses(mech, q, xp), mech.dof_parents()
-    lower, inverse = ldlt(composite_bodies(mech, at), parents)
+    lower, inverse = ldlt(composite_bodies(mech, at), parents, xp)
     h = newton_euler(mech, at, v, [0.0] * mech.nv, None)
     a = ldlt_apply(lower, inverse, parents, [sp.minus(t, x) for t, x in zip(tau, h, strict=True)])
 

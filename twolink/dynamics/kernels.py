@@ -7,9 +7,11 @@ length 1. A batch whose guard is not finite is answered by the slow path, which 
 
 from __future__ import annotations
 
+import functools
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +27,11 @@ from twolink.dynamics.mechanism import mechanism
 from twolink.dynamics.threads import thread_count
 from twolink.robots.layout import joint_layouts
 
-CHUNK_BYTES = 2**20  # of inputs and outputs together: they stay in the second-level cache
-THREADS_FROM = 1_000_000  # operations in a call from which heyoka's threads pay (scripts/bench_queries.py)
+CHUNK_BYTES = 2**22  # of inputs and outputs together: they stay in the cache
+LANES = 8  # chunks are multiples of it, as of every vector length that heyoka takes
+THREADS_FROM = 1_000_000  # operations in a call from which threads pay (scripts/bench_queries.py)
 SINE = 20  # operations of our sine or cosine
+SMALL = 200  # operations of a kernel that is small
 
 _local = threading.local()
 _threads_lock = threading.Lock()
@@ -59,7 +63,7 @@ class Kernel:
     @property
     def work(self) -> int:
         """Floating-point operations a state."""
-        return sum(n * (SINE if what in ("sin", "cos") else 1) for what, n in self.operations.items())
+        return _work(self.operations)
 
     def __call__(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
         """The results (n, *shape) for arguments (n, size) each; None when the guard found something to look at.
@@ -74,34 +78,63 @@ class Kernel:
         return self._rows(arguments)
 
     def _columns(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        count = arguments[0].shape[1]
-        entries = math.prod(self.shape)
+        """Arguments (size, n) whole: heyoka's threads share the call."""
+        count, entries = arguments[0].shape[1], math.prod(self.shape)
         out = np.empty((entries + 1, count))
-        rest = arguments[1] if len(arguments) == 2 else np.concatenate(arguments[1:]) if arguments[1:] else None
-        self._evaluate(arguments[0], rest, out)
+        threads = self._threads(count)
+        pars = {"pars": _stacked(arguments[1:], threads)} if len(arguments) > 1 else {}
+        self.cfunc(arguments[0], outputs=out, batch_parallel=threads > 1, **pars)
         if not math.isfinite(out[-1].sum()):
             return None
+        odd = count % LANES
+        if odd:  # heyoka answers the odd ones by scalar code, which may round differently: all states are to be equal
+            tail = self._rows([np.ascontiguousarray(a[:, -odd:].T) for a in arguments])
+            if tail is None:
+                return None
+            out[:-1, -odd:] = tail.reshape(odd, entries).T
         return out[:-1].T.reshape(count, *self.shape) if len(self.shape) != 1 else out[:-1].T
 
     def _rows(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        count, entries = len(arguments[0]), math.prod(self.shape)
+        """Arguments (n, size) through buffers that hold one state a column; each thread has a part of the states."""
+        count = len(arguments[0])
+        result = np.empty((count, math.prod(self.shape)))
+        threads = self._threads(count)
+        part = -(-count // threads // LANES) * LANES
+        starts = range(0, count, part)
+        waiting = [
+            _pool(threads).submit(self._part, arguments, result, start, min(start + part, count))
+            for start in starts[1:]
+        ]
+        good = self._part(arguments, result, 0, min(part, count))
+        good = all([future.result() for future in waiting]) and good
+        return result.reshape(count, *self.shape) if good else None
+
+    def _part(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
+        """The states from start to stop, a chunk at a time; whether the guard is content."""
+        entries = result.shape[1]
         width = sum(self.sizes) + entries + 1
-        chunk = min(count, max(512, CHUNK_BYTES // (8 * width) // 256 * 256))
-        result = np.empty((count, entries))
-        for start in range(0, count, chunk):
-            stop = min(start + chunk, count)
-            first, rest, out = self._buffers(stop - start, entries)
-            first[:] = arguments[0][start:stop].T
+        chunk = max(512, CHUNK_BYTES // (8 * width) // LANES * LANES)
+        for low in range(start, stop, chunk):
+            high = min(low + chunk, stop)
+            count = high - low
+            first, rest, out = self._buffers(-(-count // LANES) * LANES, entries)
+            first[:, :count] = arguments[0][low:high].T
+            first[:, count:] = arguments[0][high - 1, :, None]  # whole vectors: the odd ones are the last state again
             row = 0
             for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
-                rest[row : row + size] = values[start:stop].T
+                rest[row : row + size, :count] = values[low:high].T
+                rest[row : row + size, count:] = values[high - 1, :, None]
                 row += size
-            self._evaluate(first, rest if row else None, out)
+            pars = {"pars": rest} if row else {}
+            self.cfunc(first, outputs=out, batch_parallel=False, **pars)
             if not math.isfinite(out[-1].sum()):
-                return None
-            for k in range(entries):  # a column at a time: four times faster than one transposed copy
-                result[start:stop, k] = out[k]
-        return result.reshape(count, *self.shape)
+                return False
+            if entries < 5:
+                for k in range(entries):  # a column at a time: four times faster than a transposed copy of so few
+                    result[low:high, k] = out[k, :count]
+            else:
+                result[low:high] = out[:-1, :count].T
+        return True
 
     def _buffers(self, count: int, entries: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This thread's buffers for `count` states, kept from call to call."""
@@ -112,10 +145,36 @@ class Kernel:
         buffers: tuple[np.ndarray, np.ndarray, np.ndarray] = _local.buffers
         return buffers
 
-    def _evaluate(self, first: np.ndarray, rest: np.ndarray | None, out: np.ndarray) -> None:
-        parallel = first.shape[1] * self.work >= THREADS_FROM and not is_forked_child() and _limit_threads() > 1
-        pars = {} if rest is None else {"pars": rest}
-        self.cfunc(first, outputs=out, batch_parallel=parallel, **pars)
+    def _threads(self, count: int) -> int:
+        """How many threads a batch of `count` states is worth."""
+        if count * self.work < THREADS_FROM or is_forked_child():
+            return 1
+        return _limit_threads()
+
+
+def _stacked(arrays: Sequence[np.ndarray], threads: int) -> np.ndarray:
+    """Arrays (size, n) one under the other; one alone is taken as it is."""
+    if len(arrays) == 1:
+        return arrays[0]
+    if threads == 1:
+        return np.concatenate(arrays)
+    ends = np.cumsum([len(a) for a in arrays])
+    out = np.empty((ends[-1], arrays[0].shape[1]))
+    parts = [(out[end - len(a) : end], a) for a, end in zip(arrays, ends, strict=True)]
+    waiting = [_pool(threads).submit(np.copyto, *part) for part in parts[1:]]
+    np.copyto(*parts[0])
+    for future in waiting:
+        future.result()
+    return out
+
+
+@functools.lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="twolink")
+
+
+def _work(operations: Mapping[str, int]) -> int:
+    return sum(n * (SINE if what in ("sin", "cos") else 1) for what, n in operations.items())
 
 
 def _is_columns(a: np.ndarray) -> bool:
@@ -134,8 +193,8 @@ def _limit_threads() -> int:
 class _Recorder:
     """The namespace of sin, cos, sqrt for tracing; it remembers the angles, which the guard bounds."""
 
-    def __init__(self, sqrt: Any) -> None:
-        self.sqrt = sqrt
+    def __init__(self, module: Any) -> None:
+        self.module, self.sqrt = module, module.sqrt
         self.angles: dict[str, Any] = {}
 
     def sin(self, x: Any) -> Any:
@@ -145,6 +204,11 @@ class _Recorder:
     def cos(self, x: Any) -> Any:
         self.angles[str(x)] = x
         return sincos.sin_cos(x)[1]
+
+    def reciprocal(self, x: Any) -> Any:
+        """1 / x of what must be positive: an inertia. Behind a condition, it stays one division for all its uses."""
+        module = self.module
+        return module.select(module.gt(x, module.expression(0.0)), 1.0 / x, module.expression(math.nan))
 
 
 def count_operations(model: pin.Model, function: Function, parameters: Sequence[str] = ()) -> list[dict[str, int]]:
@@ -172,12 +236,15 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     arguments: dict[str, Sequence[Any]] = {first[0]: variables}
     arguments.update({name: [module.par[next(index)] for _ in range(size)] for name, size in others})
     constants = {name: module.par[next(index)] for name in parameters}
-    recorder = _Recorder(module.sqrt)
+    recorder = _Recorder(module)
     entries = function.variants[variant](mechanism(model, constants), dict(arguments), recorder)
     outputs = [e if isinstance(e, module.expression) else module.expression(float(e)) for e in entries]
     inputs = [x for values in arguments.values() for x in values] + list(constants.values())
     outputs.append(_guard(module, model, inputs, outputs, list(recorder.angles.values()), variables))
-    compiled = module.cfunc(outputs, vars=variables)
+    # A small kernel waits for its own results: two vectors at a time keep the units busy. A large one would run out
+    # of registers (scripts/bench_queries.py).
+    options = {"batch_size": LANES} if _work(counts[variant]) <= SMALL else {}
+    compiled = module.cfunc(outputs, vars=variables, **options)
     sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))
     return Kernel(function.name, function.shape, sizes, compiled, counts[variant], variant)
 

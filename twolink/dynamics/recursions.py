@@ -151,7 +151,7 @@ def forward_dynamics_crba(
     at = poses(mech, q, xp)
     h = newton_euler(mech, at, v, [0.0] * mech.nv, f_ext)
     rest = [minus(t, x) for t, x in zip(tau, h, strict=True)]
-    return ldlt_solve(composite_bodies(mech, at), mech.dof_parents(), rest)
+    return ldlt_solve(composite_bodies(mech, at), mech.dof_parents(), rest, xp)
 
 
 def energy(mech: Mechanism, q: Scalars, v: Scalars, xp: Any = None) -> tuple[Scalar, Scalar]:

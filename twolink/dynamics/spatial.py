@@ -72,6 +72,11 @@ def minus(a: Scalar, b: Scalar) -> Scalar:
     return negative(b) if constant(a) and a == 0.0 else a - b
 
 
+def reciprocal(a: Scalar, xp: Any) -> Scalar:
+    """1 / a. A namespace may have its own: heyoka turns x * (1 / a) back into x / a, at ten times a product's cost."""
+    return xp.reciprocal(a) if hasattr(xp, "reciprocal") and not constant(a) else 1.0 / a
+
+
 def negative(a: Scalar) -> Scalar:
     """-a; the constant 0 stays +0."""
     return 0.0 if constant(a) and a == 0.0 else -a

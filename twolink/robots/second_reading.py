@@ -15,7 +15,6 @@ import pinocchio as pin
 
 from twolink.robots.model import RobotModel
 
-
 TOLERANCE = 1e-9
 
 

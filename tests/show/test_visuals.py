@@ -1,0 +1,93 @@
+"""What cannot be drawn is said: meshes that are not found, and those that are not meshes."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import ShowError
+from twolink.show import live
+
+RED, BLUE = '<color rgba="1 0 0 1"/>', '<color rgba="0 0 1 1"/>'
+
+
+def urdf(*visuals: str) -> str:
+    """Two links in a row, each with one of the visuals."""
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="b{i}">{body}<visual>{visual}</visual></link>' for i, visual in enumerate(visuals))
+    joints = "".join(
+        f'<joint name="j{i}" type="continuous"><parent link="{"w" if i == 0 else f"b{i - 1}"}"/>'
+        f'<child link="b{i}"/><axis xyz="0 1 0"/></joint>'
+        for i in range(len(visuals))
+    )
+    return f'<robot name="x"><link name="w"/>{links}{joints}</robot>'
+
+
+def mesh(name: object, colour: str = "") -> str:
+    return f'<geometry><mesh filename="{name}"/></geometry><material name="m">{colour}</material>'
+
+
+def sphere(colour: str = "") -> str:
+    return f'<geometry><sphere radius="0.1"/></geometry><material name="m">{colour}</material>'
+
+
+def motion(robot: tl.Robot) -> tl.Trajectory:
+    t = np.array([0.0, 0.1])
+    return tl.Trajectory(robot, t, np.array([robot.neutral] * 2), np.zeros((2, robot.nv)), t, None, None)
+
+
+@pytest.mark.parametrize(
+    ("visuals", "colour"),
+    [
+        ((mesh("gone.stl", RED), sphere()), [1, 0, 0, 1]),
+        ((mesh("gone.stl", RED), sphere(BLUE)), [1, 0, 0, 1]),
+        ((sphere(BLUE), mesh("gone.stl", RED), sphere()), [0, 0, 1, 1]),
+    ],
+)
+def test_a_colour_outlives_the_shape_that_defined_it(
+    visuals: tuple[str, ...], colour: list[float], tmp_path: Path
+) -> None:
+    """As when the mesh is there: the first definition counts, for all shapes after it."""
+    corners = "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0"
+    facet = f"facet normal 0 0 1\nouter loop\n{corners}\nendloop\nendfacet"
+    (tmp_path / "a.stl").write_text(f"solid a\n{facet}\nendsolid a\n")
+    there = [visual.replace("gone.stl", str(tmp_path / "a.stl")) for visual in visuals]
+    for text in (urdf(*visuals), urdf(*there)):
+        shapes = tl.load_robot(text).visual_model().geometryObjects
+        for shape in (s for s in shapes if not s.meshPath.endswith(".stl")):
+            assert shape.meshColor.tolist() == colour
+
+
+def test_a_file_that_is_no_mesh_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.stl").write_bytes(b"garbage")
+    run = motion(tl.load_robot(urdf(mesh(tmp_path / "bad.stl"))))
+    for show in (lambda: run.playback(tmp_path / "x.html"), lambda: run.play(open_browser=False)):
+        with pytest.raises(ShowError, match=r"the mesh '.*bad\.stl' cannot be read") as failure:
+            show()
+        assert "\n" not in str(failure.value)
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_playing_says_where_and_what_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def play(*_: Any, on_url: Any, on_skipped: Any, **__: Any) -> None:
+        on_url("http://here")
+        on_skipped(["a", "b"])
+
+    monkeypatch.setattr(live, "play_live", play)
+    run, said = motion(tl.load_robot("two_link")), []
+    run.play()
+    assert capsys.readouterr().out == "playing at http://here (Ctrl-C ends it)\nnot drawn: a, b\n"
+    run.play(on_url=said.append, on_skipped=said.extend)
+    assert said == ["http://here", "a", "b"]
+    assert capsys.readouterr().out == ""
+    run.playback(tmp_path / "x.html", on_skipped=said.extend)
+    assert capsys.readouterr().out == ""
+
+
+def test_pages_are_written_whole_into_new_folders(tmp_path: Path) -> None:
+    path = motion(tl.load_robot("two_link")).playback(tmp_path / "a" / "b" / "x.html")
+    assert [p.name for p in path.parent.iterdir()] == ["x.html"]

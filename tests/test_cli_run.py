@@ -1,0 +1,103 @@
+"""The commands that simulate, write and play: run, paper, play."""
+
+import json
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from tests.command import TOP, TWOLINK, answer, call, one_line
+
+
+def test_run_reports_and_writes(tmp_path: Path) -> None:
+    names = ["x.csv", "x.npz", "x.png", "x.html"]
+    outs = [part for name in names for part in ("--out", str(tmp_path / name))]
+    done = answer("run", "arm-swing", "--duration", "0.5", "--accuracy", "1e-8", *outs)
+    assert done["error"] <= 1e-8
+    assert done["cost"]["evaluations"] > 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
+    assert "not verified" in call("run", "arm-swing", "--duration", "0.1", "--no-verify").stdout
+    assert answer("run", "arm-swing", "--duration", "0.1", "--no-verify")["error"] is None
+
+
+def test_run_refuses_endings_before_it_simulates(tmp_path: Path) -> None:
+    out = ("--out", str(tmp_path / "x.npz"), "--out", str(tmp_path / "x.doc"))
+    one_line(call("run", "arm-swing", "--duration", "1e4", *out), 2, "'.doc' is not a format we know")
+    assert not list(tmp_path.iterdir())
+
+
+def test_run_writes_into_new_folders_whatever_the_case(tmp_path: Path) -> None:
+    paths = [tmp_path / "a" / "x.HTML", tmp_path / "b" / "x.CSV", tmp_path / "c" / "x.PNG"]
+    answer("run", "arm-swing", "--duration", "0.1", *(part for path in paths for part in ("--out", str(path))))
+    for path in paths:
+        assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    outs = ("--out", str(tmp_path / "file" / "x.html"), "--out", str(tmp_path / "x.npz"))
+    done = call("run", "arm-swing", "--duration", "0.1", "--json", *outs)
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["written"] == [str(tmp_path / "x.npz")]
+    assert "x.html: cannot be written" in done.stderr
+
+
+def test_an_interrupted_run_keeps_what_is_done(tmp_path: Path) -> None:
+    command = [*TWOLINK, "run", "arm-swing", "--duration", "1e5", "--samples", "1", "--json"]
+    command += ["--no-verify", "--accuracy", "1e-12", "--out", str(tmp_path / "x.csv")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=TOP) as process:
+        time.sleep(5)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert err == "twolink: interrupted; what was done is kept\n"
+    assert json.loads(out)["interrupted"]
+    assert (tmp_path / "x.csv").is_file()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("arguments", [["--help"], ["inspect", "arm"], ["query", "arm", "bias", "--q", "0 0"]])
+def test_output_that_cannot_be_written(arguments: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [*TWOLINK, *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=TOP, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr == "twolink: output: cannot be written: No space left on device; check the disk\n"
+
+
+def test_paper_answers_the_claims(tmp_path: Path) -> None:
+    done = answer("paper", "--out", str(tmp_path))
+    assert done["difference"] < 1e-8
+    verdicts = {c["text"]: c["holds"] for c in done["claims"]}
+    assert verdicts["theta1 stays below zero"]
+    assert verdicts["theta2 changes sign when theta1 = -pi/2, twice a cycle"]
+    assert not verdicts["the links' velocities oppose each other"]
+    assert verdicts["the motion nearly repeats with m1 : m2 = 3 : 1"]
+    assert not verdicts["the motion nearly repeats with m1 : m2 = 1 : 1"]
+    assert not verdicts["the C matrix as printed gives this motion"]
+    assert len(list(tmp_path.glob("*.png"))) == 2
+
+
+def test_play_writes_a_page(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    saved = run.save(tmp_path / "run.npz")
+    assert call("play", str(saved), "--html", str(tmp_path / "run.html")).returncode == 0
+    assert (tmp_path / "run.html").stat().st_size > 500_000
+    table = run.save(tmp_path / "run.csv")
+    assert "does not name its robot" in call("play", str(table)).stderr
+    assert call("play", str(table), "--robot", "two_link", "--html", str(tmp_path / "c.html")).returncode == 0
+
+
+def test_play_says_where_and_ends_with_ctrl_c(tmp_path: Path) -> None:
+    saved = tl.simulate(tl.load_scene("arm-swing"), 0.1).save(tmp_path / "run.npz")
+    command = [*TWOLINK, "play", str(saved), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=TOP) as process:
+        assert process.stdout is not None
+        assert re.fullmatch(r"playing at http://127\.0\.0\.1:\S+ \(Ctrl-C ends it\)\n", process.stdout.readline())
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (1, "", "twolink: interrupted\n")

@@ -1,0 +1,53 @@
+"""Tables: written whole, read strictly, in whatever way a file is wrong."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twolink.errors import TwolinkError
+from twolink.files import read_table, write_table
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz", ".CSV", ".Npz"])
+def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
+    columns = {name: np.array([0.1, 1e-300, -np.pi]) for name in ("t", "a,b", 'a"b', "a b", "\u00e4")}
+    path = write_table(tmp_path / f"x{suffix}", columns, {"note": "yes, \u00e4"})
+    again, notes = read_table(path)
+    assert list(again) == list(columns)
+    for name, values in columns.items():
+        assert np.array_equal(again[name], values)
+    assert notes == ({} if suffix.lower() == ".csv" else {"note": "yes, \u00e4"})
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "part"),
+    [
+        ("x.csv", b"t,t\n0,0\n", "column 't' is there twice"),
+        ("x.csv", b"t,q\n0\n", "row 1 has 1 cells, the header has 2"),
+        ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
+        ("x.csv", b"\xff\xfe", "cannot be read"),
+        ("x.npz", b"\x93NUMPY", "cannot be read"),
+        ("x.npz", b"PK\x03\x04", "cannot be read"),
+        ("x.parquet", b"PAR1PAR1", "cannot be read"),
+        ("x.json", json.dumps({}).encode(), "'.json' is not a format we know"),
+    ],
+)
+def test_damaged_files_are_one_line(name: str, content: bytes, part: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(TwolinkError, match=part) as failure:
+        read_table(tmp_path / name)
+    assert "\n" not in str(failure.value)
+
+
+def test_a_lone_array_is_no_archive(tmp_path: Path) -> None:
+    np.save(tmp_path / "x.npy", np.zeros(3))
+    (tmp_path / "x.npy").rename(tmp_path / "x.npz")
+    with pytest.raises(TwolinkError, match="one array"):
+        read_table(tmp_path / "x.npz")
+
+
+def test_spreadsheets_put_a_mark_first(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_bytes(b"\xef\xbb\xbft\r\n\r\n1\r\n")
+    assert read_table(tmp_path / "x.csv")[0] == {"t": [1.0]}
