@@ -4,13 +4,15 @@ import json
 import re
 import signal
 import subprocess
-import time
+import sys
 from pathlib import Path
 
 import pytest
 
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
+from twolink.cli import main
+from twolink.cli_print import Progress
 
 
 def test_run_reports_and_writes(tmp_path: Path) -> None:
@@ -46,17 +48,24 @@ def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path) -> Non
     assert "x.html: cannot be written" in done.stderr
 
 
-def test_an_interrupted_run_keeps_what_is_done(tmp_path: Path) -> None:
-    command = [*TWOLINK, "run", "arm-swing", "--duration", "1e5", "--samples", "1", "--json"]
-    command += ["--no-verify", "--accuracy", "1e-12", "--out", str(tmp_path / "x.csv")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=TOP) as process:
-        time.sleep(5)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert process.returncode == 1
+def test_an_interrupted_run_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def press_ctrl_c(_: Progress, t: float) -> None:
+        if t > 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Progress, "__call__", press_ctrl_c)
+    monkeypatch.setattr(sys, "argv", ["twolink", "run", "arm-swing", "--json", "--out", str(tmp_path / "x.csv")])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    out, err = capsys.readouterr()
+    assert stop.value.code == 1
     assert err == "twolink: interrupted; what was done is kept\n"
-    assert json.loads(out)["interrupted"]
-    assert (tmp_path / "x.csv").is_file()
+    summary = json.loads(out)
+    assert summary["interrupted"]
+    assert 0.5 < summary["duration"] < 9
+    assert tl.Trajectory.load(tmp_path / "x.csv", tl.load_robot("two_link")).t[-1] == summary["duration"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")

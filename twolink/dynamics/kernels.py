@@ -105,9 +105,9 @@ class Kernel:
             _pool(threads).submit(self._part, arguments, result, start, min(start + part, count))
             for start in starts[1:]
         ]
-        good = self._part(arguments, result, 0, min(part, count))
-        good = all([future.result() for future in waiting]) and good
-        return result.reshape(count, *self.shape) if good else None
+        verdicts = [self._part(arguments, result, 0, min(part, count))]
+        verdicts.extend(future.result() for future in waiting)
+        return result.reshape(count, *self.shape) if all(verdicts) else None
 
     def _part(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
         """The states from start to stop, a chunk at a time; whether the guard is content."""

@@ -62,10 +62,10 @@ def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
 
 
 def _follow_mimics(second: Any, model: pin.Model, q: np.ndarray, angles: dict[str, float]) -> None:
-    """yourdfpy couples mimic joints; give Pinocchio's independent ones the same values."""
+    """yourdfpy couples mimic joints, to 0 where they mimic one that does not move; give Pinocchio's the same values."""
     for joint in second.robot.joints:
-        if joint.mimic is not None and model.existJointName(joint.name) and joint.mimic.joint in angles:
-            value = joint.mimic.multiplier * angles[joint.mimic.joint] + joint.mimic.offset
+        if joint.mimic is not None and model.existJointName(joint.name):
+            value = joint.mimic.multiplier * angles.get(joint.mimic.joint, 0.0) + joint.mimic.offset
             index = model.getJointId(joint.name)
             if model.nqs[index] == 1:
                 q[model.idx_qs[index]] = value
