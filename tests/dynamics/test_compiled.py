@@ -354,7 +354,9 @@ def test_keys_tell_robots_functions_and_parameters_apart() -> None:
     keys = {cache.key(tl.load_robot(t).model, ("forward_dynamics",)) for t in texts}
     keys |= {cache.key(tl.load_robot(texts[0]).model, parts) for parts in (("bias",), ("forward_dynamics", "x.mass"))}
     keys.add(cache.key(tl.load_robot(texts[0], gravity=(0, 0, -9.8)).model, ("forward_dynamics",)))
-    assert len(keys) == 6
+    for axis in ("0 -1 1e-9", "0 -1 2e-9", "0.6 0.8 0"):
+        keys.add(cache.key(tl.load_robot(texts[0].replace("0 -1 0", axis)).model, ("forward_dynamics",)))
+    assert len(keys) == 9
     assert cache.key(tl.load_robot(texts[0]).model, ("bias",)) == cache.key(tl.load_robot(texts[0]).model, ("bias",))
 
 

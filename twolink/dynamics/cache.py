@@ -19,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 FORMAT = 1
@@ -50,13 +51,17 @@ def key(model: pin.Model, parts: Sequence[str]) -> str:
     digest.update(repr(tuple(parts)).encode())
     digest.update(repr([j.shortname() for j in model.joints]).encode())
     digest.update(repr((list(model.names), model.parents.tolist(), model.nqs.tolist())).encode())
-    for array in (model.armature, model.damping, model.gravity.linear):
-        digest.update(array.tobytes())
+    data = model.createData()
+    # The Jacobian at the neutral configuration holds the joints' axes, which their text does not show when skew.
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for array in (model.armature, model.damping, model.gravity.linear, data.J):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    mimics = [j.extract() for j in model.joints if "Mimic" in j.shortname()]
+    digest.update(repr([(repr(j), j.scaling, j.offset) for j in mimics]).encode())
     for joint in range(model.njoints):
         body = model.inertias[joint]
         digest.update(repr((body.mass, body.lever.tolist(), body.inertia.tolist())).encode())
         digest.update(model.jointPlacements[joint].homogeneous.tobytes())
-        digest.update(repr(model.joints[joint]).encode())
     digest.update(repr([(f.name, f.parentJoint, f.placement.homogeneous.tolist()) for f in model.frames]).encode())
     return digest.hexdigest()[:40]
 
