@@ -3,7 +3,8 @@
     python scripts/bench_queries.py [--states 100000] [--rounds 9] [--quick]
 
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
-(n, nv) arrays are in its time. The contestants take turns in every round; the table has medians after a warm-up.
+(n, nv) arrays are in its time. The contestants
+take turns, five calls each, in every round; the table has medians of all calls after a warm-up.
 Agreement is the largest difference of accelerations from pin.aba, relative to the largest acceleration of the batch.
 Writes out/bench_queries.csv and out/bench_queries.png.
 """
@@ -27,6 +28,7 @@ from twolink.dynamics.threads import thread_count
 OUT = Path(__file__).parents[1] / "out"
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 CHAINS = (2, 4, 8, 15, 30, 60)
+TURN = 5
 Contest = dict[str, Callable[[], np.ndarray]]
 
 
@@ -147,15 +149,16 @@ def inverse_contest(robot: tl.Robot, q: np.ndarray, v: np.ndarray, w: np.ndarray
 
 
 def run(contest: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """Median nanoseconds a state, and the answers; everybody once a round."""
+    """Median nanoseconds a state, and the answers; in every round everybody has TURN calls in a row."""
     answers = {name: call() for name, call in contest.items()}
     answers = {name: np.array(a) for name, a in answers.items()}
     times: dict[str, list[float]] = {name: [] for name in contest}
     for _ in range(rounds):
         for name, call in contest.items():
-            start = time.perf_counter()
-            call()
-            times[name].append((time.perf_counter() - start) / len(answers[name]) * 1e9)
+            for _ in range(TURN):
+                start = time.perf_counter()
+                call()
+                times[name].append((time.perf_counter() - start) / len(answers[name]) * 1e9)
     return {name: statistics.median(t) for name, t in times.items()}, answers
 
 

@@ -27,7 +27,9 @@ from twolink.dynamics.mechanism import mechanism
 from twolink.dynamics.threads import thread_count
 from twolink.robots.layout import joint_layouts
 
-CHUNK_BYTES = 2**22  # of inputs and outputs together: they stay in the cache
+CHUNK_BYTES = 2**20  # of inputs and outputs together: they stay in the cache
+CHUNK_WORK = 6_000_000  # operations a chunk is worth at least, lest its calls cost more than its answers
+STACK_BYTES = 2**25
 LANES = 8  # chunks are multiples of it, as of every vector length that heyoka takes
 THREADS_FROM = 1_000_000  # operations in a call from which threads pay (scripts/bench_queries.py)
 SINE = 20  # operations of our sine or cosine
@@ -113,7 +115,7 @@ class Kernel:
         """The states from start to stop, a chunk at a time; whether the guard is content."""
         entries = result.shape[1]
         width = sum(self.sizes) + entries + 1
-        chunk = max(512, CHUNK_BYTES // (8 * width) // LANES * LANES)
+        chunk = max(512, CHUNK_BYTES // (8 * width), CHUNK_WORK // max(1, self.work)) // LANES * LANES
         for low in range(start, stop, chunk):
             high = min(low + chunk, stop)
             count = high - low
@@ -156,16 +158,26 @@ def _stacked(arrays: Sequence[np.ndarray], threads: int) -> np.ndarray:
     """Arrays (size, n) one under the other; one alone is taken as it is."""
     if len(arrays) == 1:
         return arrays[0]
-    if threads == 1:
-        return np.concatenate(arrays)
     ends = np.cumsum([len(a) for a in arrays])
-    out = np.empty((ends[-1], arrays[0].shape[1]))
+    out = _stack(int(ends[-1]), arrays[0].shape[1])
+    if threads == 1:
+        return np.concatenate(arrays, out=out)
     parts = [(out[end - len(a) : end], a) for a, end in zip(arrays, ends, strict=True)]
     waiting = [_pool(threads).submit(np.copyto, *part) for part in parts[1:]]
     np.copyto(*parts[0])
     for future in waiting:
         future.result()
     return out
+
+
+def _stack(rows: int, count: int) -> np.ndarray:
+    """This thread's buffer for stacking, kept from call to call up to STACK_BYTES: new memory costs like copying."""
+    if rows * count * 8 > STACK_BYTES:
+        return np.empty((rows, count))
+    kept: np.ndarray | None = getattr(_local, "stack", None)
+    if kept is None or kept.shape != (rows, count):
+        kept = _local.stack = np.empty((rows, count))
+    return kept
 
 
 @functools.lru_cache(maxsize=4)
