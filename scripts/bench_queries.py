@@ -4,7 +4,7 @@
 
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
 (n, nv) arrays are in its time. The contestants
-take turns, five calls each, in every round; the table has medians of all calls after a warm-up.
+take turns, a warm-up and five calls each, in every round; the table has medians of all calls.
 Agreement is the largest difference of accelerations from pin.aba, relative to the largest acceleration of the batch.
 Writes out/bench_queries.csv and out/bench_queries.png.
 """
@@ -155,6 +155,7 @@ def run(contest: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.n
     times: dict[str, list[float]] = {name: [] for name in contest}
     for _ in range(rounds):
         for name, call in contest.items():
+            call()
             for _ in range(TURN):
                 start = time.perf_counter()
                 call()

@@ -7,11 +7,9 @@ length 1. A batch whose guard is not finite is answered by the slow path, which 
 
 from __future__ import annotations
 
-import functools
 import math
 import threading
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +25,7 @@ from twolink.dynamics.mechanism import mechanism
 from twolink.dynamics.threads import thread_count
 from twolink.robots.layout import joint_layouts
 
-CHUNK_BYTES = 2**20  # of inputs and outputs together: they stay in the cache
+CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
 CHUNK_WORK = 6_000_000  # operations a chunk is worth at least, lest its calls cost more than its answers
 STACK_BYTES = 2**25
 LANES = 8  # chunks are multiples of it, as of every vector length that heyoka takes
@@ -83,9 +81,8 @@ class Kernel:
         """Arguments (size, n) whole: heyoka's threads share the call."""
         count, entries = arguments[0].shape[1], math.prod(self.shape)
         out = np.empty((entries + 1, count))
-        threads = self._threads(count)
-        pars = {"pars": _stacked(arguments[1:], threads)} if len(arguments) > 1 else {}
-        self.cfunc(arguments[0], outputs=out, batch_parallel=threads > 1, **pars)
+        pars = {"pars": _stacked(arguments[1:])} if len(arguments) > 1 else {}
+        self.cfunc(arguments[0], outputs=out, batch_parallel=self._pays_threads(count), **pars)
         if not math.isfinite(out[-1].sum()):
             return None
         odd = count % LANES
@@ -97,45 +94,36 @@ class Kernel:
         return out[:-1].T.reshape(count, *self.shape) if len(self.shape) != 1 else out[:-1].T
 
     def _rows(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Arguments (n, size) through buffers that hold one state a column; each thread has a part of the states."""
-        count = len(arguments[0])
-        result = np.empty((count, math.prod(self.shape)))
-        threads = self._threads(count)
-        part = -(-count // threads // LANES) * LANES
-        starts = range(0, count, part)
-        waiting = [
-            _pool(threads).submit(self._part, arguments, result, start, min(start + part, count))
-            for start in starts[1:]
-        ]
-        verdicts = [self._part(arguments, result, 0, min(part, count))]
-        verdicts.extend(future.result() for future in waiting)
-        return result.reshape(count, *self.shape) if all(verdicts) else None
-
-    def _part(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
-        """The states from start to stop, a chunk at a time; whether the guard is content."""
-        entries = result.shape[1]
+        """Arguments (n, size) through buffers that hold one state a column, a chunk at a time."""
+        count, entries = len(arguments[0]), math.prod(self.shape)
         width = sum(self.sizes) + entries + 1
         chunk = max(512, CHUNK_BYTES // (8 * width), CHUNK_WORK // max(1, self.work)) // LANES * LANES
-        for low in range(start, stop, chunk):
-            high = min(low + chunk, stop)
-            count = high - low
-            first, rest, out = self._buffers(-(-count // LANES) * LANES, entries)
-            first[:, :count] = arguments[0][low:high].T
-            first[:, count:] = arguments[0][high - 1, :, None]  # whole vectors: the odd ones are the last state again
-            row = 0
-            for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
-                rest[row : row + size, :count] = values[low:high].T
-                rest[row : row + size, count:] = values[high - 1, :, None]
-                row += size
-            pars = {"pars": rest} if row else {}
-            self.cfunc(first, outputs=out, batch_parallel=False, **pars)
-            if not math.isfinite(out[-1].sum()):
-                return False
-            if entries < 5:
-                for k in range(entries):  # a column at a time: four times faster than a transposed copy of so few
-                    result[low:high, k] = out[k, :count]
-            else:
-                result[low:high] = out[:-1, :count].T
+        result = np.empty((count, entries))
+        for start in range(0, count, chunk):
+            if not self._chunk(arguments, result, start, min(start + chunk, count)):
+                return None
+        return result.reshape(count, *self.shape)
+
+    def _chunk(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
+        """The states from start to stop into the result; whether the guard is content."""
+        entries, count = result.shape[1], stop - start
+        first, rest, out = self._buffers(-(-count // LANES) * LANES, entries)
+        first[:, :count] = arguments[0][start:stop].T
+        first[:, count:] = arguments[0][stop - 1, :, None]  # whole vectors: the odd ones are the last state again
+        row = 0
+        for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
+            rest[row : row + size, :count] = values[start:stop].T
+            rest[row : row + size, count:] = values[stop - 1, :, None]
+            row += size
+        pars = {"pars": rest} if row else {}
+        self.cfunc(first, outputs=out, batch_parallel=self._pays_threads(count), **pars)
+        if not math.isfinite(out[-1].sum()):
+            return False
+        if entries < 5:
+            for k in range(entries):  # a column at a time: four times faster than a transposed copy of so few
+                result[start:stop, k] = out[k, :count]
+        else:
+            result[start:stop] = out[:-1, :count].T
         return True
 
     def _buffers(self, count: int, entries: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -147,27 +135,16 @@ class Kernel:
         buffers: tuple[np.ndarray, np.ndarray, np.ndarray] = _local.buffers
         return buffers
 
-    def _threads(self, count: int) -> int:
-        """How many threads a batch of `count` states is worth."""
-        if count * self.work < THREADS_FROM or is_forked_child():
-            return 1
-        return _limit_threads()
+    def _pays_threads(self, count: int) -> bool:
+        """Whether a call with `count` states is worth waking heyoka's threads."""
+        return count * self.work >= THREADS_FROM and not is_forked_child() and _limit_threads() > 1
 
 
-def _stacked(arrays: Sequence[np.ndarray], threads: int) -> np.ndarray:
+def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
     """Arrays (size, n) one under the other; one alone is taken as it is."""
     if len(arrays) == 1:
         return arrays[0]
-    ends = np.cumsum([len(a) for a in arrays])
-    out = _stack(int(ends[-1]), arrays[0].shape[1])
-    if threads == 1:
-        return np.concatenate(arrays, out=out)
-    parts = [(out[end - len(a) : end], a) for a, end in zip(arrays, ends, strict=True)]
-    waiting = [_pool(threads).submit(np.copyto, *part) for part in parts[1:]]
-    np.copyto(*parts[0])
-    for future in waiting:
-        future.result()
-    return out
+    return np.concatenate(arrays, out=_stack(sum(len(a) for a in arrays), arrays[0].shape[1]))
 
 
 def _stack(rows: int, count: int) -> np.ndarray:
@@ -178,11 +155,6 @@ def _stack(rows: int, count: int) -> np.ndarray:
     if kept is None or kept.shape != (rows, count):
         kept = _local.stack = np.empty((rows, count))
     return kept
-
-
-@functools.lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="twolink")
 
 
 def _work(operations: Mapping[str, int]) -> int:
