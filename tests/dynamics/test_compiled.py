@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.dynamics.states import close, states
 from twolink.dynamics import cache, choice, compiled, functions, kernels
 from twolink.dynamics.certify import certify
 from twolink.errors import CertificationError, MissingExtraError, QueryError
@@ -28,17 +29,6 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 @pytest.fixture(scope="module", params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> tl.Robot:
     return tl.load_robot(request.param, root=ROBOTS[request.param])
-
-
-def states(robot: tl.Robot, n: int, seed: int = 0) -> tuple[np.ndarray, ...]:
-    rng = np.random.default_rng(seed)
-    q = np.array([pin.integrate(robot.model, robot.neutral, rng.uniform(-2, 2, robot.nv)) for _ in range(n)])
-    return robot.normalize(q), rng.uniform(-3, 3, (n, robot.nv)), rng.uniform(-20, 20, (n, robot.nv))
-
-
-def close(a: np.ndarray, b: np.ndarray, tolerance: float = 1e-12) -> None:
-    assert np.shape(a) == np.shape(b)
-    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(1.0, float(np.abs(b).max())))
 
 
 def test_queries_equal_pinocchios(robot: tl.Robot) -> None:

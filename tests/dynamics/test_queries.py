@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.dynamics.states import close, states
 from twolink.errors import QueryError
 from twolink.robots.catalogue import our_urdfs
 
@@ -19,16 +20,6 @@ ROBOTS = {"two_link": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "f
 @pytest.fixture(scope="module", params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> tl.Robot:
     return tl.load_robot(request.param, root=ROBOTS[request.param])
-
-
-def states(robot: tl.Robot, n: int, seed: int = 0) -> tuple[np.ndarray, ...]:
-    rng = np.random.default_rng(seed)
-    q = np.array([pin.integrate(robot.model, robot.neutral, rng.uniform(-2, 2, robot.nv)) for _ in range(n)])
-    return robot.normalize(q), rng.uniform(-3, 3, (n, robot.nv)), rng.uniform(-20, 20, (n, robot.nv))
-
-
-def close(a: np.ndarray, b: np.ndarray, tolerance: float) -> None:
-    np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(1.0, float(np.abs(b).max())))
 
 
 def test_equation_of_motion_holds(robot: tl.Robot) -> None:

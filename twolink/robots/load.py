@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 from collections.abc import Mapping, Sequence
@@ -15,6 +14,7 @@ import pinocchio as pin
 
 from twolink.errors import RobotError, nearest
 from twolink.robots import catalogue, meshes, physics
+from twolink.robots.agreement import check_agreement
 from twolink.robots.canonical import canonical
 from twolink.robots.findings import findings
 from twolink.robots.layout import joint_layouts
@@ -61,7 +61,7 @@ def load_model(
     if mimic:
         _check_mimic(tree)
     full = _build(tree, read, root, mimic)
-    _check_against_tree(full, tree, read.label, root)
+    check_agreement(full, tree, read.label, root)
     locked, reference = _locked(full, lock or {})
     model = _reduced(full, locked, reference)
     model.gravity.linear = field
@@ -152,35 +152,6 @@ def _build(tree: Tree, read: _Source, root: str, mimic: bool) -> pin.Model:
             remedy="the messages of its parser are on stderr",
         )
     return result[0]
-
-
-def _check_against_tree(model: pin.Model, tree: Tree, label: str, root: str) -> None:
-    """Compare what Pinocchio made with our own reading: joints, masses and limits.
-
-    It guards against anything the parser below drops or misreads without a word: a locale's decimal comma, say.
-    """
-    own = ("universe", "root_joint") if root == "free" else ("universe",)
-    built = {name for name in model.names if name not in own}
-    expected = {j.name for j in tree.moving}
-    if built != expected:
-        odd = ", ".join(sorted(built ^ expected)[:5])
-        raise RobotError(f"Pinocchio's joints differ from the file's: {odd}", where=label, remedy="report it to us")
-    remedy = "report it to us, with the locale in force"
-    mass = sum(inertia.mass for inertia in model.inertias)
-    written = sum(link.mass for link in tree.links.values())
-    if not math.isfinite(written):
-        raise RobotError("the masses add up to more than a double holds", where=label, remedy="correct them")
-    if not abs(mass - written) <= 1e-9 * written:
-        raise RobotError(f"Pinocchio read {mass} kg, the file says {written} kg", where=label, remedy=remedy)
-    for joint in tree.moving:
-        index = model.getJointId(joint.name)
-        if joint.limits is None or model.nqs[index] != 1:
-            continue
-        start = model.idx_qs[index]
-        read = (model.lowerPositionLimit[start], model.upperPositionLimit[start])
-        if any(abs(r - w) > 1e-9 * max(1, abs(w)) for r, w in zip(read, joint.limits, strict=True)):
-            what = f"Pinocchio read the limits {read}, the file says {joint.limits}"
-            raise RobotError(what, where=joint.where, remedy=remedy)
 
 
 def _check_mimic(tree: Tree) -> None:
