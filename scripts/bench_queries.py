@@ -238,25 +238,33 @@ def main() -> None:
 
 
 def picture(rows: list[list]) -> None:
-    """Nanoseconds a state against degrees of freedom, one line a contestant."""
+    """Nanoseconds a state against degrees of freedom, one colour a contestant."""
+    from matplotlib.ticker import NullLocator, ScalarFormatter
+
     from twolink.show.plots import COLOURS, new_figure, save_figure
 
-    figure, axes = new_figure(1, 2, size=(11, 4.6), sharey=True)
+    colour_of = {
+        "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0], "pin.rneaInParallel": COLOURS[0],
+        "mj_forward, loop": "#BBBBBB", "mujoco rollout, one step": COLOURS[3],
+        "twolink, rows": COLOURS[1], "twolink, columns": COLOURS[5],
+    }  # fmt: skip
+    figure, axes = new_figure(1, 2, size=(11, 4.8), sharey=True)
     for axis, query in zip(axes[0], ("forward", "inverse"), strict=True):
-        names = list(dict.fromkeys(r[4] for r in rows if r[1] == query))
-        for who, colour in zip(names, COLOURS, strict=False):
-            chains = sorted((r[2], r[5]) for r in rows if r[1] == query and r[4] == who and r[0].startswith("chain"))
-            others = [
-                (r[2], r[5], r[0]) for r in rows if r[1] == query and r[4] == who and not r[0].startswith("chain")
-            ]
-            if chains:
-                axis.loglog(*zip(*chains, strict=True), "-", color=colour, linewidth=1.5)
-            axis.loglog([o[0] for o in others], [o[1] for o in others], "o", color=colour, label=who, markersize=5)
-        axis.set(
-            xlabel="degrees of freedom (lines: chains; dots: arm, UR5, Panda, ANYmal, Talos)", title=f"{query} dynamics"
-        )
+        for who in dict.fromkeys(r[4] for r in rows if r[1] == query):
+            mine = [r for r in rows if r[1] == query and r[4] == who]
+            chains = sorted((r[2], r[5]) for r in mine if r[0].startswith("chain"))
+            others = [(r[2], r[5]) for r in mine if not r[0].startswith("chain")]
+            if len(chains) > 1:
+                axis.plot(*zip(*chains, strict=True), "-", color=colour_of[who], linewidth=1.5)
+            axis.plot(*zip(*others, strict=True), "o", color=colour_of[who], label=who, markersize=5)
+        axis.set(xscale="log", yscale="log", xlabel="degrees of freedom", title=f"{query} dynamics")
+        axis.set_xticks([2, 4, 8, 15, 30, 60])
+        axis.xaxis.set_major_formatter(ScalarFormatter())
+        axis.xaxis.set_minor_locator(NullLocator())
+        axis.legend(fontsize=8, frameon=False, loc="upper left")
     axes[0, 0].set_ylabel("nanoseconds a state")
-    axes[0, 0].legend(fontsize=8, frameon=False)
+    axes[0, 0].set_ylim(top=6e5)
+    figure.suptitle("Batches of states: chains as lines; arm, UR5, Panda, ANYmal and Talos as dots", fontsize=11)
     save_figure(figure, OUT / "bench_queries.png")
 
 
