@@ -424,6 +424,10 @@ def test_engines() -> None:
     robot = tl.load_robot("two_link")
     with pytest.raises(QueryError, match="did you mean 'compiled'"):
         robot.bias([0, 0], [0, 0], engine="compile")  # type: ignore[arg-type]
+    zero = np.zeros(2)
+    for query in (lambda e: robot.forward_dynamics(zero, zero, zero, engine=e), lambda e: robot.mass_matrix(zero, e)):
+        with pytest.raises(QueryError, match="did you mean 'pinocchio'"):
+            query("pinochio")
     single = robot.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2), engine="compiled")
     close(single, robot.forward_dynamics(np.zeros(2), np.zeros(2), np.zeros(2)))
 

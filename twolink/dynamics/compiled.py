@@ -64,38 +64,38 @@ class Compiled:
         parameters: Parameters | None = None,
     ) -> Array:
         """a = M^-1 (tau - h + J^T f_ext), (..., nv); see `Robot.forward_dynamics`."""
-        return self._answer("forward_dynamics", {"q": q, "v": v, "tau": tau}, parameters, f_ext)
+        return self.answer("forward_dynamics", {"q": q, "v": v, "tau": tau}, parameters, f_ext)
 
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, parameters: Parameters | None = None
     ) -> Array:
         """tau = M a + h - J^T f_ext, (..., nv); see `Robot.inverse_dynamics`."""
-        return self._answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
+        return self.answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
 
     def mass_matrix(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
         """M(q), (..., nv, nv)."""
-        return self._answer("mass_matrix", {"q": q}, parameters)
+        return self.answer("mass_matrix", {"q": q}, parameters)
 
     def bias(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> Array:
         """h(q, v), (..., nv)."""
-        return self._answer("bias", {"q": q, "v": v}, parameters)
+        return self.answer("bias", {"q": q, "v": v}, parameters)
 
     def gravity_torque(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
         """g(q), (..., nv)."""
-        return self._answer("gravity_torque", {"q": q}, parameters)
+        return self.answer("gravity_torque", {"q": q}, parameters)
 
     def energy(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> tuple[Array, Array]:
         """(kinetic, potential), (...,) each, J."""
-        both = self._answer("energy", {"q": q, "v": v}, parameters)
+        both = self.answer("energy", {"q": q, "v": v}, parameters)
         return both[..., 0], both[..., 1]
 
     def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
         """Where a link's frame is, in the world, (..., 3), m."""
-        return self._answer(f"frame_position:{frame}", {"q": q}, parameters)
+        return self.answer(f"frame_position:{frame}", {"q": q}, parameters)
 
     def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
         """How a link's frame is turned: R with world = R frame, (..., 3, 3)."""
-        return self._answer(f"frame_rotation:{frame}", {"q": q}, parameters)
+        return self.answer(f"frame_rotation:{frame}", {"q": q}, parameters)
 
     def frame_jacobian(
         self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters | None = None
@@ -107,20 +107,20 @@ class Compiled:
         if axes not in ("frame", "world"):
             raise QueryError(f"axes {axes!r} is unknown", where="axes", remedy='"frame" or "world"')
         kind = "frame_jacobian" if axes == "frame" else "frame_jacobian_world"
-        return self._answer(f"{kind}:{frame}", {"q": q}, parameters)
+        return self.answer(f"{kind}:{frame}", {"q": q}, parameters)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, parameters: Parameters | None = None
     ) -> tuple[Array, Array, Array]:
         """(da/dq, da/dv, da/dtau), (..., nv, nv) each; dq in the tangent space, as pin.computeABADerivatives."""
-        all_three = self._answer("forward_dynamics_derivatives", {"q": q, "v": v, "tau": tau}, parameters)
+        all_three = self.answer("forward_dynamics_derivatives", {"q": q, "v": v, "tau": tau}, parameters)
         return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
 
     def inverse_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: Parameters | None = None
     ) -> tuple[Array, Array, Array]:
         """(dtau/dq, dtau/dv, dtau/da), (..., nv, nv) each; dq in the tangent space, as pin.computeRNEADerivatives."""
-        all_three = self._answer("inverse_dynamics_derivatives", {"q": q, "v": v, "a": a}, parameters)
+        all_three = self.answer("inverse_dynamics_derivatives", {"q": q, "v": v, "a": a}, parameters)
         return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
 
     def certificate(self, name: str) -> Certificate:
@@ -179,9 +179,14 @@ class Compiled:
     def _forces(self, frames: tuple[str, ...]) -> list[FrameForce]:
         return [FrameForce(f"f_ext:{frame}", *frame_pose(self.robot.model, frame)) for frame in frames]
 
-    def _answer(
-        self, name: str, given: dict[str, ArrayLike], parameters: Parameters | None, f_ext: FExt | None = None
+    def answer(
+        self,
+        name: str,
+        given: dict[str, ArrayLike],
+        parameters: Parameters | None = None,
+        f_ext: FExt | None = None,
     ) -> Array:
+        """Any function by its name, such as "bias" or "frame_position:tip", of its arguments by name."""
         forces = self._own_axes(f_ext, given["q"]) if f_ext else {}
         kernel, _ = self._kernel(name, tuple(forces))
         forces = {f"f_ext:{frame}": value for frame, value in forces.items()}

@@ -26,6 +26,7 @@ from twolink.robots.model import RobotModel
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Engine = Literal["auto", "pinocchio", "compiled"]
 ENGINES = ("auto", "pinocchio", "compiled")
+DIRECT = ENGINES[:2]  # those that let Pinocchio answer a single state
 _FLOAT = np.dtype(np.float64)
 
 
@@ -74,7 +75,7 @@ class Robot(RobotModel):
         engine: "pinocchio", "compiled" (heyoka, certified against Pinocchio), or "auto": compiled for batches from
         the size where it is faster.
         """
-        if f_ext is None and method == "aba" and engine != "compiled" and not self.has_mimic and self._plain(q, v, tau):
+        if f_ext is None and method == "aba" and engine in DIRECT and not self.has_mimic and self._plain(q, v, tau):
             a: Array = pin.aba(self.model, self.data, q, v, tau)
             if isfinite(_total(q) + _total(v) + _total(tau) + _total(a)):
                 return a
@@ -89,7 +90,7 @@ class Robot(RobotModel):
 
         (Featherstone 2008, table 5.1.) f_ext as in `forward_dynamics`.
         """
-        if f_ext is None and engine != "compiled" and self._plain(q, v, a):
+        if f_ext is None and engine in DIRECT and self._plain(q, v, a):
             tau: Array = pin.rnea(self.model, self.data, q, v, a)
             if isfinite(_total(q) + _total(v) + _total(a) + _total(tau)):
                 return tau
@@ -104,33 +105,26 @@ class Robot(RobotModel):
 
     def mass_matrix(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """The joint-space inertia matrix M(q), (..., nv, nv), symmetric, by composite rigid bodies."""
-        if self._compiles("mass_matrix", engine, q):
-            return self.compiled().mass_matrix(q)
-        return self._map(reference.crba if self.has_mimic else pin.crba, (self.nv, self.nv), q)
+        algorithm = reference.crba if self.has_mimic else pin.crba
+        return self._map("mass_matrix", engine, algorithm, (self.nv, self.nv), q)
 
     def bias(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> Array:
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero."""
-        if self._compiles("bias", engine, q, v):
-            return self.compiled().bias(q, v)
-        return self._map(pin.nonLinearEffects, (self.nv,), q, v)
+        return self._map("bias", engine, pin.nonLinearEffects, (self.nv,), q, v)
 
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
         """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew."""
         if self.has_mimic:  # Pinocchio 4.1 answers, with C v != h - g
             raise QueryError("there is none for mimic joints", where="coriolis", remedy="use bias - gravity_torque")
-        return self._map(pin.computeCoriolisMatrix, (self.nv, self.nv), q, v)
+        return self._map("coriolis", "pinocchio", pin.computeCoriolisMatrix, (self.nv, self.nv), q, v)
 
     def gravity_torque(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """g(q), (..., nv): the torques that hold the robot still against gravity."""
-        if self._compiles("gravity_torque", engine, q):
-            return self.compiled().gravity_torque(q)
-        return self._map(pin.computeGeneralizedGravity, (self.nv,), q)
+        return self._map("gravity_torque", engine, pin.computeGeneralizedGravity, (self.nv,), q)
 
     def energy(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> tuple[Array, Array]:
         """(kinetic v^T M v / 2, potential -sum m g . c), (...,) each, J. Potential is 0 at the world's origin."""
-        if self._compiles("energy", engine, q, v):
-            return self.compiled().energy(q, v)
-        both = self._map(self._energies, (2,), q, v)
+        both = self._map("energy", engine, self._energies, (2,), q, v)
         return both[..., 0], both[..., 1]
 
     def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
@@ -237,15 +231,19 @@ class Robot(RobotModel):
             ) from None
         return self._finish(a, batch, (self.nv,))
 
-    def _map(self, algorithm: Callable[..., Array], shape: tuple[int, ...], q: Any, *velocity: Any) -> Array:
-        """One of Pinocchio's algorithms of q, or of q and v, state by state."""
+    def _map(
+        self, name: str, engine: str, algorithm: Callable[..., Array], shape: tuple[int, ...], q: Any, *velocity: Any
+    ) -> Array:
+        """A query of q, or of q and v: one state at once, batches compiled where it pays, or state by state."""
         v = velocity[0] if velocity else self._zero
-        if self._plain(q, v, v):
+        if engine in DIRECT and self._plain(q, v, v):
             result = algorithm(self.model, self.data, q, *velocity)
             # A mass matrix is positive definite: its diagonal bounds the rest.
-            shown = result.diagonal() if algorithm in (pin.crba, reference.crba) else result.reshape(-1)
+            shown = result.diagonal() if name == "mass_matrix" else result.reshape(-1)
             if isfinite(_total(q) + _total(v) + _total(shown)):
                 return result
+        if self._compiles(name, engine, q, *velocity):
+            return self.compiled().answer(name, {"q": q, **({"v": v} if velocity else {})})
         states, batch = self._states(q, **({"v": v} if velocity else {}))
         columns = list(states.values())
 
