@@ -7,6 +7,7 @@ length 1. A batch whose guard is not finite is answered by the slow path, which 
 
 from __future__ import annotations
 
+import itertools
 import math
 import threading
 from collections.abc import Mapping, Sequence
@@ -58,7 +59,6 @@ class Kernel:
     sizes: tuple[int, ...]
     cfunc: Any
     operations: dict[str, int]
-    variant: int
 
     @property
     def work(self) -> int:
@@ -177,17 +177,19 @@ def _limit_threads() -> int:
 class _Recorder:
     """The namespace of sin, cos, sqrt for tracing; it remembers the angles, which the guard bounds."""
 
+    sqrt = staticmethod(sincos.TRACED.sqrt)
+
     def __init__(self, module: Any) -> None:
-        self.module, self.sqrt = module, module.sqrt
+        self.module = module
         self.angles: dict[str, Any] = {}
 
     def sin(self, x: Any) -> Any:
         self.angles[str(x)] = x
-        return sincos.sin_cos(x)[0]
+        return sincos.TRACED.sin(x)
 
     def cos(self, x: Any) -> Any:
         self.angles[str(x)] = x
-        return sincos.sin_cos(x)[1]
+        return sincos.TRACED.cos(x)
 
     def reciprocal(self, x: Any) -> Any:
         """1 / x of what must be positive: an inertia. Behind a condition, it stays one division for all its uses."""
@@ -216,7 +218,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     variant = min(range(len(counts)), key=lambda i: sum(counts[i].values()))
     first, *others = function.arguments
     variables = [module.expression(f"x{i}") for i in range(first[1])]
-    index = iter(range(10**9))
+    index = itertools.count()
     arguments: dict[str, Sequence[Any]] = {first[0]: variables}
     arguments.update({name: [module.par[next(index)] for _ in range(size)] for name, size in others})
     constants = {name: module.par[next(index)] for name in parameters}
@@ -230,7 +232,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     options = {"batch_size": LANES} if _work(counts[variant]) <= SMALL else {}
     compiled = module.cfunc(outputs, vars=variables, **options)
     sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))
-    return Kernel(function.name, function.shape, sizes, compiled, counts[variant], variant)
+    return Kernel(function.name, function.shape, sizes, compiled, counts[variant])
 
 
 def _guard(
