@@ -13,11 +13,11 @@ from twolink import errors
 
 TOP = Path(__file__).parents[1]
 FACE = {
-    tl: ["Robot", "Scene", "Trajectory", "Wrench", "effects", "errors", "lagrange", "load_robot", "load_scene",
-         "simulate"],
+    tl: ["Robot", "Scene", "Study", "Trajectory", "Worlds", "Wrench", "accuracy_study", "effects", "errors", "explain",
+         "lagrange", "load_robot", "load_scene", "simulate", "simulate_many"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy"],
-    tl.Scene: ["robot", "q", "v", "effects", "duration"],
+    tl.Scene: ["robot", "q", "v", "effects", "duration", "save"],
     tl.Trajectory: ["t", "q", "v", "energy", "error", "events", "cost", "save", "plot", "playback", "play"],
 }  # fmt: skip
 
@@ -32,9 +32,11 @@ def test_names_are_there() -> None:
 
 
 def test_simulate_stays_a_function_when_its_module_is_imported() -> None:
+    import twolink.explain
     import twolink.simulate
 
     assert callable(twolink.simulate)
+    assert callable(twolink.explain)
 
 
 def test_public_functions_say_what_they_do() -> None:

@@ -11,10 +11,9 @@ from typing import Annotated, Any, NoReturn
 import numpy as np
 import typer
 
-from twolink import __version__
+from twolink import __version__, cli_scenes
 from twolink.cli_options import Misuse, misuse, takes_robot
-from twolink.cli_print import Progress, describe, print_json, print_robot, print_robots, print_run, say_skipped
-from twolink.cli_write import require_formats, write
+from twolink.cli_print import describe, print_json, print_robot, print_robots, say_skipped
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import RobotError, TwolinkError
 from twolink.query import QUERIES, answer_query, parse_json, read_states
@@ -141,55 +140,7 @@ def check(
         raise typer.Exit(1)
 
 
-@app.command()
-def run(
-    scene: Annotated[str, typer.Argument(help="A bundled scene, or the path of a scene file (.toml).")],
-    duration: Annotated[float | None, typer.Option(help="Seconds; the scene's own when left out.")] = None,
-    accuracy: Annotated[float, typer.Option(help="Bound on the global error of q, rad or m.")] = 1e-6,
-    method: Annotated[str, typer.Option(help="auto, dop853, rk45 or radau.")] = "auto",
-    samples: Annotated[float, typer.Option(help="Samples a second.")] = 200.0,
-    no_verify: Annotated[bool, typer.Option("--no-verify", help="Skip the second solution: no error bar.")] = False,
-    out: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Write samples (.csv .parquet .npz), a figure (.png .svg .pdf) or a playback (.html); repeatable."
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Simulate a scene and say how accurate the answer is and what it cost."""
-    from twolink.scenes import load_scene
-    from twolink.simulate import simulate
-
-    outs = out or []
-    require_formats(outs)
-    loaded = load_scene(scene)
-    length = loaded.duration if duration is None else duration
-    with misuse("duration", "accuracy", "method", "samples"), Progress(length) as progress:
-        result = simulate(
-            loaded, length, accuracy, method=method, samples=samples, verify=not no_verify, progress=progress
-        )
-    written, failures = write(result, outs)
-    summary = {
-        "scene": scene,
-        "robot": loaded.robot.name,
-        "duration": float(result.t[-1]),
-        "error": None if result.error is None else float(result.error.max()),
-        "energy_drift": float(np.ptp(result.energy)),
-        "q": result.q[-1],
-        "v": result.v[-1],
-        "cost": None if result.cost is None else vars(result.cost),
-        "interrupted": result.interrupted,
-        "written": written,
-    }
-    if as_json:
-        print_json(summary)
-    else:
-        print_run(summary)
-    if failures:
-        raise failures[0]
-    if result.interrupted:
-        raise TwolinkError("interrupted", remedy="what was done is kept")
+cli_scenes.register(app)
 
 
 @app.command()

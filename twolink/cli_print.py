@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from twolink.dynamics import Robot
+from twolink.integrate.methods import METHODS
 
 
 def print_json(value: Any) -> None:
@@ -87,13 +88,25 @@ def print_run(summary: dict[str, Any]) -> None:
     typer.echo(f"  error    {'not verified' if error is None else f'at most {error:.1e} rad or m, at every sample'}")
     typer.echo(f"  energy   stays within {summary['energy_drift']:.1e} J")
     if cost is not None:
-        typer.echo(
-            f"  cost     {cost['method']}, {cost['steps']} steps, {cost['evaluations']} evaluations, "
-            f"{cost['seconds']:.3g} s, and {cost['verify_seconds']:.3g} s for the error bar"
-        )
-    typer.echo(f"  q(end) = {np.array2string(summary['q'], precision=15)}")
+        for line in _cost_lines(cost):
+            typer.echo(f"  {line}")
+    digits = summary.get("q_precise")
+    end = np.array2string(summary["q"], precision=15) if digits is None else f"[{' '.join(digits)}]"
+    typer.echo(f"  q(end) = {end}")
     for path in summary["written"]:
         typer.echo(f"  wrote    {path}")
+
+
+def _cost_lines(cost: dict[str, Any]) -> list[str]:
+    """What a run took: the method and why, its setting and steps, seconds of each kind."""
+    kind = "tolerance" if METHODS[cost["method"]].adaptive else "step [s]"
+    rejected = f" ({cost['rejected']} more rejected)" if cost["rejected"] else ""
+    return [
+        f"method   {cost['method']}, {kind} {cost['tolerance']:.3g}: {cost['why'] or 'asked for'}",
+        f"steps    {cost['steps']}{rejected}, {cost['evaluations']} evaluations of the dynamics",
+        f"seconds  {cost['seconds']:.3g} to solve, {cost['verify_seconds']:.3g} for the error bar, "
+        f"{cost['compile_seconds']:.3g} to compile or load",
+    ]
 
 
 def say_skipped(names: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 
 class TwolinkError(Exception):
@@ -50,7 +51,9 @@ class SceneError(TwolinkError, ValueError):
 
 
 class AccuracyError(TwolinkError):
-    """The asked accuracy cannot be kept."""
+    """The asked accuracy cannot be kept. `run` is the best trajectory that was found, with its error bar, if any."""
+
+    run: Any = None
 
 
 class CertificationError(TwolinkError):

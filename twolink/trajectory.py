@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,9 @@ from twolink.query import joint_columns
 class Cost:
     """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
-    seconds: solving alone; verify_seconds: the second solution behind the error bar; compile_seconds: compiling.
+    tolerance: of the method, or the step [s] of one with fixed steps. seconds: solving alone; verify_seconds: the more
+    accurate solutions behind the error bar; compile_seconds: compiling or loading. rejected: steps that were tried in
+    vain. compiled: whether the steps were compiled ones. why: the reason for the method.
     """
 
     method: str
@@ -32,6 +35,9 @@ class Cost:
     seconds: float
     verify_seconds: float = 0.0
     compile_seconds: float = 0.0
+    rejected: int = 0
+    compiled: bool = False
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -39,18 +45,35 @@ class Trajectory:
     """A motion: t (n,) [s], q (n, nq), v (n, nv), energy (n,) [J], and how far it can be trusted.
 
     error: the estimated global error at each sample, max |difference(q, q_exact)|, rad or m, (n,); None when the run
-    was not verified. events: what happened on the way. interrupted: Ctrl-C ended it early, samples so far are kept.
+    was not verified. accuracy: what was asked for. events: what happened on the way. interrupted: Ctrl-C ended it
+    early, samples so far are kept. precise: (q, v) at each sample (n, nq + nv) with more digits than a double has, of
+    runs in higher precision.
     """
 
     robot: Robot
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
-    energy: np.ndarray
     error: np.ndarray | None
     cost: Cost | None
     events: Sequence[Any] = field(default=())
     interrupted: bool = False
+    accuracy: float | None = None
+    precise: Any = None
+
+    @functools.cached_property
+    def energy(self) -> np.ndarray:
+        """Kinetic and potential energy at each sample (n,), J."""
+        kinetic, potential = self.robot.energy(self.q, self.v)
+        return np.asarray(kinetic + potential)
+
+    @property
+    def trusted_until(self) -> float | None:
+        """The last sample's time [s] up to which the error bar is below the accuracy asked for; None: not known."""
+        if self.error is None or self.accuracy is None:
+            return None
+        beyond = self.error > self.accuracy
+        return float(self.t[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else self.t[-1])
 
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), energy, error."""
@@ -87,7 +110,8 @@ class Trajectory:
     def _from_columns(cls, columns: Mapping[str, np.ndarray], robot: Robot, label: str) -> Trajectory:
         table = _numbers(columns, label)
         n = len(table["t"]) if "t" in table else 0
-        empty = cls(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), None, None)
+        empty = cls(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), None, None)
+        vars(empty)["energy"] = np.empty(n)  # as it was saved
         wanted = empty.columns()
         lacking = [name for name in wanted if name not in table]
         unknown = [name for name in table if name not in wanted and name != "error"]
@@ -99,7 +123,9 @@ class Trajectory:
         if np.any(np.diff(empty.t) <= 0):
             row = int(np.argmax(np.diff(empty.t) <= 0)) + 1
             raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")
-        return cls(robot, empty.t, empty.q, empty.v, empty.energy, table.get("error"), None)
+        run = cls(robot, empty.t, empty.q, empty.v, table.get("error"), None)
+        vars(run)["energy"] = empty.energy
+        return run
 
     def plot(self, path: str | os.PathLike[str]) -> Path:
         """Draw q, v, energy and the error bar over time into a .png, .svg or .pdf."""

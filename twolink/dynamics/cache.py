@@ -28,14 +28,39 @@ DIGEST = hashlib.sha256().digest_size
 
 def folder() -> Path | None:
     """The cache's folder, made with private permissions; None where there can be none (TWOLINK_CACHE=off)."""
-    setting = os.environ.get("TWOLINK_CACHE", "")
+    name = location()
+    return _private_folder(name) if name else None
+
+
+def location(file: str = "") -> str:
+    """Where the folder, or a file in it, is or would be; empty with TWOLINK_CACHE=off. Nothing is looked at."""
+    environment = os.environ
+    setting, base = environment.get("TWOLINK_CACHE", ""), environment.get("XDG_CACHE_HOME", "")
+    return _location(setting, base, environment.get("HOME", ""), file)
+
+
+@functools.lru_cache(64)
+def _location(setting: str, base: str, home: str, file: str) -> str:
+    del home  # what the home folder depends on
     if setting == "off":
-        return None
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    path = Path(setting or os.path.join(base, "twolink"))
+        return ""
+    place = setting or os.path.join(base or os.path.join(os.path.expanduser("~"), ".cache"), "twolink")
+    return os.path.join(place, file) if file else place
+
+
+def _private_folder(name: str) -> Path | None:
     try:
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return path if _is_private(path.stat(), stat.S_ISDIR) else None
+        return Path(name) if _is_private(os.stat(name), stat.S_ISDIR) else None
+    except FileNotFoundError:
+        return _made_folder(name)
+    except OSError:
+        return None
+
+
+def _made_folder(name: str) -> Path | None:
+    try:
+        Path(name).mkdir(mode=0o700, parents=True, exist_ok=True)
+        return Path(name) if _is_private(os.stat(name), stat.S_ISDIR) else None
     except OSError:
         return None  # a read-only home: every process compiles for itself
 
@@ -70,7 +95,8 @@ def key(model: pin.Model, parts: Sequence[str]) -> str:
 def _surroundings() -> str:
     """Our own code, the versions of what it stands on, and the processor, as text."""
     code = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    package = Path(__file__).parents[1]
+    for path in sorted(p for part in ("dynamics", "effects", "integrate") for p in (package / part).glob("*.py")):
         code.update(path.read_bytes())
     versions = [f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy")]
     try:

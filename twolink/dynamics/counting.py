@@ -64,6 +64,18 @@ class Tape:
         """The square root."""
         return self.enter("sqrt", x)
 
+    def tanh(self, x: Any) -> Symbol:
+        """The hyperbolic tangent."""
+        return self.enter("tanh", x)
+
+    def less(self, x: Any, y: Any) -> Symbol:
+        """Whether x < y."""
+        return self.enter("less", x, y)
+
+    def where(self, condition: Any, yes: Any, no: Any) -> Symbol:
+        """yes where the condition holds, else no."""
+        return self.enter("where", condition, yes, no)
+
     def enter(self, what: str, *operands: Any) -> Symbol:
         """The symbol of an operation, made now or met before."""
         keys = [x.key if isinstance(x, Symbol) else float(x) for x in operands]
@@ -79,7 +91,7 @@ class Tape:
         return Symbol(self, len(self.operands) - 1)
 
     def count(self, outputs: list[Any]) -> dict[str, int]:
-        """How often each operation is needed for the outputs, by its sign: + - * / sin cos sqrt."""
+        """How often each operation is needed for the outputs, by its sign or name."""
         seen: set[int] = set()
         stack = [x.key for x in outputs if isinstance(x, Symbol)]
         counts: dict[str, int] = {}

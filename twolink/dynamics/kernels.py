@@ -137,7 +137,7 @@ class Kernel:
 
     def _pays_threads(self, count: int) -> bool:
         """Whether a call with `count` states is worth waking heyoka's threads."""
-        return count * self.work >= THREADS_FROM and not is_forked_child() and _limit_threads() > 1
+        return count * self.work >= THREADS_FROM and not is_forked_child() and limit_threads() > 1
 
 
 def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -165,7 +165,7 @@ def _is_columns(a: np.ndarray) -> bool:
     return a.ndim == 2 and a.flags.f_contiguous and not (a.flags.c_contiguous and a.shape[1] > 1)
 
 
-def _limit_threads() -> int:
+def limit_threads() -> int:
     """Keep heyoka to TWOLINK_THREADS; returns how many."""
     threads, module = thread_count(), heyoka()
     if module.get_nthreads() != threads:

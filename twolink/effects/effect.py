@@ -1,9 +1,66 @@
-"""What all effects have in common."""
+"""What all effects have in common: their place in scene files, and what they may do to a robot."""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
 import msgspec
 
+from twolink.errors import SceneError, nearest
 
-class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=str.lower):
-    """One thing a scene calls for. In a scene file its `type` is the class's name in lower case."""
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+    from twolink.dynamics import Robot
+    from twolink.effects.motion import Loads, Motion
+
+
+def type_name(class_name: str) -> str:
+    """A class's name as scene files write it: JointSpring is joint-spring."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", class_name).lower()
+
+
+class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=type_name):
+    """One thing a scene calls for. In a scene file its `type` is the class's name in lower case, with hyphens.
+
+    An effect may change the robot's constants (`change`), or act on the moving robot (`act`), or both. What it does
+    is written once, over plain arithmetic: NumPy runs it beside Pinocchio, heyoka compiles it.
+    """
+
+    @property
+    def analytic(self) -> bool:
+        """Whether what it does is smooth to any order, as Taylor's method needs."""
+        return True
+
+    def check(self, robot: Robot) -> None:
+        """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name."""
+
+    def change(self, model: pin.Model) -> None:
+        """Change the constants of a model that belongs to the scene alone."""
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
+
+    def breaks(self, duration: float) -> Sequence[float]:
+        """The times [s] below the duration at which what it does is not smooth."""
+        del duration
+        return ()
+
+
+def one_of(name: str, known: Iterable[str], field: str, what: str) -> None:
+    """Require that a name is known. Raises SceneError with the nearest right one."""
+    names = list(known)
+    if name not in names:
+        raise SceneError(f"there is no {what} {name!r}", where=field, remedy=nearest(str(name), names))
+
+
+def finite(value: float | Sequence[float], field: str, *, least: float = -math.inf) -> None:
+    """Require finite numbers, none below `least`. Raises SceneError."""
+    numbers = value if isinstance(value, (list, tuple)) else (value,)
+    for number in numbers:
+        if not (isinstance(number, (int, float)) and math.isfinite(number) and number >= least):
+            bound = "" if least == -math.inf else f" of at least {least:g}"
+            raise SceneError(f"expected finite numbers{bound}, got {value!r}", where=field, remedy="give SI units")

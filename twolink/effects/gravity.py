@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+import pinocchio as pin
+
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 
@@ -27,3 +30,7 @@ class Gravity(Effect, frozen=True):
                 where="gravity.field",
                 remedy="give m/s^2, such as (0, 0, -9.81)",
             )
+
+    def change(self, model: pin.Model) -> None:
+        """The model's field, which every query then feels."""
+        model.gravity.linear = np.array(self.field)

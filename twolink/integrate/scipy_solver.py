@@ -1,89 +1,95 @@
-"""SciPy's solvers around any right-hand side: the portable way, and the peer that faster ways are measured by."""
+"""SciPy's solvers around Pinocchio: the portable way, and the peer that faster ways are measured by."""
 
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from twolink.errors import AccuracyError
+from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
+from twolink.integrate.solution import MAX_STEPS, Progress, Solution, collapsed, not_finite, too_many_steps
+from twolink.integrate.state import Array
 
-Rate = Callable[[float, np.ndarray], np.ndarray]
-Progress = Callable[[float], None]
-
-MAX_STEPS = 10_000_000
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 
-@dataclass(frozen=True)
-class Solution:
-    """States x (n, size) at times t (n,); fewer than asked when `interrupted` by Ctrl-C."""
-
-    t: np.ndarray
-    x: np.ndarray
-    steps: int
-    evaluations: int
-    interrupted: bool = False
-
-
-def solver_class(method: Method) -> Any:
-    """SciPy's class for a method. Its import takes a third of a second, which queries need not wait for."""
-    return getattr(importlib.import_module("scipy.integrate"), method.solver)
-
-
 def solve(
-    rate: Rate,
-    x0: np.ndarray,
-    times: np.ndarray,
-    method: Method,
-    tolerance: float,
-    progress: Progress | None = None,
+    equations: Equations, method: Method, times: Array, tolerance: float, progress: Progress | None = None
 ) -> Solution:
-    """Solve x' = rate(t, x), x(times[0]) = x0, for the samples `times` (n,), increasing.
+    """Solve from the equations' start for the samples `times` (n,), increasing.
 
     tolerance: the error admitted in each step, relative and absolute. Samples come from the method's own
     interpolation. Raises AccuracyError when the step size collapses or the state stops being finite.
     """
     tolerance = max(tolerance, SMALLEST_TOLERANCE)
-    solver = solver_class(method)(rate, float(times[0]), x0, float(times[-1]), rtol=tolerance, atol=tolerance)
-    out = np.empty((len(times), len(x0)))
-    out[0] = x0
+    kind = getattr(importlib.import_module("scipy.integrate"), method.solver)
+    rate, x0 = single_rate(equations), equations.start[: equations.moving]
+    start, end = float(times[0]), float(times[-1])
+    # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
+    first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.tables else {}
+    solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, **first)
+    out = np.empty((len(x0), len(times)))
+    out[:, 0] = x0
     done, steps = 1, 0
     try:
         while solver.status == "running" and done < len(times):
-            message = solver.step()
+            solver.step()
             steps += 1
-            _require_going_on(solver, message, steps)
+            _require_going_on(solver, steps)
             reached = int(np.searchsorted(times, solver.t, side="right"))
             if reached > done:
-                out[done:reached] = solver.dense_output()(times[done:reached]).T
+                out[:, done:reached] = solver.dense_output()(times[done:reached])
                 if reached == len(times):
-                    out[-1] = solver.y  # the last sample is a step's end: no interpolation
+                    out[:, -1] = solver.y  # the last sample is a step's end: no interpolation
                 done = reached
             if progress is not None:
                 progress(float(solver.t))
     except KeyboardInterrupt:
-        return Solution(times[:done], out[:done], steps, solver.nfev, interrupted=True)
+        return Solution(times[:done], out[:, :done], steps, solver.nfev, interrupted=True)
     return Solution(times, out, steps, solver.nfev)
 
 
-def _require_going_on(solver: Any, message: str | None, steps: int) -> None:
-    where = f"t = {solver.t:.6g} s"
+def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarray]:
+    """x' of one state (size,), straight from Pinocchio: without checks, for it is asked a thousand times."""
+    space, model = equations.space, equations.robot.model
+    data, nq, tau = model.createData(), space.nq, np.zeros(space.nv)
+
+    def flat(t: float, x: np.ndarray) -> np.ndarray:
+        return _finite(t, np.concatenate([x[nq:], pin.aba(model, data, x[:nq], x[nq:], tau)]))
+
+    def curved(t: float, x: np.ndarray) -> np.ndarray:
+        q = equations.robot.normalize(x[:nq])
+        return _finite(t, np.concatenate([space.rate(x[:nq], x[nq:]), pin.aba(model, data, q, x[nq:], tau)]))
+
+    rows = equations.start[equations.moving :]
+
+    def acted(t: float, x: np.ndarray) -> np.ndarray:
+        return _finite(t, equations.rate(t, np.append(x, rows)[:, None])[: len(x), 0])
+
+    if equations.effects or equations.loops is not None:
+        return acted
+    return curved if space.curved else flat
+
+
+def _finite(t: float, rate: np.ndarray) -> np.ndarray:
+    """The rate, or an error: a solver that is given NaN shortens its step for ever."""
+    if not math.isfinite(sum(rate.tolist())):
+        raise AccuracyError("the acceleration is not finite", where=f"t = {t:.6g} s",
+                            remedy="check forces, masses and the initial state")  # fmt: skip
+    return rate
+
+
+def _require_going_on(solver: Any, steps: int) -> None:
+    t = float(solver.t)
     if solver.status == "failed":
-        raise AccuracyError(
-            f"the step size has collapsed ({message})",
-            where=where,
-            remedy='the scene is stiff or singular there: try method="radau", or less accuracy',
-        )
+        raise collapsed(t)
     if not np.isfinite(solver.y).all():
-        raise AccuracyError("the state is not finite any more", where=where, remedy="check forces and initial state")
+        raise not_finite(t)
     if steps >= MAX_STEPS:
-        raise AccuracyError(
-            f"{MAX_STEPS} steps and not at the end",
-            where=where,
-            remedy="ask for a shorter duration or less accuracy",
-        )
+        raise too_many_steps(t)

@@ -6,14 +6,20 @@ q moves on a manifold: a quaternion or a (cos, sin) pair has length 1, which is 
     planar             (x, y)' = R(cos, sin) (vx, vy), velocities being in the moving frame
     quaternion         p' = p * (w, 0) / 2, w in the moving frame
     free-flyer         r' = R(p) v, and the quaternion's rate
+
+Arrays are (size,) of one state or (size, n) of many, one state a column; entries are numbers or expressions.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
+
+Array = np.ndarray[Any, np.dtype[Any]]
 
 
 class StateSpace:
@@ -21,22 +27,24 @@ class StateSpace:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
+        self.nq, self.nv = robot.nq, robot.nv
+        self.size = robot.nq + robot.nv
         self.curved = [j for j in robot.joints if j.kind not in ("vector", "mimic")]
         flat = [j for j in robot.joints if j.kind == "vector"]
         self._flat_q = np.concatenate([np.arange(j.q.start, j.q.stop) for j in flat] or [np.empty(0, int)])
         self._flat_v = np.concatenate([np.arange(j.v.start, j.v.stop) for j in flat] or [np.empty(0, int)])
+        # Entries whose errors count as they are: angles, lengths, unit vectors; a velocity's counts by its size.
+        self.absolute = np.arange(self.size) < self.nq
+        turning = [j for j in flat if robot.model.joints[j.index].shortname().startswith("JointModelR")]
+        self.angles = np.array([j.q.start for j in turning], dtype=int)
 
-    def pack(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """x = (q, v), (..., nq + nv)."""
-        return np.concatenate([q, v], axis=-1)
-
-    def unpack(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v) with q back on its manifold."""
-        q, v = x[..., : self.robot.nq], x[..., self.robot.nq :]
+    def rows(self, x: Array) -> tuple[Array, Array]:
+        """(q, v) as arrays (n, nq), (n, nv) of states (size, n), q back on its manifold."""
+        q, v = np.ascontiguousarray(x[: self.nq].T), np.ascontiguousarray(x[self.nq :].T)
         return (self.robot.normalize(q) if self.curved else q), v
 
-    def rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """q' (nq,) of one state."""
+    def rate(self, q: Array, v: Array) -> Array:
+        """q' (nq, ...) for q (nq, ...) and v (nv, ...)."""
         if not self.curved:
             return v
         rate = np.empty_like(q)
@@ -45,7 +53,17 @@ class StateSpace:
             rate[joint.q] = _curved_rate(joint.kind, q[joint.q], v[joint.v])
         return rate
 
-    def distance(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def normalized(self, x: Array, xp: Any) -> Array:
+        """x with its quaternions and (cos, sin) pairs scaled to length 1."""
+        units = [joint.unit for joint in self.curved if joint.unit is not None]
+        if units:
+            x = x.copy()
+        for unit in units:
+            part = x[unit]
+            x[unit] = part / xp.sqrt((part * part).sum(axis=0))
+        return x
+
+    def distance(self, q: Array, other: Array) -> Array:
         """max |difference(q, other)| over the tangent space, rad or m, for rows (n, nq)."""
         if not self.curved:
             return np.asarray(np.abs(q - other).max(axis=-1, initial=0.0))
@@ -53,7 +71,7 @@ class StateSpace:
         return np.array([np.abs(pin.difference(model, a, b)).max() for a, b in zip(q, other, strict=True)])
 
 
-def _curved_rate(kind: str, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _curved_rate(kind: str, q: Array, v: Array) -> Array:
     if kind == "cos-sin":
         return np.array([-q[1] * v[0], q[0] * v[0]])
     if kind == "planar":
@@ -61,10 +79,10 @@ def _curved_rate(kind: str, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], -s * v[2], c * v[2]])
     if kind == "quaternion":
         return _quaternion_rate(q, v)
-    return np.concatenate([_rotate(q[3:], v[:3]), _quaternion_rate(q[3:], v[3:])])
+    return np.concatenate([_rotated(q[3:], v[:3]), _quaternion_rate(q[3:], v[3:])])
 
 
-def _quaternion_rate(p: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _quaternion_rate(p: Array, w: Array) -> Array:
     x, y, z, s = p
     a, b, c = w
     return 0.5 * np.array(
@@ -72,7 +90,12 @@ def _quaternion_rate(p: np.ndarray, w: np.ndarray) -> np.ndarray:
     )
 
 
-def _rotate(p: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _rotated(p: Array, u: Array) -> Array:
     """R(p) u = u + 2 s (w x u) + 2 w x (w x u), with p = (w, s)."""
-    cross = np.cross(p[:3], u)
-    return np.asarray(u + 2 * (p[3] * cross + np.cross(p[:3], cross)))
+    w, s = p[:3], p[3]
+    once = _cross(w, u)
+    return np.asarray(2.0 * (np.array([s * x for x in once]) + _cross(w, once)) + u)  # p may be jets: they lead
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -102,8 +102,16 @@ class RobotModel:
         field = np.asarray(gravity, dtype=float)
         if field.shape != (3,) or not np.isfinite(field).all():
             raise QueryError(f"expected 3 finite numbers, got {gravity!r}", where="gravity", remedy="give m/s^2")
+
+        def change(model: pin.Model) -> None:
+            model.gravity.linear = field
+
+        return self.changed(change)
+
+    def changed(self, change: Callable[[pin.Model], None]) -> Self:
+        """The same robot with other constants: `change` is given a copy of the model to set them in."""
         model = self.model.copy()
-        model.gravity.linear = field
+        change(model)
         return type(self)(self.name, model, self.report, self.visuals)
 
     def visual_model(self) -> pin.GeometryModel:

@@ -7,13 +7,13 @@ import re
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot, load_robot
-from twolink.effects import Gravity
+from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest
 from twolink.scenes.scene import Scene
 
@@ -38,7 +38,7 @@ class SceneFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     duration: Positive = 10.0
     q: Values = {}
     v: Values = {}
-    effects: list[Gravity] = []
+    effects: list[dict[str, Any]] = []
 
 
 def bundled_scenes() -> tuple[str, ...]:
@@ -85,27 +85,39 @@ def _read(path: Path) -> str:
 
 def _from_text(text: str, label: str, folder: Path | None) -> Scene:
     try:
-        table = tomllib.loads(text)
-        effects = table.get("effects", [])
-        for i, effect in enumerate(effects if isinstance(effects, list) else []):
-            if isinstance(effect, dict) and "type" not in effect:
-                raise SceneError("it has no type", where=f"{label}: effects[{i}]", remedy='such as type = "gravity"')
-        content = msgspec.convert(table, SceneFile)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"not TOML: {error}", where=label, remedy="check that line") from None
+        content = msgspec.convert(tomllib.loads(text), SceneFile)
     except msgspec.ValidationError as error:
-        raise _schema_error(error, label) from None
+        raise _schema_error(error, label, {"": SceneFile, "robot": RobotEntry}) from None
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"not TOML: {error}", where=label, remedy="check that line") from None
+    effects = [_effect(table, f"effects[{i}]", label) for i, table in enumerate(content.effects)]
     try:
         robot = _robot(content.robot, folder)
         q = _by_joint(robot, content.q, robot.neutral, "q")
         v = _by_joint(robot, content.v, np.zeros(robot.nv), "v")
-        return Scene(robot, q, v, content.effects, content.duration, content.title)
+        return Scene(robot, q, v, effects, content.duration, content.title)
     except TwolinkError as error:
         where = f"{label}: {error.where}" if error.where else label
         raise SceneError(error.what, where=where, remedy=error.remedy) from None
 
 
-def _schema_error(error: msgspec.ValidationError, label: str) -> SceneError:
+def _effect(table: dict[str, Any], path: str, label: str) -> Effect:
+    """An effect from its table; its class is imported for it."""
+    kind = table.get("type")
+    if kind is None:
+        raise SceneError("it has no type", where=f"{label}: {path}", remedy='such as type = "gravity"')
+    if not isinstance(kind, str) or kind not in TYPES:
+        raise SceneError(f"there is no effect {kind!r}", where=f"{label}: {path}", remedy=nearest(str(kind), TYPES))
+    made = effect_class(kind)
+    try:
+        return msgspec.convert(table, made)
+    except msgspec.ValidationError as error:
+        raise _schema_error(error, label, {"": made}, path) from None
+
+
+def _schema_error(
+    error: msgspec.ValidationError, label: str, schemas: dict[str, type[msgspec.Struct]], inside: str = ""
+) -> SceneError:
     """msgspec's message in our form: the key's path first, and the nearest name for an unknown key."""
     message = str(error)
     match = re.match(r"(.*?)(?: - at `\$?\.?(.*)`)?$", message, re.DOTALL)
@@ -113,10 +125,11 @@ def _schema_error(error: msgspec.ValidationError, label: str) -> SceneError:
     unknown = re.search(r"unknown field `(.*)`", what)
     remedy = "see a bundled scene for an example"
     if unknown:
-        schemas: dict[str, type[msgspec.Struct]] = {"": SceneFile, "robot": RobotEntry}
-        fields = schemas.get(path, Gravity)
-        remedy = nearest(unknown.group(1), [f.name for f in msgspec.structs.fields(fields)])
-    return SceneError(what, where=f"{label}: {path}" if path else label, remedy=remedy)
+        fields = schemas.get(path)
+        known = [] if fields is None else [f.name for f in msgspec.structs.fields(fields)]
+        remedy = nearest(unknown.group(1), known)
+    where = ".".join(part for part in (inside, path) if part)
+    return SceneError(what, where=f"{label}: {where}" if where else label, remedy=remedy)
 
 
 def _robot(entry: str | RobotEntry, folder: Path | None) -> Robot:

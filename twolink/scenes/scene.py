@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
-from twolink.effects import Effect, Gravity
-from twolink.errors import SceneError
+from twolink.effects import Effect
+from twolink.errors import AccuracyError, SceneError, TwolinkError
 
 
 def duration_of(value: float) -> float:
     """A duration as a float: finite, above 0 [s]."""
     try:
         seconds = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         seconds = math.nan
     if not (math.isfinite(seconds) and seconds > 0):
         raise SceneError(f"expected a time above 0 s, got {value!r}", where="duration", remedy="such as 10.0")
     return seconds
+
+
+def accuracy_of(value: float) -> float:
+    """An accuracy as a float: finite, above 0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise AccuracyError(f"expected a number above 0, got {value!r:.60}", where="accuracy", remedy="such as 1e-6")
+    return number
 
 
 class Scene:
@@ -34,6 +48,7 @@ class Scene:
         effects: the effects, in order.
         duration: seconds to simulate unless `simulate` is told otherwise.
         title: one line on what the scene shows.
+        base: the robot as it was given, before the effects changed anything.
     """
 
     def __init__(
@@ -52,7 +67,10 @@ class Scene:
                 remedy="tl.load_robot(...) makes one",
             )
         self.effects: tuple[Effect, ...] = _checked(effects)
-        self.robot: Robot = robot.with_gravity(self._gravity())
+        for i, effect in enumerate(self.effects):
+            _fits(effect, i, robot)
+        self.base: Robot = robot
+        self.robot: Robot = robot.changed(self._change)
         self.q = configuration("q", robot.neutral if q is None else q, robot.nq, robot.joints).copy()
         self.v = array("v", np.zeros(robot.nv) if v is None else v, robot.nv).copy()
         for name, value, size in (("q", self.q, robot.nq), ("v", self.v, robot.nv)):
@@ -65,10 +83,30 @@ class Scene:
             value.flags.writeable = False
         self.duration = duration_of(duration)
         self.title = title
+        self._made = True
 
-    def _gravity(self) -> np.ndarray:
-        fields = [e.field for e in self.effects if isinstance(e, Gravity)]
-        return np.array(fields[0]) if fields else np.zeros(3)
+    def _change(self, model: pin.Model) -> None:
+        """The robot as the effects make it: weightless unless there is gravity among them."""
+        model.gravity.linear = np.zeros(3)
+        for effect in self.effects:
+            effect.change(model)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Scenes do not change: what is known of one would no longer be true."""
+        if "_made" in self.__dict__:
+            raise SceneError("a scene cannot be changed", where=name, remedy="make another: tl.Scene(...)")
+        super().__setattr__(name, value)
+
+    def without(self, index: int) -> Scene:
+        """The same scene without one of its effects."""
+        effects = self.effects[:index] + self.effects[index + 1 :]
+        return Scene(self.base, self.q, self.v, effects, self.duration, self.title)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write a .toml file that load_scene reads again; a robot of no catalogue goes beside it as a URDF."""
+        from twolink.scenes.save import save_scene
+
+        return save_scene(self, path)
 
     def __repr__(self) -> str:
         names = ", ".join(type(e).__name__ for e in self.effects) or "free motion"
@@ -86,6 +124,15 @@ def _checked(effects: Sequence[Effect]) -> tuple[Effect, ...]:
                 where="effects",
                 remedy="such as [tl.effects.Gravity()]",
             )
-    if sum(isinstance(e, Gravity) for e in effects) > 1:
+    if sum(type(e).__name__ == "Gravity" for e in effects) > 1:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one")
     return tuple(effects)
+
+
+def _fits(effect: Effect, index: int, robot: Robot) -> None:
+    """Require that an effect fits the robot: its joints and frames exist."""
+    try:
+        effect.check(robot)
+    except TwolinkError as error:
+        where = f"effects[{index}].{error.where}" if error.where else f"effects[{index}]"
+        raise SceneError(error.what, where=where, remedy=error.remedy) from None

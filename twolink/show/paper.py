@@ -17,7 +17,6 @@ import numpy as np
 
 from twolink.dynamics import load_robot
 from twolink.effects import Gravity
-from twolink.integrate import method_named, solve
 from twolink.lagrange import Variant, two_link
 from twolink.lagrange.reference import arm_urdf
 from twolink.scenes import Scene
@@ -77,8 +76,10 @@ def by_hand(
     def rate(_t: float, x: np.ndarray) -> np.ndarray:
         return np.concatenate([x[2:], model.forward_dynamics(x[:2], x[2:], rest)])
 
-    x = solve(rate, np.zeros(4), times, method_named("dop853"), TOLERANCE).x
-    return Motion(times, x[:, :2], x[:, 2:], length)
+    from scipy.integrate import solve_ivp  # its import takes a third of a second
+
+    found = solve_ivp(rate, (0, seconds), np.zeros(4), "DOP853", times, rtol=TOLERANCE, atol=TOLERANCE)
+    return Motion(times, found.y[:2].T, found.y[2:].T, length)
 
 
 def by_urdf(length: float, seconds: float) -> Motion:

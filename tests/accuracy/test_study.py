@@ -1,0 +1,227 @@
+"""accuracy_study: errors that are right, times that are there, nothing lost, and auto that chooses by it."""
+
+import itertools
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.accuracy import clock, conduct, ladder, reference
+from twolink.accuracy.study import Row, with_front
+from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
+from twolink.files import read_table
+from twolink.integrate.equations import equations_of
+from twolink.integrate.methods import METHODS
+
+END = (-0.2229716591521448578, 0.74849218369550184904)  # arm-swing at 10 s, by an independent program
+TOLERANCES = (1e-3, 1e-6, 1e-9)
+BOX = """<robot name="box"><link name="body"><inertial><mass value="10"/><inertia ixx="0.8" iyy="0.7" izz="0.2"
+ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+@pytest.fixture(scope="module")
+def arm() -> tl.Scene:
+    return tl.load_scene("arm-swing")
+
+
+@pytest.fixture(scope="module")
+def study(arm: tl.Scene) -> tl.Study:
+    names = ["rk4", "dop853", "taylor", "scipy-dop853"]
+    return tl.accuracy_study(arm, methods=names, tolerances=TOLERANCES, repeats=2)
+
+
+def made(method: str, error: float, seconds: float) -> Row:
+    return Row(method, 1e-3, None, error, seconds, 1, 1)
+
+
+def test_rows_are_by_method_and_errors_fall_with_the_setting(study: tl.Study) -> None:
+    assert list(dict.fromkeys(row.method for row in study.rows)) == ["rk4", "dop853", "taylor", "scipy-dop853"]
+    for name in dict.fromkeys(row.method for row in study.rows):
+        rows = [row for row in study.rows if row.method == name]
+        assert len(rows) == 3
+        errors = [row.error for row in rows]
+        assert errors == sorted(errors, reverse=True)
+        assert errors[-1] < 1e-6
+        for row in rows:
+            assert row.seconds > 0 < row.evaluations
+            assert row.steps > 0
+            assert (row.step is None) == METHODS[name].adaptive
+            assert (row.tolerance is None) != (row.step is None)
+
+
+def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -> None:
+    assert study.reference.error * 100 <= min(row.error for row in study.rows)
+    assert all(row.resolved for row in study.rows)
+    np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=5e-16)
+    equations, times = equations_of(arm), np.linspace(0, 10, 101)
+    first, better = reference.first_truth(equations, times), reference.better_truth(equations, times)
+    assert better is not None
+    off = np.abs((first.q - better.q) + (first.rest - better.rest)).max()
+    assert off <= first.own < 1e-15
+    assert better.own < 1e-19
+
+
+def test_a_rows_error_is_the_distance_from_a_better_solution(study: tl.Study, arm: tl.Scene) -> None:
+    row = next(row for row in study.rows if row.method == "dop853" and row.tolerance == 1e-6)
+    run = tl.simulate(arm, method="dop853", tolerance=1e-6, samples=50)
+    fine = tl.simulate(arm, accuracy=1e-12, samples=50)
+    assert np.abs(run.q - fine.q).max() == pytest.approx(row.error, rel=1e-3)
+
+
+def test_the_front_the_cheapest_and_the_price_of_digits() -> None:
+    rows = [made("rk45", 1e-2, 1.0), made("rk45", 1e-5, 3.0), made("dop853", 1e-4, 2.0), made("rk23", 1e-3, 2.5)]
+    about = reference.Reference("", 1e-12, 0.0, ())
+    done = tl.Study("r", 1.0, 2, with_front(rows, about), (), about, 0.0)
+    assert [row.method for row in done.front] == ["rk45", "dop853", "rk45"]
+    assert done.cheapest(1e-3).method == "dop853"
+    assert done.cheapest(0.5).seconds == 1.0
+    prices = done.price_of_digits()
+    assert [(p.accuracy, p.seconds, p.ratio) for p in prices] == [
+        (0.1, 1.0, None), (1e-2, 2.0, 2.0), (1e-3, 2.0, 1.0), (1e-4, 3.0, 1.5)]  # fmt: skip
+    with pytest.raises(AccuracyError, match=r"the best was 1\.0e-05 by rk45"):
+        done.cheapest(1e-6)
+    assert not with_front([made("rk45", 5e-11, 1.0)], about)[0].resolved
+
+
+def test_saving_and_reading(study: tl.Study, tmp_path: Path) -> None:
+    path = study.save(tmp_path / "x.json")
+    assert json.loads(path.read_text()) == study.to_dict()
+    again = tl.Study.load(path)
+    assert again == study
+    lines = study.save(tmp_path / "x.csv").read_text().splitlines()
+    assert lines[0].startswith("method,tolerance,step,error,seconds")
+    cells = lines[1].split(",")
+    assert (cells[0], cells[1]) == ("rk4", "")
+    assert float(cells[3]) == study.rows[0].error
+    for name in ("x.parquet", "x.npz"):
+        columns, notes = read_table(study.save(tmp_path / name))
+        assert columns["error"].tolist() == [row.error for row in study.rows]
+        assert float(notes["reference_error"]) == study.reference.error
+    with pytest.raises(TwolinkError, match="not a format"):
+        study.save(tmp_path / "x.doc")
+    (tmp_path / "y.json").write_text("{}")
+    with pytest.raises(TwolinkError, match="not a saved study"):
+        tl.Study.load(tmp_path / "y.json")
+
+
+def test_figure_and_text(study: tl.Study, tmp_path: Path) -> None:
+    for name in ("x.png", "x.svg"):
+        assert study.plot(tmp_path / name).stat().st_size > 10_000
+    with pytest.raises(ShowError):
+        study.plot(tmp_path / "x.doc")
+    text = study.text()
+    for part in ("two_link: 10 s", "19 digits", "dop853", "tolerance 1e-06", "what accuracy costs", " *"):
+        assert part in text
+
+
+def test_failures_are_kept_with_their_reason(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    ticks = itertools.count()  # a clock of its own: a second for each look at it, on every machine
+    monkeypatch.setattr(clock, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    done = tl.accuracy_study(arm, 1.0, methods=["implicit-midpoint", "rk4"], repeats=1, budget=30.0)
+    reasons = {(f.method, f.reason.split(" ")[0]) for f in done.failures}
+    assert ("rk4", "stopped") in reasons
+    assert all((f.step is None) != (f.tolerance is None) for f in done.failures)
+    assert {row.method for row in done.rows} == {"implicit-midpoint", "rk4"}
+    for failure in done.failures:
+        assert failure.reason in done.text()
+
+
+def test_fixed_steps_cover_rough_to_fine_in_decades(arm: tl.Scene) -> None:
+    rows = tl.accuracy_study(arm, 2.0, methods=["rk4"], repeats=1).rows
+    assert max(row.error for row in rows) > 1e-3
+    assert min(row.error for row in rows) < 1e-11
+    known = [row for row in rows if 1e-9 < row.error < 1e-3]
+    slopes = [math.log(a.error / b.error) / math.log(a.step / b.step)  # type: ignore[operator]
+              for a, b in pairwise(known)]  # fmt: skip
+    assert all(3.2 < slope < 5.2 for slope in slopes)
+
+
+def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ladder, "MAX_COMPILING", 1e-3)
+    done = tl.accuracy_study(arm, 0.2, methods=["rk4", "scipy-rk45"], tolerances=[1e-3], repeats=1)
+    assert [row.method for row in done.rows] == ["scipy-rk45"]
+    assert "to compile" in done.failures[0].reason
+
+
+def test_without_heyoka(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from twolink.integrate import step_map
+
+    for module in (ladder, reference, step_map):
+        monkeypatch.setattr(module, "heyoka", lambda: None)
+    done = tl.accuracy_study(arm, 0.5, methods=["rk45", "taylor", "scipy-dop853"], tolerances=[1e-3, 1e-14], repeats=1)
+    assert "SciPy's DOP853" in done.reference.how
+    assert {row.method for row in done.rows} == {"rk45", "scipy-dop853"}
+    assert done.failures[0].method == "taylor"
+    assert any(not row.resolved for row in done.rows)
+    assert "not told apart" in done.text()
+    assert done.cheapest(1e-3).error < 1e-3
+
+
+def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:
+    def press(done: int, _total: int, _label: str) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    done = tl.accuracy_study(arm, 0.5, methods=["rk45", "dop853"], tolerances=TOLERANCES, repeats=1, progress=press)
+    assert done.interrupted
+    assert [row.method for row in done.rows] == ["rk45"] * 3
+    assert "INTERRUPTED" in done.text()
+
+
+def test_auto_chooses_by_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cache").mkdir(mode=0o700)
+    monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(ladder, "MAX_COMPILING", 0.02)  # of what is compiled, only the quickest
+    arm = tl.load_scene("arm-swing")
+    part = tl.accuracy_study(arm, 0.5, methods=["scipy-rk45"], tolerances=[1e-8], repeats=1)
+    assert len(part.rows) == 1
+    assert "measured" not in tl.simulate(arm, 0.5, 1e-5).cost.why
+    done = tl.accuracy_study(arm, 0.5, tolerances=[1e-4, 1e-8], repeats=1)
+    run = tl.simulate(arm, 0.5, 1e-5)
+    assert "measured on this scene" in run.cost.why
+    best = min((row for row in done.rows if row.tolerance and row.error * 3 < 1e-5), key=lambda row: row.seconds)
+    assert (run.cost.method, run.cost.tolerance) == (best.method, best.tolerance)
+    assert run.error.max() <= 1e-5
+    assert "measured" not in tl.simulate(arm, 1.0, 1e-5).cost.why  # longer than the study
+
+
+def test_a_free_body_is_compared_on_its_manifold() -> None:
+    scene = tl.Scene(tl.load_robot(BOX, root="free"), v=[1, 0, 0, 0.1, 5, 0.1])
+    done = tl.accuracy_study(scene, 2.0, methods=["dop853", "rk45"], tolerances=TOLERANCES, repeats=1)
+    assert 1e-16 < done.reference.error < 1e-14
+    errors = [row.error for row in done.rows if row.method == "dop853"]
+    assert errors[0] > errors[1] > errors[2] < 1e-7
+
+
+REFUSED = {
+    "unknown": ({"methods": ["dop583"]}, "did you mean 'dop853'"),
+    "empty": ({"methods": []}, "no method is named"),
+    "auto": ({"methods": ["auto"]}, "'auto' chooses a method"),
+    "tolerance": ({"tolerances": [-1]}, "expected a number above 0, got -1"),
+    "no tolerance": ({"tolerances": []}, "no tolerance"),
+    "duration": ({"duration": 0}, "above 0 s"),
+    "samples": ({"samples": 1e9}, "samples, the limit"),
+    "repeats": ({"repeats": 0}, "whole number above 0"),
+    "budget": ({"budget": math.nan}, "budget"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusals(case: str, arm: tl.Scene) -> None:
+    arguments, part = REFUSED[case]
+    with pytest.raises(TwolinkError, match=part):
+        tl.accuracy_study(arm, **arguments)
+
+
+def test_what_is_no_scene_and_what_cannot_move() -> None:
+    with pytest.raises(SceneError, match="expected a Scene"):
+        tl.accuracy_study("arm-swing")  # type: ignore[arg-type]
+    still = tl.Scene(tl.load_robot("two_link", lock={"shoulder": 0.0, "elbow": 0.0}))
+    with pytest.raises(SceneError, match="nothing moves"):
+        tl.accuracy_study(still)
+    assert conduct.MAX_SAMPLES > 0

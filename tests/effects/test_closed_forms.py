@@ -1,0 +1,190 @@
+"""Motions that have a formula, and MuJoCo's: the whole way from a scene to a trajectory."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import twolink as tl
+from tests.effects.cases import CASES, E, robot
+from twolink.effects.air_drag import SLOW
+
+BALL = """<robot name="ball"><link name="ball"><inertial><mass value="{m}"/><inertia ixx="0.1" iyy="0.1" izz="0.1"
+ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+WHEEL = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/><inertia ixx="0.5"
+iyy="0.5" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="axle" type="revolute"><parent link="base"/>
+<child link="wheel"/><axis xyz="0 0 1"/><limit lower="-99" upper="99" effort="3" velocity="99"/>
+<dynamics damping="{d}" friction="{f}"/></joint></robot>"""
+SLIDERS = """<robot name="sliders"><link name="base"/>{}</robot>""".format("".join(
+    f"""<link name="{n}"><inertial><mass value="{m}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="to_{n}" type="prismatic"><parent link="base"/><child link="{n}"/><axis xyz="1 0 0"/>
+<limit lower="-99" upper="99" effort="9" velocity="9"/></joint>""" for n, m in (("one", 2), ("two", 3))))  # fmt: skip
+
+
+def wheel(d: float = 0.0, f: float = 0.0) -> tl.Robot:
+    return tl.load_robot(WHEEL.format(d=d, f=f))
+
+
+@pytest.mark.parametrize("source", ["given", "urdf"])
+def test_damped_oscillator(source: str) -> None:
+    """I q'' = -k (q - q0) - d q': q0 + A e^(-d t / 2 I) cos(w t + phase)."""
+    inertia, k, d, rest = 0.5, 20.0, 0.6, 0.3
+    damping = E.JointDamping({"axle": d}) if source == "given" else E.JointDamping()
+    effects = [E.JointSpring({"axle": k}, {"axle": rest}), damping]
+    run = tl.simulate(tl.Scene(wheel(0.0 if source == "given" else d), [1.0], effects=effects), 5.0, accuracy=1e-10)
+    rate, w = d / (2 * inertia), np.sqrt(k / inertia - (d / (2 * inertia)) ** 2)
+    expected = rest + (1 - rest) * np.exp(-rate * run.t) * (np.cos(w * run.t) + rate / w * np.sin(w * run.t))
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-10
+
+
+def test_driven_oscillator_at_resonance() -> None:
+    """I q'' = -k q + a sin(w t), w^2 = k / I, from rest: a / (2 I w) (sin(w t) / w - t cos(w t))."""
+    effects = [E.JointSpring({"axle": 8.0}), E.Torque({"axle": E.Sine(0.4, 4.0)})]
+    run = tl.simulate(tl.Scene(wheel(), effects=effects), 5.0, accuracy=1e-10)
+    expected = 0.4 / (2 * 0.5 * 4) * (np.sin(4 * run.t) / 4 - run.t * np.cos(4 * run.t))
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-10
+
+
+@pytest.mark.parametrize("method", ["auto", "dop853", "taylor", "esdirk43", "scipy-radau"])
+def test_falling_with_drag_from_rest(method: str) -> None:
+    """v = vt tanh(g t / vt), from |u| = 0 exactly: the smoothing and its derivatives are fine there."""
+    m, area, g = 2.0, 0.3, 9.81
+    vt = np.sqrt(2 * m * g / (1.225 * area))
+    scene = tl.Scene(tl.load_robot(BALL.format(m=m), root="free"), effects=[E.Gravity(), E.AirDrag("ball", area)])
+    accuracy = 1e-9 if method in ("auto", "dop853", "taylor") else 1e-5
+    run = tl.simulate(scene, 3.0, accuracy=accuracy, method=method, samples=20)
+    assert np.abs(run.q[:, 2] + vt**2 / g * np.log(np.cosh(g * run.t / vt))).max() < accuracy
+    assert np.abs(run.v[:, 2] + vt * np.tanh(g * run.t / vt)).max() < 10 * accuracy
+    assert run.cost.method != "taylor" or method == "taylor"
+
+
+def test_wind_carries_and_still_air_never_feeds() -> None:
+    """A body in wind w: w - u obeys 1 / (1 / u0 + c t); in still air the energy only falls, also below SLOW."""
+    k = 0.5 * 1.225 * 0.5 / 2.0
+    robot = tl.load_robot(BALL.format(m=2), root="free")
+    run = tl.simulate(tl.Scene(robot, effects=[E.AirDrag("ball", 0.5, wind=(4.0, 0, 0))]), 5.0, accuracy=1e-9)
+    assert np.abs(run.v[:, 0] - (4 - 1 / (1 / 4 + k * run.t))).max() < 1e-8
+    for speed in (SLOW / 10, 1.0):
+        run = tl.simulate(tl.Scene(robot, v=[speed, 0, 0, 0, 0, 0], effects=[E.AirDrag("ball", 0.5)]), 2.0)
+        assert np.all(np.diff(run.energy) <= 0)
+
+
+def test_spring_between_two_bodies() -> None:
+    """The distance of 2 kg and 3 kg on a spring oscillates with the reduced mass 1.2 kg; the centre stays."""
+    spring = E.SpringBetween("one", "two", stiffness=30.0, rest_length=2.0, second_point=(0.5, 0.0, 0.0))
+    run = tl.simulate(tl.Scene(tl.load_robot(SLIDERS), [0.0, 1.8], effects=[spring]), 4.0, accuracy=1e-10)
+    distance = run.q[:, 1] + 0.5 - run.q[:, 0]
+    assert np.abs(distance - (2 + 0.3 * np.cos(np.sqrt(30 / 1.2) * run.t))).max() < 1e-9
+    assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 1] - 5.4).max() < 1e-9
+
+
+def test_damper_and_force_between_two_bodies_pull_together_when_positive() -> None:
+    """l' = -F / c (1 - e^(-c t / m)): F > 0 pulls."""
+    effect = E.SpringBetween("one", "two", damping=2.4, force=1.2)
+    run = tl.simulate(tl.Scene(tl.load_robot(SLIDERS), [0.0, 3.0], effects=[effect]), 3.0, accuracy=1e-10)
+    speed = run.v[:, 1] - run.v[:, 0]
+    assert np.abs(speed + 1.2 / 2.4 * (1 - np.exp(-2.4 * run.t / 1.2))).max() < 1e-9
+
+
+def test_points_that_meet_are_singular_unless_the_spring_has_no_length() -> None:
+    sliders = tl.load_robot(SLIDERS)
+    through = E.SpringBetween("one", "two", stiffness=30.0)
+    run = tl.simulate(tl.Scene(sliders, [0.0, 1.0], effects=[through]), 2.0, accuracy=1e-9)
+    assert np.abs(run.q[:, 1] - run.q[:, 0] - np.cos(5 * run.t)).max() < 1e-8
+    singular = tl.Scene(sliders, effects=[E.SpringBetween("one", "two", stiffness=30.0, rest_length=1.0)])
+    for method in ("auto", "scipy-dop853", "taylor"):
+        with pytest.raises(tl.errors.AccuracyError, match="not finite"):
+            tl.simulate(singular, 1.0, method=method)
+
+
+def test_smooth_friction_slows_like_its_formula() -> None:
+    """I v' = -f tanh(v / s): s log sinh(v / s) falls as f t / I. Coulomb's stop is nearly there."""
+    s, f, inertia, v0 = 0.05, 0.7, 0.5, 1.0
+    for effect, body in ((E.SmoothFriction({"axle": f}, s), wheel()), (E.SmoothFriction(scale=s), wheel(f=f))):
+        run = tl.simulate(tl.Scene(body, v=[v0], effects=[effect]), 1.0, accuracy=1e-9)
+        expected = s * np.arcsinh(np.sinh(v0 / s) * np.exp(-f * run.t / (inertia * s)))
+        assert np.abs(run.v[:, 0] - expected).max() < 1e-8
+    early = run.t < 0.5
+    assert np.abs(run.v[early, 0] - (v0 - f * run.t[early] / inertia)).max() < 1e-3  # Coulomb's, above 3 s
+
+
+def test_rotor_and_payload_are_the_inertias_they_say() -> None:
+    """A torque of 1 N m on I = 0.5 + N^2 J + m r^2 + J_payload."""
+    effects = [E.Rotor({"axle": 0.02}, {"axle": -5.0}), E.Torque({"axle": 1.0}),
+               E.Payload("wheel", 3.0, (0.5, 0.0, 0.2), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))]  # fmt: skip
+    run = tl.simulate(tl.Scene(wheel(), effects=effects), 2.0, accuracy=1e-10)
+    inertia = 0.5 + 25 * 0.02 + 3 * 0.25 + 0.15
+    assert np.abs(run.q[:, 0] - run.t**2 / 2 / inertia).max() < 1e-10
+
+
+def test_arm_against_mujoco() -> None:
+    """Stiffness, damping, armature, a constant force on the tip, and a payload, by MuJoCo's own passive forces."""
+    arm = robot("arm")
+    effects = [
+        E.Gravity(),
+        E.JointSpring({"elbow": 4.0}, {"elbow": 0.2}),
+        E.JointDamping({"shoulder": 0.5, "elbow": 0.2}),
+        E.Rotor({"shoulder": 0.001}, {"shoulder": 20.0}),
+        E.Payload("tip", 0.5),
+        E.FrameWrench("tip", (0.0, 0.0, 2.0)),
+    ]
+    run = tl.simulate(tl.Scene(arm, [0.4, -0.3], effects=effects), 2.0, accuracy=1e-9)
+    model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 -9.81"/><worldbody><body>
+<joint axis="0 -1 0" damping="0.5" armature="0.4"/><inertial pos="0.5 0 0" mass="3" diaginertia="1e-12 0.25 0.25"/>
+<body pos="1 0 0"><joint axis="0 -1 0" damping="0.2" stiffness="4" springref="0.2"/>
+<inertial pos="0.5 0 0" mass="1" diaginertia="1e-12 0.08333333333333333 0.08333333333333333"/>
+<body name="tip" pos="1 0 0"><inertial pos="0 0 0" mass="0.5" diaginertia="1e-12 1e-12 1e-12"/></body></body></body>
+</worldbody><compiler angle="radian" balanceinertia="true"/></mujoco>""")
+    data = mujoco.MjData(model)
+    data.xfrc_applied[model.body("tip").id, 2] = 2.0
+
+    def rate(_t: float, x: np.ndarray) -> np.ndarray:
+        data.qpos[:], data.qvel[:] = x[:2], x[2:]
+        mujoco.mj_forward(model, data)
+        return np.concatenate([x[2:], data.qacc])
+
+    truth = solve_ivp(rate, (0, 2), [0.4, -0.3, 0, 0], method="DOP853", rtol=1e-11, atol=1e-11).y[:2, -1]
+    assert np.abs(run.q[-1] - truth).max() < 1e-8
+
+
+def planned(joints: int) -> tuple:
+    """q(t), v(t), a(t): a sum of sines for each joint."""
+    random = np.random.default_rng(4)
+    size, w, phase = (random.uniform(a, b, (2, joints)) for a, b in ((0.1, 0.4), (0.5, 3), (0, 6)))
+
+    def at(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        angle = w * t + phase
+        return ((size * np.sin(angle)).sum(0), (size * w * np.cos(angle)).sum(0), -(size * w**2 * np.sin(angle)).sum(0))
+
+    return at
+
+
+@pytest.mark.parametrize("name", ["ur5", "arm"])
+def test_manufactured_motion(name: str) -> None:
+    """Pinocchio's inverse dynamics along a planned motion, less the effects': with them all, the plan comes true."""
+    body = robot(name)
+    at = planned(body.nv)
+    chosen = ["spring", "friction", "drag", "wrench, world", "between", "zero length"] if name == "ur5" else []
+    effects = [E.Gravity(), *(CASES[case].effect for case in chosen)]
+    if name == "arm":
+        effects += [E.JointDamping({"elbow": 0.4}), E.JointSpring({"shoulder": 3.0})]
+    scene = tl.Scene(body, *at(0.0)[:2], effects=effects)
+    model = scene.robot.model
+    data = model.createData()
+
+    def needed(t: float) -> np.ndarray:
+        q, v, a = at(t)
+        own = sum((CASES[case].torque(model, q, v, t) for case in chosen), np.zeros(model.nv))
+        if name == "arm":
+            own += [-3.0 * q[0], -0.4 * v[1]]
+        return np.asarray(pin.rnea(model, data, q, v, a) - own)
+
+    knots = np.linspace(0, 1.0, 201)
+    values = np.array([needed(t) for t in knots])
+    drive = E.Torque({joint: E.Sampled(knots, values[:, i], interpolation="cubic", beyond="error")
+                      for i, joint in enumerate(body.joint_names)})  # fmt: skip
+    driven = tl.Scene(body, scene.q, scene.v, effects=[*effects, drive])
+    options = {"method": "taylor", "samples": 20, "verify": name == "arm"}
+    run = tl.simulate(driven, 1.0, accuracy=1e-8, **options)
+    assert np.abs(run.q - [at(t)[0] for t in run.t]).max() < 2e-7  # what cubic pieces of 5 ms leave

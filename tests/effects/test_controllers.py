@@ -1,0 +1,121 @@
+"""Controllers: the tracking errors that theory promises, limits, and what they refuse."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.cases import E, robot
+from tests.effects.test_closed_forms import BALL, wheel
+from twolink.errors import SceneError
+from twolink.integrate.equations import Equations
+from twolink.integrate.namespaces import Numbers
+
+
+def test_pd_is_a_spring_and_damper_about_its_target() -> None:
+    effects = [E.JointPD({"axle": 0.7}, {"axle": 8.0}, {"axle": 1.0}, {"axle": 2.0})]
+    run = tl.simulate(tl.Scene(wheel(), effects=effects), 4.0, accuracy=1e-10)
+    same = [E.JointSpring({"axle": 8.0}, {"axle": 0.7}), E.JointDamping({"axle": 1.0}), E.Torque({"axle": 2.0})]
+    other = tl.simulate(tl.Scene(wheel(), effects=same), 4.0, accuracy=1e-10)
+    assert np.abs(run.q - other.q).max() < 2e-10
+
+
+@pytest.mark.parametrize("effort", ["urdf", {"axle": 3.0}])
+def test_limits_hold_the_torque(effort: object) -> None:
+    """Far from the target the wheel turns under its 3 N m: q = 3 t^2 until the torque falls below."""
+    pd = E.JointPD({"axle": 50.0}, {"axle": 1.0}, effort=effort)
+    scene = tl.Scene(wheel(), effects=[pd])
+    run = tl.simulate(scene, 2.0, accuracy=1e-9)
+    assert np.abs(run.q[:, 0] - 3.0 * run.t**2).max() < 1e-8
+    assert run.cost.method != "taylor"
+    equations = Equations(scene)
+    loads = equations.loads(equations._numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [pd])
+    assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))
+
+
+def test_gravity_compensation_holds_still_and_lets_drift() -> None:
+    """At rest it stays at rest; pushed off, the energy of motion is kept. On the UR5 with a payload too."""
+    effects = [E.Gravity(), E.Payload("tool0", 2.0, (0.0, 0.0, 0.1)), E.GravityCompensation()]
+    still = tl.Scene(robot("ur5"), [0.3, -0.8, 1.0, 0.2, 0.5, 0.1], effects=effects)
+    assert np.abs(Equations(still).rate(0.0, Equations(still).start[:, None])).max() < 1e-11
+    moving = tl.Scene(robot("arm"), [0.3, -0.8], [1.0, -2.0], effects=[E.Gravity(), E.GravityCompensation()])
+    run = tl.simulate(moving, 3.0, accuracy=1e-9)
+    kinetic = run.robot.energy(run.q, run.v)[0]
+    assert np.ptp(kinetic) < 1e-7
+
+
+PATHS = {
+    "formulas": {"shoulder": E.Sine(0.4, 2.0), "elbow": E.Polynomial((0.1, 0.5, -0.2, 0.05))},
+    "splines": {
+        "shoulder": E.Sampled(np.linspace(0, 3, 7), np.sin(np.linspace(0, 3, 7)), interpolation="cubic"),
+        "elbow": E.Sampled((0.0, 1.0, 2.0, 3.0), (0.0, 0.4, -0.2, 0.3), interpolation="cubic"),
+    },
+}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_computed_torque_follows_and_errors_fall_as_promised(path: str) -> None:
+    """e'' + kd e' + kp e = 0 with critical damping: e = (e0 + (e0' + w e0) t) e^(-w t), gravity or not."""
+    from twolink.effects.inputs import derivatives_at
+
+    w = 4.0
+    e0, de0 = np.array([0.2, -0.1]), np.array([-0.3, 0.4])
+    begin = [derivatives_at(given, 0.0, Numbers) for given in PATHS[path].values()]
+    q0, v0 = np.array([x[0] for x in begin], dtype=float) - e0, np.array([x[1] for x in begin], dtype=float) - de0
+    control = E.ComputedTorque(PATHS[path], w * w, 2 * w)
+    run = tl.simulate(tl.Scene(robot("arm"), q0, v0, effects=[E.Gravity(), control]), 2.9, accuracy=1e-9, samples=30)
+    reference = np.stack([derivatives_at(given, run.t, np)[0] * np.ones(len(run.t)) for given in PATHS[path].values()])
+    t = run.t[:, None]
+    expected = (e0 + (de0 + w * e0) * t) * np.exp(-w * t)
+    assert np.abs(reference.T - run.q - expected).max() < 2e-9
+
+
+def test_computed_torque_on_the_ur5() -> None:
+    path = {joint: E.Sine(0.3, 1.0 + 0.2 * i, 0.1 * i) for i, joint in enumerate(robot("ur5").joint_names)}
+    q = [0.3 * np.sin(0.1 * i) for i in range(6)]
+    v = [0.3 * (1 + 0.2 * i) * np.cos(0.1 * i) for i in range(6)]
+    effects = [E.Gravity(), E.Payload("tool0", 3.0), E.ComputedTorque(path, 25.0, 10.0)]
+    run = tl.simulate(tl.Scene(robot("ur5"), q, v, effects=effects), 1.0, accuracy=1e-6, method="scipy-dop853",
+                      samples=10, verify=False)  # fmt: skip
+    expected = [0.3 * np.sin((1 + 0.2 * i) * run.t + 0.1 * i) for i in range(6)]
+    assert np.abs(run.q.T - expected).max() < 1e-7
+
+
+BOTH = {"shoulder": 0.0, "elbow": 0.0}
+LINEAR = E.Sampled((0.0, 1.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("body", "effect", "where", "part"),
+    [
+        ("arm", E.JointPD({"elbow": 1.0}, {}), "kp", "gain for joint 'elbow'"),
+        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0, "shoulder": 1.0}), "kp", "joint with a target 'shoulder'"),
+        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": -1.0}), "kp.elbow", "at least 0"),
+        ("arm", E.JointPD({"elbow": float("nan")}, {"elbow": 1.0}), "target.elbow", "finite"),
+        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort={"elbw": 1.0}), "effort", "mean 'elbow'"),
+        ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort="URDF"), "effort", "'urdf'"),
+        ("arm", E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0), "path", "'shoulder' should go"),
+        ("arm", E.ComputedTorque({**BOTH, "elbow": LINEAR}, 1.0, 1.0), "path.elbow.interpolation", "cubic"),
+        ("arm", E.ComputedTorque(BOTH, float("inf"), 1.0), "kp", "finite"),
+        ("arm", E.GravityCompensation(("elbw",)), "joints", "mean 'elbow'"),
+        ("arm", E.GravityCompensation(("elbow", "elbow")), "joints", "each once"),
+        ("arm", E.GravityCompensation(()), "joints", "each once"),
+        ("floating", E.GravityCompensation(("root_joint",)), "joints", "one degree of freedom 'root_joint'"),
+        ("floating", E.GravityCompensation(("wrist_1_joint",)), "joints", "is locked"),
+        ("ball", E.GravityCompensation(), "joints", "expected joints"),
+    ],
+)
+def test_refusals(body: str, effect: object, where: str, part: str) -> None:
+    on = tl.load_robot(BALL.format(m=1), root="free") if body == "ball" else robot(body)
+    with pytest.raises(SceneError) as caught:
+        tl.Scene(on, effects=[effect])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+
+
+def test_continuous_joints_are_refused_with_a_remedy() -> None:
+    kinova = tl.load_robot("kinova")
+    joint = kinova.joint_names[0]
+    for effect in (E.JointPD({joint: 1.0}, {joint: 1.0}), E.JointSpring({joint: 1.0})):
+        with pytest.raises(SceneError, match=r"is continuous.*type=\"revolute\""):
+            tl.Scene(kinova, effects=[effect])
+    tl.Scene(kinova, effects=[E.JointDamping({joint: 1.0}), E.GravityCompensation(), E.Rotor({joint: 0.1})])

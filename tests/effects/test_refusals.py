@@ -1,0 +1,79 @@
+"""What effects refuse: the field's path, the value, and the nearest right name."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.cases import E, robot
+from twolink.errors import SceneError
+
+NAN = float("nan")
+BAD = [
+    (E.JointSpring({"elbow": NAN}), "stiffness.elbow", "at least 0, got nan"),
+    (E.JointSpring({"elbow": -1.0}), "stiffness.elbow", "at least 0"),
+    (E.JointSpring({"elbw": 1.0}), "stiffness", "there is no joint 'elbw'; did you mean 'elbow'"),
+    (E.JointSpring({}), "stiffness", "names no joint"),
+    (E.JointSpring(3.0), "stiffness", "values by joint, got 3.0"),
+    (E.JointSpring({"elbow": 1.0}, {"shoulder": 1.0}), "rest", "with a stiffness 'shoulder'"),
+    (E.JointSpring({"elbow": 1.0}, {"elbow": np.inf}), "rest.elbow", "finite"),
+    (E.JointDamping({"elbow": NAN}), "damping.elbow", "finite"),
+    (E.JointDamping({}), "damping", "names no joint"),
+    (E.JointDamping(), "damping", "the URDF gives no joint damping"),
+    (E.SmoothFriction(), "friction", "the URDF gives no joint friction"),
+    (E.SmoothFriction({"elbow": 1.0}, 0.0), "scale", "at least"),
+    (E.SmoothFriction({"elbow": -1.0}), "friction.elbow", "at least 0"),
+    (E.AirDrag("forarm", 1.0), "frame", "there is no frame 'forarm'; did you mean 'forearm'"),
+    (E.AirDrag("base", 1.0), "frame", "does not move"),
+    (E.AirDrag("universe", 1.0), "frame", "does not move"),
+    (E.AirDrag("forearm", -1.0), "area", "at least 0"),
+    (E.AirDrag("forearm", 1.0, wind=(0.0, NAN, 0.0)), "wind[1]", "finite"),
+    (E.AirDrag("forearm", 1.0, wind=3.0), "wind", "expected three"),
+    (E.AirDrag("forearm", 1.0, point=(0.0, NAN, 0.0)), "point", "finite"),
+    (E.FrameWrench("tp"), "frame", "did you mean 'tip'"),
+    (E.FrameWrench("tip", axes="local"), "axes", "there is no choice 'local'"),
+    (E.FrameWrench("tip", (1.0, "x", 0.0)), "force[1]", "expected a number, Polynomial"),
+    (E.FrameWrench("tip", moment=(1.0, 0.0)), "moment", "expected three"),
+    (E.SpringBetween("tip", "tipp"), "second", "did you mean 'tip'"),
+    (E.SpringBetween("tip", "forearm"), "second", "do not move against each other"),
+    (E.SpringBetween("base", "universe"), "second", "do not move against each other"),
+    (E.SpringBetween("base", "tip", rest_length=-1.0), "rest_length", "at least 0"),
+    (E.SpringBetween("base", "tip", force=E.Sine(NAN, 1.0)), "force", "finite"),
+    (E.Rotor({"elbow": -1.0}), "inertia.elbow", "at least 0"),
+    (E.Rotor({"elbow": 1.0}, {"shoulder": 2.0}), "ratio", "with a rotor 'shoulder'"),
+    (E.Payload("tip", -1.0), "mass", "at least 0, got -1.0"),
+    (E.Payload("tip", NAN), "mass", "finite"),
+    (E.Payload("base", 1.0), "frame", "does not move"),
+    (E.Payload("tip", 1.0, inertia=(1.0, 0, 0, 1.0, 0, 5.0)), "inertia", "no body has the inertia"),
+    (E.Payload("tip", 0.0, inertia=(1.0, 0, 0, 1.0, 0, 1.0)), "inertia", "with 0 kg"),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "part"), BAD)
+def test_refusals(effect: object, where: str, part: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[E.Gravity(), effect])
+    assert caught.value.where == f"effects[1].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_locked_joints_and_free_roots() -> None:
+    """A locked joint is said to be locked; frames on it still move with the rest."""
+    floating = robot("floating")
+    for effect in (E.JointSpring({"wrist_1_joint": 1.0}), E.JointDamping({"wrist_1_joint": 1.0})):
+        with pytest.raises(SceneError, match="joint 'wrist_1_joint' is locked"):
+            tl.Scene(floating, effects=[effect])
+    with pytest.raises(SceneError, match="one degree of freedom 'root_joint'"):
+        tl.Scene(floating, effects=[E.Rotor({"root_joint": 1.0})])
+    tl.Scene(floating, effects=[E.FrameWrench("base_link", (1.0, 0.0, 0.0)), E.Payload("wrist_1_link", 1.0)])
+    held = tl.load_robot("two_link", lock={"elbow": 0.4})
+    tl.Scene(held, effects=[E.SpringBetween("base", "forearm", 10.0), E.AirDrag("tip", 1.0)])
+
+
+def test_a_payload_counts_in_the_robots_mass_and_leaves_the_first_robot_alone() -> None:
+    arm = robot("arm")
+    scene = tl.Scene(arm, effects=[E.Payload("tip", 2.5)])
+    assert scene.robot.mass == arm.mass + 2.5
+    assert np.array_equal(arm.model.armature, [0, 0])
+    q = np.array([0.3, 0.4])
+    assert not np.allclose(scene.robot.mass_matrix(q), arm.mass_matrix(q))

@@ -1,0 +1,90 @@
+"""Every effect in a scene file: its keys, what is left out, and unknown keys."""
+
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from tests.effects.cases import E
+from twolink.effects import TYPES, effect_class
+from twolink.errors import SceneError
+
+FILES = {
+    "air-drag": ('frame = "tip"\narea = 0.2\nwind = [1, 0.0, {kind = "sine", amplitude = 1.0, frequency = 2.0}]',
+                 E.AirDrag("tip", 0.2, wind=(1.0, 0.0, E.Sine(1.0, 2.0)))),
+    "computed-torque": ('kp = 16\nkd = 8.0\neffort = "urdf"\npath = {shoulder = 0.5, elbow = {kind = "sampled", '
+                        'times = [0, 1, 2], values = [0, 1, 0.5], interpolation = "cubic"}}',
+                        E.ComputedTorque({"shoulder": 0.5, "elbow": E.Sampled((0.0, 1.0, 2.0), (0.0, 1.0, 0.5),
+                                         interpolation="cubic")}, 16.0, 8.0, "urdf")),
+    "frame-wrench": ('frame = "tip"\naxes = "frame"\nforce = [0, 0, {kind = "polynomial", coefficients = [1, 2]}]',
+                     E.FrameWrench("tip", (0.0, 0.0, E.Polynomial((1.0, 2.0))), axes="frame")),
+    "gravity": ("field = [0, 0, -1.62]", E.Gravity((0.0, 0.0, -1.62))),
+    "gravity-compensation": ('joints = ["elbow"]\neffort = {elbow = 5}',
+                             E.GravityCompensation(("elbow",), {"elbow": 5.0})),
+    "joint-damping": ("damping = {elbow = 0.5}", E.JointDamping({"elbow": 0.5})),
+    "joint-pd": ("target = {elbow = 1}\nkp = {elbow = 10}\nkd = {elbow = 1}",
+                 E.JointPD({"elbow": 1.0}, {"elbow": 10.0}, {"elbow": 1.0})),
+    "joint-spring": ("stiffness = {elbow = 3}\nrest = {elbow = 0.1}", E.JointSpring({"elbow": 3.0}, {"elbow": 0.1})),
+    "payload": ('frame = "tip"\nmass = 2\ncom = [0.1, 0, 0]', E.Payload("tip", 2.0, (0.1, 0.0, 0.0))),
+    "rotor": ("inertia = {elbow = 0.001}\nratio = {elbow = 50}", E.Rotor({"elbow": 0.001}, {"elbow": 50.0})),
+    "smooth-friction": ("friction = {elbow = 2}\nscale = 0.1", E.SmoothFriction({"elbow": 2.0}, 0.1)),
+    "spring-between": ('first = "universe"\nsecond = "tip"\nstiffness = 10\nfirst_point = [0, 0, 1]',
+                       E.SpringBetween("universe", "tip", 10.0, first_point=(0.0, 0.0, 1.0))),
+    "torque": ('inputs = {elbow = {kind = "sampled", file = "FOLDER/tau.csv", beyond = "zero"}}',
+               E.Torque({"elbow": E.Sampled((0.0, 1.0), (2.0, 3.0), beyond="zero")})),
+}  # fmt: skip
+
+
+def scene_of(text: str, folder: Path) -> tl.Scene:
+    (folder / "tau.csv").write_text("0,2\n1,3\n")
+    path = folder / "my.toml"
+    path.write_text('robot = "two_link"\n[[effects]]\n' + text.replace("FOLDER", str(folder)))
+    return tl.load_scene(path)
+
+
+def test_there_is_a_file_for_every_effect() -> None:
+    loops = {kind for kind in TYPES if getattr(effect_class(kind), "formulation", "") == "loops"}  # tested elsewhere
+    assert set(FILES) == set(TYPES) - loops
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_effects_from_files(kind: str, tmp_path: Path) -> None:
+    text, expected = FILES[kind]
+    (found,) = scene_of(f'type = "{kind}"\n{text}', tmp_path).effects
+    assert found == expected
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_saved_scenes_have_the_same_effects(kind: str, tmp_path: Path) -> None:
+    """Samples that came from a file are written out."""
+    scene = scene_of(f'type = "{kind}"\n{FILES[kind][0]}', tmp_path)
+    (tmp_path / "tau.csv").unlink()
+    assert tl.load_scene(scene.save(tmp_path / "again.toml")).effects == scene.effects
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_unknown_keys(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"my.toml: effects\[0\]: .*unknown field `colour`"):
+        scene_of(f'type = "{kind}"\ncolour = 1\n{FILES[kind][0]}', tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ('type = "joint-dampin"', ["effects[0]", "did you mean 'joint-damping'"]),
+        ('type = "air-drag"\nframe = "tpi"\narea = 1', ["effects[0].frame", "did you mean 'tip'"]),
+        ('type = "air-drag"\narea = 1', ["effects[0]", "missing required field `frame`"]),
+        ('type = "payload"\nframe = "tip"\nmass = "heavy"', ["effects[0].mass", "float"]),
+        ('type = "torque"\ninputs = {elbow = {kind = "sampeld"}}', ["effects[0].inputs", "sampeld"]),
+        ('type = "torque"\ninputs = {elbow = {kind = "sampled", file = "none.csv"}}',
+         ["effects[0].inputs", "No such file"]),
+        ('type = "torque"\ninputs = {elbow = {kind = "sampled", knots = [1]}}', ["effects[0].inputs", "`knots`"]),
+        ('type = "joint-spring"\nstiffness = {elbow = nan}', ["effects[0].stiffness.elbow", "nan"]),
+        ('type = "spring-between"\nfirst = "world"\nsecond = "tip"', ["effects[0].first", "'world'"]),
+    ],
+)  # fmt: skip
+def test_errors_name_the_place(text: str, parts: list[str], tmp_path: Path) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_of(text, tmp_path)
+    for part in parts:
+        assert part in str(caught.value)

@@ -1,0 +1,158 @@
+"""Step maps: compiled is portable, worlds do not feel each other, steps land where they should."""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
+from twolink.integrate import control
+from twolink.integrate.equations import Equations
+from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.step_map import StepMap, step_map
+from twolink.lagrange.reference import arm_urdf
+from twolink.scenes import Scene
+
+OURS = [m for m in METHODS.values() if m.kind in ("semi-implicit", "explicit", "implicit")]
+EVERY = pytest.mark.parametrize("method", OURS, ids=lambda m: m.name)
+ROBOTS: dict[str, Callable[[], tl.Robot]] = {
+    "arm": lambda: tl.load_robot("two_link"),
+    "continuous": lambda: one_joint("continuous"),
+    "prismatic": lambda: one_joint("prismatic"),
+    "planar": lambda: one_joint("planar", "0 0 1"),
+    "free": lambda: tl.load_robot(BOX, root="free"),
+}
+
+
+def advance(steps: StepMap, x: np.ndarray, h: float, end: float, tolerance: float) -> np.ndarray:
+    """The state array after one attempt from t = 0."""
+    state = steps.initial(x, 0.0, h, end, tolerance)
+    out = np.empty_like(state)
+    steps(state, out)
+    return out
+
+
+@EVERY
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_compiled_is_portable(robot: str, method: Method) -> None:
+    """On states in no relation to those that the map was certified on; the step's control included."""
+    scene = Scene(ROBOTS[robot](), effects=GRAVITY)
+    equations = Equations(scene)
+    x = random_states(scene.robot, 16, seed=5)
+    compiled, portable = step_map(equations, method), step_map(equations, method, portable=True)
+    assert compiled.compiled
+    assert not portable.compiled
+    ours, theirs = (advance(m, x, 0.02, 1.0, np.inf) for m in (compiled, portable))
+    np.testing.assert_allclose(ours[: len(x)], theirs[: len(x)], rtol=0, atol=1e-12 * max(1, np.abs(x).max()))
+    np.testing.assert_array_equal(ours[len(x) + control.TIME], theirs[len(x) + control.TIME])
+    if method.adaptive:
+        ours, theirs = (advance(m, x, 0.2, 1.0, 1e-4)[len(x) :] for m in (compiled, portable))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rk4", "implicit-midpoint"])
+def test_compiled_is_portable_on_six_joints(name: str) -> None:
+    robot = tl.load_robot("ur5")
+    equations = Equations(Scene(robot, effects=GRAVITY))
+    x = random_states(robot, 8, seed=5)
+    ours, theirs = (
+        advance(step_map(equations, METHODS[name], portable=p), x, 0.002, 1.0, np.inf) for p in (False, True)
+    )
+    np.testing.assert_allclose(ours[: len(x)], theirs[: len(x)], rtol=0, atol=1e-12 * np.abs(theirs[: len(x)]).max())
+
+
+def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
+    """Four masses of the forearm in one call, and four robots of their own."""
+    masses = np.array([0.5, 1.0, 2.0, 3.5])
+    base = Equations(rods(), parameters=["forearm.mass", "forearm.inertia.yy", "gravity.z"])
+    x = random_states(base.robot, 4)
+    values = np.array([masses, masses / 12, np.full(4, -9.81)])
+    steps = step_map(base, METHODS["rk4"])
+    together = steps.partial(x, np.zeros(4), np.full(4, 0.05), values)
+    for i, mass in enumerate(masses):
+        own = Equations(Scene(tl.load_robot(arm_urdf(1, 1, 1, float(mass))), effects=GRAVITY))
+        alone = step_map(own, METHODS["rk4"]).partial(x[:, i : i + 1], np.zeros(1), np.full(1, 0.05))
+        np.testing.assert_allclose(together[:, i], alone[:, 0], rtol=0, atol=1e-13)
+    assert np.abs(steps.partial(x, np.zeros(4), np.full(4, 0.05), values * 1.01) - together).max() > 1e-6
+
+
+@pytest.mark.parametrize("name", ["dop853", "suzuki4"])
+def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = box()
+    steps = step_map(Equations(scene), METHODS[name])
+    x = random_states(scene.robot, 1000)
+    whole = steps.partial(x, np.zeros(1000), np.full(1000, 0.01))
+    for n in (1, 8, 9, 64):
+        some = np.random.default_rng(n).permutation(1000)[:n]
+        np.testing.assert_array_equal(steps.partial(x[:, some], np.zeros(n), np.full(n, 0.01)), whole[:, some])
+    wide = np.tile(x, 40)
+    for threads in ("1", "2"):
+        monkeypatch.setitem(os.environ, "TWOLINK_THREADS", threads)
+        found = steps.partial(wide, np.zeros(40_000), np.full(40_000, 0.01))
+        np.testing.assert_array_equal(found, np.tile(whole, 40))
+
+
+@EVERY
+def test_steps_land_on_the_end(method: Method) -> None:
+    """From 0 to 0.7 in steps of 0.1, which is not a binary fraction: neither a crumb is left nor the end missed."""
+    steps = step_map(Equations(arm()), method)
+    state = steps.initial(steps.equations.start[:, None], 0.0, 0.1 * 0.2, 0.7 * 0.2, 1e9)
+    clock, out = 4 + control.TIME, np.empty_like(state)
+    for _ in range(20):
+        if state[clock, 0] == 0.7 * 0.2:
+            break
+        steps(state, out)
+        state = out.copy()
+    assert state[clock, 0] == 0.7 * 0.2
+    if not method.adaptive:
+        assert state[4 + control.ACCEPTED, 0] == 7
+    steps(state, out)
+    np.testing.assert_array_equal(out, state)  # who has arrived stays
+
+
+@EVERY
+def test_quaternions_stay_unit(method: Method) -> None:
+    steps = step_map(Equations(box()), method)
+    x = random_states(steps.equations.robot, 64)
+    for i in range(20):
+        x = steps.partial(x, np.full(64, 0.02 * i), np.full(64, 0.02 * (i + 1)))
+    np.testing.assert_allclose(np.linalg.norm(x[3:7], axis=0), 1, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("method", [m for m in OURS if m.adaptive], ids=lambda m: m.name)
+@pytest.mark.parametrize("portable", [False, True])
+def test_a_refused_step_leaves_the_state(method: Method, portable: bool) -> None:
+    scene = arm()
+    steps = step_map(Equations(scene), method, portable=portable)
+    x = random_states(scene.robot, 8)
+    h = 0.5
+    out = advance(steps, x, h, 10.0, 1e-13)
+    np.testing.assert_array_equal(out[:4], x)
+    now = out[4:]
+    assert not now[control.TIME].any()
+    assert not now[control.ACCEPTED].any()
+    assert np.all(now[control.REJECTED] == 1)
+    assert np.all((now[control.STEP] >= 0.19 * h) & (now[control.STEP] < h))
+
+
+@EVERY
+@pytest.mark.parametrize("portable", [False, True])
+def test_nan_is_never_a_step(method: Method, portable: bool) -> None:
+    """A world whose rate overflows: adaptive methods stay where they are and shrink, fixed ones say NaN; the world
+    beside it does not notice."""
+    scene = arm()
+    steps = step_map(Equations(scene), method, portable=portable)
+    x = np.repeat(steps.equations.start[:, None], 8, axis=1)
+    alone = advance(steps, x, 0.01, 1.0, 1e-3)
+    x[2:, 1] = 1e200
+    out = advance(steps, x, 0.01, 1.0, 1e-3)
+    np.testing.assert_array_equal(out[:, [0, 2, 7]], alone[:, [0, 2, 7]])
+    if method.adaptive:
+        np.testing.assert_array_equal(out[:4, 1], x[:, 1])
+        assert out[4 + control.REJECTED, 1] == 1
+        assert 0.3 * 0.01 < out[4 + control.STEP, 1] < 1.4 * 0.01  # another size about the last good one,
+        assert out[4 + control.GOOD, 1] == pytest.approx(0.9 * 0.01)  # which becomes smaller
+    else:
+        assert not np.isfinite(out[:4, 1]).all()

@@ -1,0 +1,119 @@
+"""Tableaus: the rooted trees behind the order conditions, and conditions that refuse what is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from twolink.integrate.methods import METHODS
+from twolink.integrate.tableau import Tableau, defect, density, size, trees
+
+TABLEAUS = {name: m.tableau for name, m in METHODS.items() if m.tableau is not None}
+LEAF = ()
+EVERY = pytest.mark.parametrize("name", TABLEAUS)
+
+
+def tall(nodes: int) -> tuple:
+    """The tree that is a chain."""
+    return (tall(nodes - 1),) if nodes > 1 else LEAF
+
+
+def test_numbers_of_rooted_trees() -> None:
+    """Sloane's A000081."""
+    assert [len(list(trees(n))) for n in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
+
+
+@pytest.mark.parametrize("nodes", range(1, 9))
+def test_trees_are_distinct_and_have_their_nodes(nodes: int) -> None:
+    found = list(trees(nodes))
+    assert len(set(found)) == len(found)
+    assert {size(tree) for tree in found} == {nodes}
+
+
+@pytest.mark.parametrize("n", range(2, 9))
+def test_densities(n: int) -> None:
+    """A bush of n nodes has gamma = n, a chain n!; and Hairer, Norsett, Wanner's table II.2.1."""
+    assert density((LEAF,) * (n - 1)) == n
+    assert density(tall(n)) == np.prod(range(1, n + 1))
+    assert density((LEAF, (LEAF,))) == 8
+    assert density(((LEAF, LEAF),)) == 12
+
+
+def test_a_sum_over_trees_is_the_exponential() -> None:
+    """Of n nodes, sum of n! / (gamma sigma) is the number of increasing labellings of all trees: (n - 1)!."""
+
+    def symmetry(tree: tuple) -> int:
+        factor = 1
+        for child in set(tree):
+            k = tree.count(child)
+            factor *= symmetry(child) ** k * int(np.prod(range(1, k + 1)))
+        return factor
+
+    factorial = 1
+    for n in range(1, 9):
+        labellings = sum(factorial * n / (density(t) * symmetry(t)) for t in trees(n))
+        assert labellings == pytest.approx(factorial, rel=1e-12)
+        factorial *= n
+
+
+@EVERY
+def test_each_corrupted_coefficient_is_refused(name: str) -> None:
+    """Every entry of a and b and of the error estimates, one at a time, moved by 1e-6 of itself."""
+    tableau = TABLEAUS[name]
+    for i, row in enumerate(tableau.a):
+        for j in np.flatnonzero(row):
+            with pytest.raises(ValueError, match="misses the conditions of order"):
+                replace(tableau, a=(*tableau.a[:i], _moved(row, j), *tableau.a[i + 1 :]))
+    for j in np.flatnonzero(tableau.b):
+        with pytest.raises(ValueError, match="misses the conditions of order 1"):
+            replace(tableau, b=_moved(tableau.b, j))
+    for k, weights in enumerate(tableau.errors):
+        for j in np.flatnonzero(weights):
+            changed = (*tableau.errors[:k], _moved(weights, j), *tableau.errors[k + 1 :])
+            with pytest.raises(ValueError, match="b - e misses"):
+                replace(tableau, errors=changed)
+
+
+def _moved(row: tuple[float, ...], j: int) -> tuple[float, ...]:
+    return tuple(x * (1 + 1e-6) if i == j else x for i, x in enumerate(row))
+
+
+@EVERY
+def test_orders_are_sharp(name: str) -> None:
+    """The order is the whole of it: of the next one some condition fails, for the embedded methods too."""
+    tableau = TABLEAUS[name]
+    a = tableau.matrix()
+    assert defect(a, tableau.b, tableau.order) < 1e-12
+    assert defect(a, tableau.b, tableau.order + 1) > 1e-7
+    with pytest.raises(ValueError, match=f"order {tableau.order + 1}"):
+        Tableau(tableau.a, tableau.b, tableau.order + 1)
+    for weights, order in zip(tableau.errors, tableau.error_orders, strict=True):
+        embedded = np.subtract(tableau.b, weights)
+        assert defect(a, embedded, order) < 1e-12
+        assert defect(a, embedded, order + 1) > 1e-7
+
+
+@EVERY
+def test_nodes_are_row_sums_within_the_step(name: str) -> None:
+    tableau = TABLEAUS[name]
+    np.testing.assert_allclose(tableau.c, tableau.matrix() @ np.ones(len(tableau.b)), rtol=0, atol=1e-14)
+    if name != "suzuki4":  # which goes back and forth on purpose
+        assert 0 <= min(tableau.c) <= max(tableau.c) <= 1 + 1e-15
+
+
+def test_published_nodes() -> None:
+    """The nodes of the pairs as printed: Dormand, Prince 1980; Bogacki, Shampine 1989; Kennedy, Carpenter 2003."""
+    np.testing.assert_allclose(TABLEAUS["rk45"].c, [0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1], atol=1e-14)
+    np.testing.assert_allclose(TABLEAUS["rk23"].c, [0, 1 / 2, 3 / 4, 1], atol=1e-15)
+    np.testing.assert_allclose(TABLEAUS["esdirk43"].c, [0, 1 / 2, 83 / 250, 31 / 50, 17 / 20, 1], atol=1e-14)
+
+
+def test_shapes_that_are_no_method() -> None:
+    with pytest.raises(ValueError, match="beyond the diagonal"):
+        Tableau(((0.5, 0.5),), (1.0,), 1)
+    with pytest.raises(ValueError, match="as many as the weights"):
+        Tableau(((),), (0.5, 0.5), 1)
+    with pytest.raises(ValueError, match="a weight a stage"):
+        Tableau(((),), (1.0,), 1, errors=((1.0, -1.0),), error_orders=(1,))
+    with pytest.raises(ValueError, match="and its order"):
+        Tableau(((),), (1.0,), 1, errors=((0.5,),))

@@ -1,0 +1,174 @@
+"""Closed loops: what they must keep, what they must equal, and what must be refused."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.effects.loop import Loop
+from twolink.errors import SceneError
+from twolink.integrate.equations import Equations, equations_of
+from twolink.integrate.namespaces import Numbers
+
+E = tl.effects
+DISCS = """<robot name="discs"><link name="base"/>{}</robot>""".format("".join(
+    f"""<link name="{n}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="{i}" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="{n}" type="revolute"><parent link="base"/><child link="{n}"/><axis xyz="0 0 1"/>
+<limit lower="-99" upper="99" effort="9" velocity="99"/></joint>"""
+    for n, i in (("one", 0.3), ("two", 2.0))))  # fmt: skip
+
+
+def joint(name: str, kind: str, parent: str, child: str, axis: str) -> str:
+    return f"""<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>
+<limit lower="-99" upper="99" effort="9" velocity="99"/></joint>"""
+
+
+def rod(name: str, mass: float) -> str:
+    return f"""<link name="{name}"><inertial><origin xyz="0.5 0 0"/><mass value="{mass}"/><inertia ixx="0"
+iyy="{mass / 12!r}" izz="{mass / 12!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+# The bundled two-link arm with its forearm on joints of its own: along x, along z, and about -y.
+PIECES = f"""<robot name="pieces"><link name="base"/>{rod("upper", 3.0)}{rod("lower", 1.0)}
+<link name="x"/><link name="z"/>
+{joint("shoulder", "revolute", "base", "upper", "0 -1 0")}{joint("along_x", "prismatic", "base", "x", "1 0 0")}
+{joint("along_z", "prismatic", "x", "z", "0 0 1")}{joint("turn", "revolute", "z", "lower", "0 -1 0")}</robot>"""
+
+
+def rows(equations: Equations, q: np.ndarray) -> np.ndarray:
+    loops = equations.loops
+    assert loops is not None
+    return np.array([float(g) for g in loops.rows(loops.mech, list(q), Numbers)])
+
+
+def in_pieces(loop: Loop) -> tl.Scene:
+    robot = tl.load_robot(PIECES)
+    named = {"along_x": 1.0}
+    return tl.Scene(robot, [named.get(n, 0.0) for n in robot.joint_names], effects=[E.Gravity(), loop])
+
+
+def column(run: tl.Trajectory, name: str) -> np.ndarray:
+    return np.asarray(run.columns()[f"q.{name}"])
+
+
+def test_a_hinge_loop_is_a_revolute_joint() -> None:
+    ends = {"point_a": (1.0, 0.0, 0.0), "axis_a": (0.0, 1.0, 0.0), "axis_b": (0.0, -3.0, 0.0)}
+    run = tl.simulate(in_pieces(E.HingeLoop(a="upper", b="lower", **ends)), 2.0, accuracy=1e-10)
+    tree = tl.simulate(tl.Scene(tl.load_robot("two_link"), effects=[E.Gravity()]), 2.0, accuracy=1e-11)
+    np.testing.assert_allclose(column(run, "shoulder"), tree.q[:, 0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(column(run, "turn"), tree.q.sum(axis=1), rtol=0, atol=1e-10)
+
+
+def test_a_weld_loop_is_a_fixed_joint() -> None:
+    run = tl.simulate(in_pieces(E.WeldLoop(a="upper", b="lower", point_a=(1.0, 0.0, 0.0))), 2.0, accuracy=1e-10)
+    fixed = tl.load_robot("two_link", lock={"elbow": 0.0})
+    tree = tl.simulate(tl.Scene(fixed, effects=[E.Gravity()]), 2.0, accuracy=1e-11)
+    for name in ("shoulder", "turn"):
+        np.testing.assert_allclose(column(run, name), tree.q[:, 0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("ratio", [-2.5, 1.0])
+def test_coupled_discs(ratio: float) -> None:
+    """q_one = r q_two + c with a torque on one: q_two'' = r tau / (I_two + r^2 I_one)."""
+    robot = tl.load_robot(DISCS)
+    effects = [E.Coupling("one", "two", ratio, 0.2), E.Torque({"one": 0.7})]
+    start = {"one": 0.2, "two": 0.0}
+    run = tl.simulate(tl.Scene(robot, [start[n] for n in robot.joint_names], effects=effects), 2.0, accuracy=1e-10)
+    expected = ratio * 0.7 / (2.0 + ratio**2 * 0.3) * run.t**2 / 2
+    np.testing.assert_allclose(column(run, "two"), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(column(run, "one"), ratio * expected + 0.2, rtol=0, atol=1e-10)
+
+
+def test_energy_and_the_loop_are_kept_where_nothing_dissipates() -> None:
+    """A slider-crank in gravity, spun so that it goes round."""
+    given = tl.load_scene("crankshaft")
+    start = {"crank_joint": 20.0, "rod_joint": -20.0 * (1 + 0.1 / 0.3)}
+    effects = [E.Gravity((0.0, -9.81, 0.0)), given.effects[0]]
+    scene = tl.Scene(given.base, given.q, [start.get(n, 0.0) for n in given.robot.joint_names], effects)
+    run = tl.simulate(scene, 3.0, accuracy=1e-10)
+    assert np.ptp(column(run, "crank_joint")) > 2 * np.pi
+    assert np.ptp(run.energy) < 1e-9 * scene.robot.energy(run.q, run.v)[0].max()
+    assert max(np.abs(rows(equations_of(scene), q)).max() for q in run.q) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [("crankshaft", [0, 1]), ("four-bar", [0, 1, 3, 4]), ("squeezer", [0, 1, 3, 4, 6, 7])],
+)
+def test_rows_across_the_plane_are_dropped(name: str, kept: list[int]) -> None:
+    loops = Equations(tl.load_scene(name)).loops
+    assert loops is not None
+    assert loops.kept == kept
+
+
+def test_loops_that_cannot_meet_are_refused() -> None:
+    given = tl.load_scene("crankshaft")
+    scene = tl.Scene(given.base, given.q, effects=[E.PointLoop(a="rod", point_a=(0.3, 0, 0), point_b=(0.9, 0, 0))])
+    # the end of the rod reaches 0.4 m; the point is at 0.9 m
+    with pytest.raises(SceneError, match=r"cannot be closed: 5\.00e-01 m or rad is left.*nearer to a closed position"):
+        tl.simulate(scene, 1.0)
+
+
+def test_an_open_start_is_closed_and_its_velocity_made_to_fit() -> None:
+    given = tl.load_scene("crankshaft")
+    q, v = {"crank_joint": 0.7, "rod_joint": -0.9, "slide": 0.37}, {"crank_joint": 3.0}
+    names = given.robot.joint_names
+    scene = tl.Scene(given.base, [q[n] for n in names], [v.get(n, 0.0) for n in names], given.effects)
+    assert np.abs(rows(Equations(scene), scene.q)).max() > 1e-3
+    run = tl.simulate(scene, 0.01, accuracy=1e-9)
+    assert np.abs(rows(equations_of(scene), run.q[0])).max() < 1e-12
+    theta, rate = column(run, "crank_joint")[0], run.columns()["v.crank_joint"][0]
+    along = np.sqrt(0.09 - (0.1 * np.sin(theta)) ** 2)
+    assert column(run, "slide")[0] == pytest.approx(0.1 * np.cos(theta) + along, abs=1e-12)
+    slope = -0.1 * np.sin(theta) - 0.01 * np.sin(theta) * np.cos(theta) / along
+    assert run.columns()["v.slide"][0] == pytest.approx(slope * rate, abs=1e-12)
+    assert np.abs(run.q[0] - scene.q).max() < 0.05
+
+
+def point_rows(scene: tl.Scene, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(J, J' v) of the scene's point loops by Pinocchio: classical accelerations of frames at the points, a = 0."""
+    model, world = scene.robot.model.copy(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    ends = []
+    for k, loop in enumerate(e for e in scene.effects if isinstance(e, E.PointLoop)):
+        for name, point in ((loop.a, loop.point_a), (loop.b, loop.point_b)):
+            body = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+            place = body.placement * pin.SE3(np.eye(3), np.array(point, dtype=float))
+            frame = pin.Frame(f"{name} {k}", body.parentJoint, 0, place, pin.FrameType.OP_FRAME)
+            ends.append(model.addFrame(frame))
+    data = model.createData()
+    pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    jacobians = [pin.getFrameJacobian(model, data, i, world)[:3] for i in ends]
+    terms = [pin.getFrameClassicalAcceleration(model, data, i, world).linear for i in ends]
+    differences = [(jacobians[i] - jacobians[i + 1], terms[i] - terms[i + 1]) for i in range(0, len(ends), 2)]
+    return np.vstack([d[0] for d in differences]), np.concatenate([d[1] for d in differences])
+
+
+@pytest.mark.parametrize("name", ["crankshaft", "four-bar", "squeezer"])
+def test_accelerations_and_multipliers_solve_the_whole_system(name: str) -> None:
+    """M a + h = tau + J^T lambda, J a = -J' v as one dense system, all of it by Pinocchio."""
+    scene = tl.load_scene(name)
+    equations = Equations(scene)
+    loops, model = equations.loops, scene.robot.model
+    assert loops is not None
+    random = np.random.default_rng(5)
+    for _ in range(5):
+        x = equations.start + 0.2 * random.standard_normal(equations.moving)
+        x = loops.assembled(x, keep=False)
+        q, v, tau = x[: model.nq], x[model.nq :], random.standard_normal(model.nv)
+        jacobian, terms = point_rows(scene, q, v)
+        jacobian, terms = jacobian[loops.kept], terms[loops.kept]
+        assert np.abs(jacobian @ v).max() < 1e-12 * (1 + np.abs(v).max())
+        data = model.createData()
+        mass = pin.crba(model, data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        h = pin.nonLinearEffects(model, data, q, v)
+        zero = np.zeros((len(terms), len(terms)))
+        whole = np.block([[mass, -jacobian.T], [jacobian, zero]])
+        expected = np.linalg.solve(whole, np.concatenate([tau - h, -terms]))
+        a, multipliers = loops.accelerations(loops.mech, q, v, list(tau), {}, Numbers)
+        for ours, theirs in ((a, expected[: model.nv]), (multipliers, expected[model.nv :])):
+            assert np.abs(np.array(ours, dtype=float) - theirs).max() < 1e-9 * (1 + np.abs(theirs).max())
+        reference = loops.reference_acceleration(q, v, tau, h)
+        assert np.abs(reference - expected[: model.nv]).max() < 1e-9 * (1 + np.abs(expected[: model.nv]).max())

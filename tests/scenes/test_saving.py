@@ -1,0 +1,66 @@
+"""Saved scenes are read again as they were; the schema is one that the bundled files fulfil."""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+from twolink.lagrange.reference import arm_urdf
+from twolink.scenes.file import bundled_scenes
+from twolink.scenes.save import scene_schema
+
+
+def same(a: tl.Scene, b: tl.Scene) -> None:
+    assert a.effects == b.effects
+    assert (a.duration, a.title) == (b.duration, b.title)
+    np.testing.assert_array_equal(a.q, b.q)
+    np.testing.assert_array_equal(a.v, b.v)
+    np.testing.assert_array_equal(a.robot.mass_matrix(a.q), b.robot.mass_matrix(b.q))
+
+
+def test_a_scene_is_read_again_as_it_was(tmp_path: Path) -> None:
+    robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.0})
+    effects = [
+        tl.effects.Gravity((0.1, 0.0, -1 / 3)),
+        tl.effects.JointDamping(),
+        tl.effects.Torque({"panda_joint3": tl.effects.Sine(1.0, 2.0), "panda_joint1": 0.1}),
+    ]
+    q, v = np.linspace(0.1, 0.7, 7) / 3, np.full(7, 0.2)
+    scene = tl.Scene(robot, q=q, v=v, effects=effects, duration=1.5, title='a "b"')
+    same(scene, tl.load_scene(scene.save(tmp_path / "scene.toml")))
+
+
+def test_a_robot_of_no_catalogue_goes_beside_it(tmp_path: Path) -> None:
+    scene = tl.Scene(tl.load_robot(arm_urdf(1, 2, 3, 4)), q=[0.1, 0.0])
+    saved = scene.save(tmp_path / "mine.toml")
+    assert (tmp_path / "mine.urdf").exists()
+    same(scene, tl.load_scene(saved))
+
+
+def test_a_floating_robot_and_angles_as_pairs(tmp_path: Path) -> None:
+    robot = tl.load_robot("ur5", root="free")
+    q = robot.neutral
+    q[3:7] = [0.5, 0.5, 0.5, 0.5]
+    scene = tl.Scene(robot, q=q, v=np.arange(robot.nv) / 7)
+    same(scene, tl.load_scene(scene.save(tmp_path / "free.toml")))
+
+
+def test_another_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"\.json is no format"):
+        tl.load_scene("arm-swing").save(tmp_path / "scene.json")
+
+
+def test_the_schema_knows_every_effect_and_the_bundled_scenes_fulfil_it() -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = scene_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    for name in bundled_scenes():
+        text = (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
+        assert not list(validator.iter_errors(tomllib.loads(text))), name
+    assert list(validator.iter_errors({"robot": "arm", "effects": [{"type": "gravty"}]}))
+    assert list(validator.iter_errors({"robot": "arm", "durtion": 1.0}))

@@ -1,0 +1,103 @@
+"""The commands accuracy and methods, and what `run` says of the method."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from tests.command import answer, call, one_line
+from twolink.cli import main
+from twolink.cli_scenes import Bar
+from twolink.integrate.methods import METHODS
+
+STUDY = ["accuracy", "arm-swing", "--duration", "0.5", "--methods", "rk45, dop853", "--tolerances", "1e-3,1e-6",
+         "--repeats", "1"]  # fmt: skip
+
+
+def test_accuracy_prints_and_writes(tmp_path: Path) -> None:
+    outs = [part for name in ("x.png", "x.csv", "x.json") for part in ("--out", str(tmp_path / name))]
+    done = call(*STUDY, *outs)
+    assert (done.returncode, done.stderr) == (0, "")
+    for part in ("two_link: 0.5 s", "its own error is", "rk45", "tolerance 1e-06", "a digit more", "wrote"):
+        assert part in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["x.csv", "x.json", "x.png"]
+    assert len(tl.Study.load(tmp_path / "x.json").rows) == 4
+
+
+def test_accuracy_as_json() -> None:
+    found = answer(*STUDY)
+    assert [row["method"] for row in found["rows"]] == ["rk45", "rk45", "dop853", "dop853"]
+    assert found["reference"]["error"] < 1e-15
+    assert found["price_of_digits"][0]["accuracy"] == 0.1
+
+
+MISUSED = {
+    "method": (["--methods", "rk46"], "method: 'rk46' is unknown"),
+    "no method": (["--methods", ","], "methods: no method is named"),
+    "tolerance": (["--tolerances", "-1"], "tolerances: expected a number above 0"),
+    "words": (["--tolerances", "small"], "tolerances: 'small' is not a list of numbers"),
+    "duration": (["--duration", "0"], "above 0 s"),
+    "ending": (["--out", "x.html"], "'.html' is not a format we know"),
+    "budget": (["--budget", "0"], "budget: expected a number above 0"),
+}
+
+
+@pytest.mark.parametrize("case", MISUSED)
+def test_misuse(case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, part = MISUSED[case]
+    monkeypatch.setattr(sys, "argv", ["twolink", "accuracy", "arm-swing", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    out, err = capsys.readouterr()
+    assert (stop.value.code, out) == (2, "")
+    assert part in err
+    assert err.count("\n") == 1
+
+
+def test_ctrl_c_prints_what_is_done(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def press(_: Bar, done: int, _total: int, _label: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Bar, "__call__", press)
+    monkeypatch.setattr(sys, "argv", ["twolink", *STUDY, "--json"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    out, err = capsys.readouterr()
+    assert (stop.value.code, err) == (1, "twolink: interrupted; what was done is kept\n")
+    found = json.loads(out)
+    assert found["interrupted"]
+    assert [row["method"] for row in found["rows"]] == ["rk45", "rk45"]
+
+
+def test_methods_are_listed() -> None:
+    rows = answer("methods")
+    assert [row["name"] for row in rows] == list(METHODS)
+    text = call("methods").stdout
+    for method in METHODS.values():
+        assert method.good_for in text
+        assert method.source in text
+
+
+def test_run_says_which_method_why_and_what_it_took() -> None:
+    done = call("run", "arm-swing", "--duration", "1", "--method", "rk4", "--step", "0.01")
+    for part in ("rk4, step [s] 0.01: asked for", "steps    100", "to solve", "for the error bar", "to compile"):
+        assert part in done.stdout
+    found = answer("run", "arm-swing", "--duration", "1", "--method", "dop853", "--tolerance", "1e-5")
+    assert found["cost"]["tolerance"] == 1e-5
+    assert found["error"] > 0
+
+
+def test_run_refuses_settings_that_do_not_fit() -> None:
+    run = ("run", "arm-swing", "--duration", "1")
+    one_line(call(*run, "--method", "rk4", "--tolerance", "1e-5"), 2, "rk4 takes steps of one size; give step=")
+    one_line(call(*run, "--precision", "half"), 2, "precision: 'half' is unknown")
+
+
+def test_run_in_quadruple_precision_prints_the_digits() -> None:
+    found = answer("run", "arm-swing", "--duration", "0.5", "--precision", "quad", "--accuracy", "1e-20")
+    assert found["error"] <= 1e-20
+    assert all(len(digits.lstrip("-0.")) >= 30 for digits in found["q_precise"])
+    assert float(found["q_precise"][0]) == found["q"][0]

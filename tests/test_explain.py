@@ -1,0 +1,55 @@
+"""explain: what a scene computes, and what each effect costs; an effect that is absent costs nothing."""
+
+import subprocess
+import sys
+
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+from twolink.integrate.equations import equations_of
+
+ARM = "two_link"
+
+
+def test_shares_are_counted_and_absent_effects_cost_nothing() -> None:
+    fx, robot = tl.effects, tl.load_robot(ARM)
+    free = tl.Scene(robot)
+    heavy = tl.Scene(robot, effects=[fx.Gravity()])
+    damped = tl.Scene(robot, effects=[fx.Gravity(), fx.JointDamping({"shoulder": 0.5})])
+    alone, with_gravity, with_both = (equations_of(s).operations for s in (free, heavy, damped))
+    assert alone < with_gravity < with_both <= with_gravity + 4
+    found = tl.explain(damped, accuracy=1e-6)
+    assert [share.effect for share in found.shares] == ["gravity", "joint-damping"]
+    assert found.shares[1].operations == with_both - with_gravity
+    assert (
+        equations_of(tl.Scene(robot, effects=[fx.Gravity(), fx.JointDamping({"shoulder": 0.0})])).operations
+        == with_gravity
+    )
+
+
+def test_it_names_the_method_that_a_run_takes() -> None:
+    scene = tl.load_scene("arm-swing")
+    found, run = tl.explain(scene, accuracy=1e-7), tl.simulate(scene, accuracy=1e-7)
+    assert run.cost is not None
+    assert (found.method, found.setting) == (run.cost.method, run.cost.tolerance)
+    assert found.expected_seconds > 0
+    assert found.states == 4
+    assert "gravity" in str(found)
+
+
+def test_modules_of_absent_effects_are_not_imported() -> None:
+    code = (
+        "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1);"
+        "print(*[m for m in sys.modules if m.startswith('twolink.effects.')])"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "twolink.effects.gravity" in loaded
+    assert not {f"twolink.effects.{name}" for name in ("air_drag", "joint_damping", "torque", "pd", "payload")} & {
+        *loaded
+    }
+
+
+def test_refusals() -> None:
+    with pytest.raises(SceneError, match="expected a Scene"):
+        tl.explain("arm-swing")  # type: ignore[arg-type]

@@ -1,0 +1,100 @@
+"""simulate_many: worlds agree with single runs, keep their accuracy, and say which do not."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import AccuracyError, QueryError, SceneError
+from twolink.lagrange import two_link
+
+RNG = np.random.default_rng(5)
+
+
+def starts(count: int) -> np.ndarray:
+    return RNG.uniform(-0.5, 0.5, (count, 2))
+
+
+def test_worlds_agree_with_single_runs_within_their_bars() -> None:
+    scene = tl.load_scene("arm-swing")
+    q = starts(20)
+    worlds = tl.simulate_many(scene, q=q, duration=3.0, accuracy=1e-7)
+    assert worlds.error is not None
+    assert worlds.kept is not None
+    assert worlds.kept.all()
+    for i, start in enumerate(q):
+        alone = tl.simulate(tl.Scene(tl.load_robot("two_link"), start, effects=scene.effects), 3.0, accuracy=1e-11)
+        assert np.abs(worlds.q[i] - alone.q[-1]).max() <= worlds.error[i] <= 1e-7
+
+
+def test_a_worlds_bits_do_not_depend_on_the_others() -> None:
+    scene, q = tl.load_scene("arm-swing"), starts(40)
+    whole = tl.simulate_many(scene, q=q, duration=2.0, verify=False)
+    for part in (slice(0, 1), slice(3, 12), slice(17, 40)):
+        few = tl.simulate_many(scene, q=q[part], duration=2.0, verify=False)
+        assert np.array_equal(few.q, whole.q[part])
+        assert np.array_equal(few.v, whole.v[part])
+
+
+def test_parameters_differ_by_world() -> None:
+    """Each world has a forearm of its own mass: the hand-derived equations give each one's energy, which is kept."""
+    mass = np.linspace(0.5, 3.0, 9)
+    scene = tl.load_scene("arm-swing")
+    worlds = tl.simulate_many(scene, parameters={"forearm.mass": mass}, duration=4.0, accuracy=1e-9)
+    assert worlds.error is not None
+    assert worlds.error.max() <= 1e-9
+    nominal = tl.simulate(scene, 4.0, accuracy=1e-10)
+    own = tl.simulate_many(scene, parameters={"forearm.mass": 1.0}, duration=4.0, accuracy=1e-9)
+    np.testing.assert_allclose(own.q[0], nominal.q[-1], rtol=0, atol=1e-9)
+    assert np.ptp(worlds.q, axis=0).min() > 0.1
+
+
+def test_samples_on_the_way() -> None:
+    scene = tl.load_scene("arm-swing")
+    worlds = tl.simulate_many(scene, q=starts(9), duration=2.0, accuracy=1e-8, samples=7)
+    assert worlds.samples_t.shape == (8,)
+    assert worlds.samples_q.shape == (8, 9, 2)
+    assert worlds.samples_v.shape == (8, 9, 2)
+    assert worlds.samples_t[-1] < worlds.t == 2.0
+
+
+def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
+    v = np.zeros((9, 2))
+    v[4] = 1e200
+    worlds = tl.simulate_many(tl.load_scene("arm-swing"), v=v, duration=1.0)
+    assert worlds.error is not None
+    assert np.isnan(worlds.q[4]).all()
+    assert np.isnan(worlds.error[4])
+    others = np.delete(np.arange(9), 4)
+    assert np.isfinite(worlds.q[others]).all()
+    assert (worlds.error[others] <= 1e-6).all()
+    assert not worlds.kept[4]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "part"),
+    [
+        ({"q": [[0.0, 0.0]] * 3, "v": [[0.0, 0.0]] * 4}, SceneError, "do not match"),
+        ({"parameters": {"forarm.mass": 1.0}}, SceneError, "forearm.mass"),
+        ({"q": [[np.nan, 0.0]]}, QueryError, "finite"),
+        ({"accuracy": 0}, AccuracyError, "above 0"),
+        ({"duration": -1}, SceneError, "above 0 s"),
+        ({"q": np.zeros((2, 3, 2))}, SceneError, "reshape"),
+    ],
+)
+def test_refusals(options: dict, kind: type, part: str) -> None:
+    with pytest.raises(kind, match=part):
+        tl.simulate_many(tl.load_scene("arm-swing"), **options)
+
+
+def test_parameters_are_the_physics() -> None:
+    """At rest in the horizontal the first accelerations tell the masses: closed form of the paper's arm."""
+    mass, t = np.array([0.5, 1.0, 2.0]), 1e-3
+    scene = tl.load_scene("arm-swing")
+    worlds = tl.simulate_many(scene, parameters={"forearm.mass": mass}, duration=t, accuracy=1e-12, verify=False)
+    for m, v in zip(mass, worlds.v, strict=True):
+        # The rod's own inertia stays that of 1 kg, m L^2 / 12 = 1 / 12: only its mass changes.
+        arm = two_link((1.0, 1.0), (3.0, float(m)))
+        inertia = arm.mass_matrix(np.zeros(2)) + (1 - m) / 12 * np.ones((2, 2))
+        inertia[0, 1] += 0.0
+        bias = arm.bias(np.zeros(2), np.zeros(2))
+        np.testing.assert_allclose(v / t, np.linalg.solve(inertia, -bias), rtol=1e-5)

@@ -1,0 +1,37 @@
+"""Coordinates coupled by gears or belts."""
+
+from __future__ import annotations
+
+from twolink.dynamics import Robot
+from twolink.dynamics.spatial import Scalar, minus, plus, times
+from twolink.effects.effect import finite, one_of
+from twolink.effects.loop import Loop
+from twolink.effects.motion import Motion
+from twolink.errors import SceneError
+
+
+class Coupling(Loop, frozen=True):
+    """g = q_joint - ratio q_other - offset.
+
+    joint, other: joints with one coordinate, an angle or a length. ratio: as said; offset: rad or m.
+    """
+
+    joint: str
+    other: str
+    ratio: float
+    offset: float = 0.0
+
+    def check(self, robot: Robot) -> None:
+        """Joints exist and have one coordinate."""
+        names = [j.name for j in robot.joints if j.kind == "vector"]
+        one_of(self.joint, names, "joint", "joint with one coordinate")
+        one_of(self.other, names, "other", "joint with one coordinate")
+        finite((self.ratio, self.offset), "ratio")
+        if self.joint == self.other:
+            raise SceneError(f"joint {self.joint!r} is coupled to itself", where="other", remedy="name two joints")
+
+    def rows(self, motion: Motion) -> list[Scalar]:
+        """q_joint - ratio q_other - offset."""
+        ours, theirs = motion.coordinate(self.joint)[0], motion.coordinate(self.other)[0]
+        driven = plus(times(float(self.ratio), motion.q[theirs]), float(self.offset))
+        return [minus(motion.q[ours], driven)]

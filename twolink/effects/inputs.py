@@ -1,0 +1,122 @@
+"""Inputs: what a scene gives as a function of time, by a formula or by a table of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from twolink.dynamics.spatial import Scalar, plus, times
+from twolink.effects.effect import Effect, finite
+from twolink.effects.sampled import Piece, Sampled, check_table
+from twolink.errors import SceneError
+
+
+class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="polynomial"):
+    """c0 + c1 t + c2 t^2 + ..., t in seconds from the start."""
+
+    coefficients: tuple[float, ...]
+
+
+class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="sine"):
+    """mean + amplitude sin(frequency t + phase): frequency in rad/s, phase in rad."""
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    mean: float = 0.0
+
+
+Input = float | Polynomial | Sine | Sampled
+
+
+def check_input(given: Input, field: str) -> None:
+    """Require finite numbers. Raises SceneError."""
+    if isinstance(given, Polynomial):
+        finite(given.coefficients, f"{field}.coefficients")
+    elif isinstance(given, Sine):
+        finite((given.amplitude, given.frequency, given.phase, given.mean), field)
+    elif isinstance(given, Sampled):
+        check_table(given, field)
+    elif isinstance(given, (int, float)):
+        finite(given, field)
+    else:
+        raise SceneError(f"expected a number, Polynomial, Sine or Sampled, got {given!r}", where=field,
+                         remedy="such as 1.5")  # fmt: skip
+
+
+def value_at(given: Input | Piece, t: Scalar, xp: Any) -> Scalar:
+    """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
+    if isinstance(given, Sine):
+        return plus(times(float(given.amplitude), xp.sin(given.frequency * t + given.phase)), float(given.mean))
+    if isinstance(given, Polynomial):
+        return _polynomial([float(c) for c in given.coefficients], t)
+    if isinstance(given, Sampled):
+        given = given.piece_at(t)
+    if isinstance(given, Piece):
+        return _polynomial(given.coefficients, t - given.start)
+    return float(given)
+
+
+def derivatives_at(given: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
+    """The input and its first and second derivatives at time t."""
+    if isinstance(given, Sine):
+        a, w, angle = float(given.amplitude), float(given.frequency), given.frequency * t + given.phase
+        oscillating = xp.sin(angle)
+        value = plus(times(a, oscillating), float(given.mean))
+        return value, times(a * w, xp.cos(angle)), times(-a * w * w, oscillating)
+    coefficients: list[Scalar] = [float(given)] if isinstance(given, (int, float)) else []
+    if isinstance(given, Polynomial):
+        coefficients = [float(c) for c in given.coefficients]
+    if isinstance(given, Sampled):
+        given = given.piece_at(t)
+    if isinstance(given, Piece):
+        coefficients, t = list(given.coefficients), t - given.start
+    once = _derivative(coefficients)
+    return _polynomial(coefficients, t), _polynomial(once, t), _polynomial(_derivative(once), t)
+
+
+def twice_differentiable(given: Input) -> bool:
+    """Whether the input has the derivatives that a reference for accelerations needs."""
+    return not isinstance(given, Sampled) or given.interpolation == "cubic"
+
+
+def _polynomial(coefficients: Any, t: Scalar) -> Scalar:
+    """c0 + c1 t + ..., by Horner's rule."""
+    value: Scalar = 0.0
+    for coefficient in reversed(coefficients):
+        value = plus(times(value, t), coefficient)
+    return value
+
+
+def _derivative(coefficients: list[Scalar]) -> list[Scalar]:
+    return [times(float(k), c) for k, c in enumerate(coefficients)][1:]
+
+
+def tables_of(effect: Effect) -> list[Sampled]:
+    """The tables among an effect's inputs, in the order of its fields."""
+    found: list[Sampled] = []
+
+    def note(table: Sampled) -> Sampled:
+        found.append(table)
+        return table
+
+    _replaced({name: getattr(effect, name) for name in effect.__struct_fields__}, note)
+    return found
+
+
+def with_pieces(effect: Effect, piece: Callable[[Sampled], Piece]) -> Effect:
+    """The effect with a polynomial in the place of each table."""
+    fields = {name: getattr(effect, name) for name in effect.__struct_fields__}
+    return msgspec.structs.replace(effect, **_replaced(fields, piece))
+
+
+def _replaced(given: Any, change: Callable[[Sampled], Any]) -> Any:
+    if isinstance(given, Sampled):
+        return change(given)
+    if isinstance(given, Mapping):
+        return {key: _replaced(value, change) for key, value in given.items()}
+    if isinstance(given, (tuple, list)):
+        return tuple(_replaced(value, change) for value in given)
+    return given

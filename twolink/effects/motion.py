@@ -1,0 +1,136 @@
+"""What effects see and do: the moving robot's joints and frames, and the loads they add. Over plain arithmetic."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pinocchio as pin
+
+from twolink.dynamics.functions import frame_pose
+from twolink.dynamics.mechanism import Mechanism
+from twolink.dynamics.recursions import STILL, poses
+from twolink.dynamics.spatial import (
+    AT_PARENT,
+    ZERO,
+    Mat,
+    Pose,
+    Scalar,
+    Scalars,
+    Spatial,
+    Vec,
+    add,
+    compose,
+    cross,
+    inward,
+    motion_to_child,
+    outward,
+    plus,
+    single_turn,
+    spatial_add,
+)
+
+GROUND = "universe"  # the world, whose points are given in its coordinates; Pinocchio's name for it
+
+
+class Motion:
+    """A robot in motion: q (nq), v (nv) and the time t, as numbers, arrays of a batch, or expressions.
+
+    mech: the robot's constants. xp: the namespace of sin, cos, sqrt, tanh, where, less. What is asked for is computed
+    once; what is not asked for leaves no operation behind.
+    """
+
+    def __init__(self, model: pin.Model, mech: Mechanism, q: Scalars, v: Scalars, t: Scalar, xp: Any) -> None:
+        self.model, self.mech, self.q, self.v, self.t, self.xp = model, mech, q, v, t, xp
+        self._own: list[Pose] | None = None
+        self._world: dict[int, Pose] = {0: AT_PARENT}
+        self._velocity: dict[int, Spatial] = {0: STILL}
+
+    def frame(self, frame: str) -> tuple[int, Pose]:
+        """The body that carries a frame, and where it sits there; the ground is body 0."""
+        ground = frame == GROUND and not self.model.existBodyName(GROUND)
+        return (0, AT_PARENT) if ground else frame_pose(self.model, frame)
+
+    def own(self) -> list[Pose]:
+        """Each body's pose in its parent."""
+        if self._own is None:
+            self._own = poses(self.mech, self.q, self.xp)
+        return self._own
+
+    def body(self, i: int) -> Pose:
+        """The pose of body i in the world."""
+        if i not in self._world:
+            self._world[i] = single_turn(compose(self.body(self.mech.parents[i]), self.own()[i]))
+        return self._world[i]
+
+    def body_velocity(self, i: int) -> Spatial:
+        """(linear, angular) velocity of body i at its joint's origin, along its own axes."""
+        if i not in self._velocity:
+            before = motion_to_child(self.own()[i], self.body_velocity(self.mech.parents[i]))
+            self._velocity[i] = spatial_add(before, self.mech.joints[i].motion(self.v))
+        return self._velocity[i]
+
+    def placement(self, frame: str) -> tuple[Mat, Vec]:
+        """(R, r): how a frame is turned in the world, and where its origin is."""
+        i, place = self.frame(frame)
+        pose = single_turn(compose(self.body(i), place))
+        return pose.turns[0], pose.origin
+
+    def position(self, frame: str, point: Vec = ZERO) -> Vec:
+        """Where a point of the frame is in the world, m."""
+        i, place = self.frame(frame)
+        return _at(self.body(i), _at(place, point))
+
+    def direction(self, frame: str, axis: Vec) -> Vec:
+        """A direction that is fixed in the frame, along the world's axes."""
+        i, place = self.frame(frame)
+        return outward(self.body(i), outward(place, axis))
+
+    def velocity(self, frame: str, point: Vec = ZERO) -> Vec:
+        """The velocity of a point of the frame, along the world's axes, m/s."""
+        i, place = self.frame(frame)
+        linear, angular = self.body_velocity(i)
+        return outward(self.body(i), add(linear, cross(angular, _at(place, point))))
+
+    def angular_velocity(self, frame: str) -> Vec:
+        """The angular velocity of the frame's body, along the world's axes, rad/s."""
+        i, _ = self.frame(frame)
+        return outward(self.body(i), self.body_velocity(i)[1])
+
+    def coordinate(self, joint: str) -> tuple[int, int]:
+        """The entries of q and v that belong to a joint with one of each: an angle or a length."""
+        i = self.model.getJointId(joint)
+        return self.model.idx_qs[i], self.model.idx_vs[i]
+
+    def dofs(self, joint: str) -> range:
+        """The entries of v that belong to a joint."""
+        i = self.model.getJointId(joint)
+        return range(self.model.idx_vs[i], self.model.idx_vs[i] + self.model.nvs[i])
+
+
+class Loads:
+    """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self.tau: list[Scalar] = [0.0] * motion.mech.nv
+        self.wrenches: dict[int, list[Scalar]] = {}
+
+    def torque(self, dof: int, value: Scalar) -> None:
+        """Add a joint torque or force, N m or N."""
+        self.tau[dof] = plus(self.tau[dof], value)
+
+    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
+        """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
+        i, place = self._motion.frame(frame)
+        if i == 0:
+            return  # on the ground
+        body = self._motion.body(i)
+        own, turning = inward(body, force), inward(body, moment)
+        turning = add(turning, cross(_at(place, point), own))
+        before = self.wrenches.get(i, [0.0] * 6)
+        self.wrenches[i] = [plus(a, b) for a, b in zip(before, (*own, *turning), strict=True)]
+
+
+def _at(pose: Pose, point: Vec) -> Vec:
+    """R x + r."""
+    return add(pose.origin, outward(pose, point))

@@ -1,0 +1,92 @@
+"""What accuracy studies measured on this machine, kept in the cache folder: a scene's methods, settings and errors.
+
+Only studies write here. A simulation by itself does not, so that the same call gives the same bits again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from twolink.dynamics import cache
+from twolink.integrate.equations import Equations
+from twolink.integrate.methods import METHODS
+
+FILE = "studies.json"
+MAX_SCENES = 200
+SPARE = 3.0  # how many times smaller than the accuracy a measured error must be
+LONGER = 1.01  # a study of a shorter time says nothing of a longer one
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One entry of a study: a method at a setting had this error and took these seconds."""
+
+    method: str
+    setting: float
+    error: float
+    seconds: float
+
+
+def cheapest(equations: Equations, duration: float, accuracy: float) -> Measured | None:
+    """The fastest entry measured for these equations, start and duration that keeps the accuracy with some to spare."""
+    try:
+        os.stat(cache.location(FILE))  # there is none, most often: the quickest way to know
+    except OSError:
+        return None
+    path = _path()
+    known = {} if path is None else _read(path)
+    found = known.get(_key(equations)) if known else None
+    if not found or found["duration"] * LONGER < duration:
+        return None
+    entries = [Measured(**entry) for entry in found["entries"] if entry["method"] in METHODS]
+    good = [entry for entry in entries if entry.error * SPARE <= accuracy]
+    return min(good, key=lambda entry: entry.seconds, default=None)
+
+
+def record(equations: Equations, duration: float, entries: Iterable[Measured]) -> None:
+    """Keep what a study measured, in place of what an earlier one did."""
+    path = _path()
+    if path is None:
+        return
+    known = _read(path)
+    known.pop(_key(equations), None)
+    known[_key(equations)] = {"duration": duration, "entries": [asdict(entry) for entry in entries]}
+    while len(known) > MAX_SCENES:
+        del known[next(iter(known))]
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            json.dump(known, file)
+        os.replace(temporary, path)
+        _kept.clear()
+    except OSError:
+        return  # a full disk costs time, not answers
+
+
+def _key(equations: Equations) -> str:
+    return equations.key("study", equations.start.tobytes().hex())
+
+
+def _path() -> Path | None:
+    folder = cache.folder()
+    return None if folder is None else folder / FILE
+
+
+_kept: dict[tuple[str, int], dict[str, dict[str, object]]] = {}
+
+
+def _read(path: Path) -> dict:  # type: ignore[type-arg]
+    """The file's content; nothing where it is damaged."""
+    try:
+        stamp = (str(path), path.stat().st_mtime_ns)
+        if stamp not in _kept:
+            _kept.clear()
+            _kept[stamp] = json.loads(path.read_text(encoding="utf-8"))
+        return dict(_kept[stamp])
+    except (OSError, ValueError):
+        return {}

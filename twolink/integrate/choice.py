@@ -1,0 +1,112 @@
+"""Which method, at which setting, for an accuracy: from what studies measured here, else from a built-in calibration.
+
+The built-in figures were measured with scripts/bench_methods.py on the paper's arm: attempts for its 10 s at a
+tolerance of 1e-3, by what power of the tolerance they grow, and seconds a call and an operation. How long a scene is
+multiplies them all alike, so that they tell which method is cheapest, not what a run will take.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from twolink.dynamics.kernels import heyoka
+from twolink.errors import SceneError
+from twolink.integrate import calibration, taylor
+from twolink.integrate.equations import Equations
+from twolink.integrate.methods import METHODS, Method, method_named
+from twolink.integrate.solver import smallest_tolerance
+
+# How much smaller than the accuracy the first tolerance is: errors of steps add up, and estimates of low order are
+# of the worse solution. Measured on the arm, UR5 and Panda: a run's error over its tolerance is below a third of it.
+MARGINS = {"taylor": 3.0, "dop853": 30.0}
+MARGIN = 100.0
+ROUGHEST = 1e-4  # a larger tolerance saves little, and what a run's error has to do with it is chance
+MAX_COMPILING = 20.0  # seconds: what takes longer to compile is not worth it unasked
+CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
+# Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
+ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
+TAYLOR_STEPS, TAYLOR_OPERATION = 370, 1.5e-10  # times the order squared, and twice that when compiled compactly
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A method, its setting (tolerance, or step [s]), and why it was chosen."""
+
+    method: Method
+    setting: float
+    why: str
+    precision: taylor.Precision = "double"
+
+
+def choose(
+    equations: Equations, accuracy: float, duration: float, name: str, precision: taylor.Precision = "double"
+) -> Choice:
+    """The method called `name` with the setting for an accuracy; of "auto", the cheapest method."""
+    if precision == "quad":
+        if name not in ("auto", "taylor"):
+            raise SceneError(f"{name} works in double precision", where="method", remedy='method="taylor" or "auto"')
+        return Choice(METHODS["taylor"], accuracy / MARGINS["taylor"], "quadruple precision", "quad")
+    if precision != "double":
+        raise SceneError(f"{precision!r} is unknown", where="precision", remedy='"double" or "quad"')
+    if name != "auto":
+        method = method_named(name)
+        return Choice(method, first_setting(equations, method, accuracy), "asked for")
+    if heyoka() is None:
+        method = METHODS["scipy-dop853"]
+        return Choice(method, first_setting(equations, method, accuracy), "heyoka is not installed")
+    seen = calibration.cheapest(equations, duration, accuracy)
+    if seen is not None:
+        return Choice(METHODS[seen.method], seen.setting, "measured on this scene by an accuracy study")
+    return _by_calibration(
+        equations.operations, equations.space.nv >= taylor.COMPACT_FROM, equations.analytic, accuracy
+    )
+
+
+@functools.lru_cache(1024)
+def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: float) -> Choice:
+    """The cheapest method for equations of so many operations an evaluation."""
+    if compiling_seconds(operations * METHODS["dop853"].evaluations) > MAX_COMPILING:
+        method = METHODS["scipy-dop853"]
+        why = f"compiling steps of {operations:,} operations an evaluation would take over {MAX_COMPILING:.0f} s"
+        return Choice(method, first_tolerance(method, accuracy), why)
+    tolerances = {
+        name: first_tolerance(METHODS[name], accuracy) for name in ((*ATTEMPTS, "taylor") if analytic else ATTEMPTS)
+    }
+    costs = {name: expected_seconds(METHODS[name], t, operations, compact) for name, t in tolerances.items()}
+    best = min(costs, key=lambda name: costs[name])
+    others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
+    return Choice(METHODS[best], tolerances[best], f"cheapest by the built-in calibration ({others})")
+
+
+def compiling_seconds(operations: int) -> float:
+    """What compiling so many operations takes, roughly: measured on UR5 (8,000: 2 s), ANYmal (44,000) and Talos."""
+    return operations / 4_000 * (1.0 + operations / 20_000)
+
+
+def expected_seconds(method: Method, tolerance: float, operations: int, compact: bool) -> float:
+    """Seconds for what takes the arm 10 s of simulated time, by the built-in calibration."""
+    if method.kind == "taylor":
+        order = taylor.order_of(tolerance)
+        return TAYLOR_STEPS * max(1, operations) * order**2 * TAYLOR_OPERATION * (2 if compact else 1)
+    attempts, growth = ATTEMPTS[method.name]
+    return float(attempts * (1e-3 / tolerance) ** growth * (CALL + operations * method.evaluations * OPERATION))
+
+
+def first_tolerance(method: Method, accuracy: float) -> float:
+    """The tolerance to try first."""
+    wanted = min(accuracy / MARGINS.get(method.name, MARGIN), ROUGHEST)
+    return max(wanted, smallest_tolerance(method))
+
+
+def first_setting(equations: Equations, method: Method, accuracy: float) -> float:
+    """The tolerance, or step, to try first."""
+    if method.adaptive:
+        return first_tolerance(method, accuracy)
+    start = equations.start[:, None]
+    change = (np.abs(equations.rate(0.0, start)) / (1.0 + np.abs(start))).max(initial=0.0)
+    scale = 1.0 / max(1.0, float(change) if math.isfinite(change) else 1.0)
+    return float(0.3 * scale * min(1.0, accuracy) ** (1 / method.order))

@@ -1,0 +1,68 @@
+"""Solving a scene's equations by any method: one door to the solvers."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate import scipy_solver, taylor
+from twolink.integrate.equations import Equations
+from twolink.integrate.march import march
+from twolink.integrate.methods import Method
+from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.state import Array
+from twolink.integrate.step_map import step_map
+
+SMALLEST = {"explicit": 1e-15, "implicit": 1e-15, "scipy": scipy_solver.SMALLEST_TOLERANCE, "taylor": 1e-16}
+SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
+
+
+def smallest_tolerance(method: Method, precision: taylor.Precision = "double") -> float:
+    """Below this the rounding of the numbers decides, not the tolerance. 0 for methods of fixed steps."""
+    if precision != "double":
+        return SMALLEST_PRECISE[precision]
+    return SMALLEST[method.kind] if method.adaptive else 0.0
+
+
+def solve(
+    equations: Equations,
+    method: Method,
+    times: Array,
+    setting: float,
+    progress: Progress | None = None,
+    precision: taylor.Precision = "double",
+) -> Solution:
+    """Solve from the equations' start for the samples `times` (n,).
+
+    setting: the tolerance of an adaptive method, or the step of a fixed one [s]. precision: of the numbers, beyond
+    "double" by Taylor's method only. No step goes across a time at which the equations are not smooth. Raises
+    AccuracyError and SceneError.
+    """
+    if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
+        name = "tolerance" if method.adaptive else "step"
+        raise AccuracyError(f"expected a number above 0, got {setting!r}", where=name, remedy="such as 1e-6")
+    if precision != "double" and method.kind != "taylor":
+        raise SceneError(f"{method.name} works in double precision", where="precision", remedy='method="taylor"')
+    if method.adaptive:
+        setting = max(setting, smallest_tolerance(method, precision))
+    if equations.space.size == 0:  # nothing moves
+        return Solution(times, np.empty((0, len(times))), 0, 0)
+    if method.kind == "taylor":
+        return taylor.solve(equations, times, setting, progress, precision=precision)
+    if method.kind == "scipy":
+        return equations.in_pieces(times, lambda e, part: scipy_solver.solve(e, method, part, setting, progress))
+    if not method.adaptive:
+        _require_pieces(equations, times, setting)
+    return equations.in_pieces(times, lambda e, part: march(step_map(e, method), part, setting, progress))
+
+
+def _require_pieces(equations: Equations, times: Array, step: float) -> None:
+    """Refuse a step longer than a piece: half the step would be the same step, and their distance no error bar."""
+    edges = [float(times[0]), *equations.breaks(float(times[-1])), float(times[-1])]
+    shortest = min(b - a for a, b in itertools.pairwise(edges))
+    if step > shortest * (1 + 1e-9):
+        raise AccuracyError(f"steps of {step:.3g} s are longer than {shortest:.3g} s, what lies between two breaks",
+                            where="step", remedy=f"step={shortest:.3g}, or a method that adapts its steps")  # fmt: skip

@@ -1,0 +1,67 @@
+"""One step of each kind of method, over arrays of numbers or of expressions. Each fits a page of a textbook.
+
+A step returns the new state and a list of error estimates, which is empty for methods of fixed steps; implicit steps
+also return what their iteration still moved, which must be small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from twolink.integrate.methods import ITERATIONS
+from twolink.integrate.state import Array
+from twolink.integrate.tableau import Tableau
+
+Rate = Callable[[Any, Array], Array]
+
+
+def explicit_step(tableau: Tableau, rate: Rate, t: Any, x: Array, h: Any) -> tuple[Array, list[Array]]:
+    """k_i = f(t + c_i h, x + h sum_j a_ij k_j), x_new = x + h sum_i b_i k_i (Hairer, Norsett, Wanner, II.1)."""
+    stages: list[Array] = []
+    for row, c in zip(tableau.a, tableau.c, strict=True):
+        stages.append(rate(t + c * h, x + _weighted(row, stages) * h if row else x))
+    return x + _weighted(tableau.b, stages) * h, [_weighted(e, stages) * h for e in tableau.errors]
+
+
+def semi_implicit_step(
+    nq: int, position_rate: Callable[[Array, Array], Array], rate: Rate, t: Any, x: Array, h: Any
+) -> tuple[Array, list[Array]]:
+    """v_new = v + h a(t, q, v), q_new = q + h q'(q, v_new)."""
+    new = x + rate(t, x) * h  # for its v
+    new[:nq] = x[:nq] + position_rate(x[:nq], new[nq:]) * h
+    return new, []
+
+
+def diagonally_implicit_step(
+    tableau: Tableau, rate: Rate, solve: Callable[[float, Array], Array], t: Any, x: Array, h: Any
+) -> tuple[Array, list[Array], Array]:
+    """The stages k_i = f(t + c_i h, x + h sum_{j<i} a_ij k_j + h a_ii k_i), one after the other, by Newton's method.
+
+    solve(d, r): (1 - h d J)^-1 r with J = df/dx near the step's middle (simplified Newton; Hairer, Wanner II, IV.8).
+    """
+    stages: list[Array] = []
+    moved = x * 0.0
+    for i, (row, d, c) in enumerate(zip(tableau.a, tableau.diagonal, tableau.c, strict=True)):
+        before = x + _weighted(row[:i], stages) * h if any(row[:i]) else x
+        at = t + c * h
+        if d == 0.0:
+            stages.append(rate(at, before))
+            continue
+        k = stages[-1] if stages else rate(t, x)
+        for _ in range(ITERATIONS):
+            change = solve(d, rate(at, before + k * (d * h)) - k)
+            k = k + change
+        moved = moved + change * (d * h)
+        stages.append(k)
+    errors = [_weighted(e, stages) * h for e in tableau.errors]
+    return x + _weighted(tableau.b, stages) * h, errors, moved
+
+
+def _weighted(weights: Sequence[float], stages: Sequence[Array]) -> Array:
+    """sum_i w_i k_i; a weight of 0 leaves no operation behind."""
+    terms = [k * w for w, k in zip(weights, stages, strict=False) if w != 0.0]
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return total

@@ -1,0 +1,63 @@
+"""Direct labels: the name of each line beside its end, where it covers nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
+# Where a label's near end may lie from the line's end, in points: near first, to the right and above first.
+OFFSETS = [(dx, dy) for dx in (7, 16, 28, -7) for dy in (0, 9, -9, 18, -18, 28, -28, 40, -40, 54, -54, 68)]
+COVERED, OUTSIDE, FAR = 30.0, 1000.0, 0.5  # what a covered label, a label outside and a point of distance cost
+Box = tuple[float, float, float, float]
+
+
+def label_ends(
+    figure: Any,
+    axis: Any,
+    lines: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+    styles: Mapping[str, Any],
+    size: float = 9,
+) -> None:
+    """Write each name at the last point of its line (x, y), in its style, with a thin leader where it is not close."""
+    figure.draw_without_rendering()  # the layout is known from here on
+    scale = figure.dpi / 72
+    drawn = {name: axis.transData.transform(np.column_stack(line)) / scale for name, line in lines.items()}
+    points = np.concatenate([_dense(line) for line in drawn.values()])
+    frame = axis.get_window_extent()
+    inside = (frame.x0 / scale, frame.y0 / scale, frame.x1 / scale, frame.y1 / scale)
+    placed: list[Box] = []
+    for name in sorted(drawn, key=lambda n: -drawn[n][-1, 0]):  # the crowd is at the right
+        end = drawn[name][-1]
+        boxes = [_box(end, offset, len(name) * WIDTH * size, HEIGHT * size) for offset in OFFSETS]
+        costs = [_cost(box, offset, placed, points, inside) for box, offset in zip(boxes, OFFSETS, strict=True)]
+        best = int(np.argmin(costs))
+        placed.append(boxes[best])
+        dx, dy = OFFSETS[best]
+        leader = {"arrowstyle": "-", "linewidth": 0.5, "color": styles[name].get("color"), "alpha": 0.6, "shrinkB": 2}
+        axis.annotate(name, (lines[name][0][-1], lines[name][1][-1]), xytext=(dx, dy), textcoords="offset points",
+                      fontsize=size, va="center", ha="left" if dx > 0 else "right", zorder=5,
+                      arrowprops=leader if abs(dx) + abs(dy) > 20 else None, **styles[name])  # fmt: skip
+
+
+def _dense(line: np.ndarray) -> np.ndarray:
+    """Points along a line (n, 2), some 4 points apart."""
+    parts = [np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 4)) for a, b in pairwise(line)]
+    return np.concatenate([line, *parts])
+
+
+def _box(end: np.ndarray, offset: tuple[float, float], width: float, height: float) -> Box:
+    left = end[0] + offset[0] - (width if offset[0] < 0 else 0.0)
+    return left, end[1] + offset[1] - height / 2, left + width, end[1] + offset[1] + height / 2
+
+
+def _cost(box: Box, offset: tuple[float, float], placed: list[Box], points: np.ndarray, inside: Box) -> float:
+    left, bottom, right, top = box
+    x, y = points.T
+    hidden = int(((x > left) & (x < right) & (y > bottom) & (y < top)).sum())
+    covered = sum(left < b[2] and b[0] < right and bottom < b[3] and b[1] < top for b in placed)
+    outside = left < inside[0] or right > inside[2] or bottom < inside[1] or top > inside[3]
+    return hidden + COVERED * covered + OUTSIDE * outside + FAR * (abs(offset[0]) / 2 + abs(offset[1])) / 4
