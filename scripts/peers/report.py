@@ -1,0 +1,144 @@
+"""What came out: a table a scene, the cheapest way to each error, and the figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.lines import Line2D
+
+from twolink.show.plots import COLOURS, new_figure, save_figure
+
+from .own_peer import PLAIN, VERIFIED
+
+LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)  # rad
+BARS = {
+    "arm-swing": {1e-3: 10.0, 1e-6: 20.0, 1e-9: 20.0, 1e-12: 20.0},
+    "ur5": {1e-6: 5.0, 1e-9: 5.0},
+    "panda": {1e-6: 5.0, 1e-9: 5.0},
+}
+"""How many times faster than the cheapest peer twolink is to be, unverified."""
+VERIFY_BAR = 3.0  # times the seconds, with the error bar
+# A colour a package; a marker a method.
+STYLES = {
+    "SciPy RK45": (COLOURS[0], "o"), "SciPy DOP853": (COLOURS[0], "s"), "SciPy LSODA": (COLOURS[0], "^"),
+    "SciPy Radau": (COLOURS[0], "D"),
+    "SciPy odeint (LSODA)": (COLOURS[4], "^"), "SciPy ode (dop853)": (COLOURS[4], "s"),
+    "MuJoCo Euler": (COLOURS[3], "o"), "MuJoCo implicitfast": (COLOURS[3], "x"), "MuJoCo RK4": (COLOURS[3], "s"),
+    "Drake runge_kutta3": (COLOURS[2], "o"), "Drake runge_kutta5": (COLOURS[2], "s"), "Drake radau3": (COLOURS[2], "D"),
+    PLAIN: (COLOURS[5], "o"), VERIFIED: (COLOURS[1], "o"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A contestant at one setting: its error [rad], median seconds of `calls` calls, evaluations of the dynamics."""
+
+    scene: str
+    contestant: str
+    setting: str
+    error: float
+    seconds: float
+    evaluations: int | None
+    calls: int
+
+    @property
+    def ours(self) -> bool:
+        """Whether this is twolink, with or without the error bar."""
+        return self.contestant in (PLAIN, VERIFIED)
+
+    def row(self) -> list[Any]:
+        """For the CSV file, every digit kept."""
+        return [self.scene, self.contestant, self.setting, repr(self.error), repr(self.seconds), self.evaluations,
+                self.calls]  # fmt: skip
+
+
+def print_scene(entries: list[Entry], doubt: float) -> None:
+    """All entries of one scene, then who is cheapest for each error, and the cost of verifying."""
+    print(f"  {'contestant':<22}{'setting':<18}{'error, rad':>11}{'ms':>11}{'evaluations':>13}{'calls':>7}")
+    for e in entries:
+        evaluations = "" if e.evaluations is None else str(e.evaluations)
+        print(f"  {e.contestant:<22}{e.setting:<18}{e.error:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
+              f"{e.calls:>7}")  # fmt: skip
+    bars = BARS.get(entries[0].scene, {})
+    print(f"  {'error':<8}{'cheapest peer':<41}{'ms':>10}   {'twolink':<16}{'ms':>10}{'ratio':>8}  bar")
+    for level in LEVELS:
+        if doubt > level / 10:
+            print(f"  {level:<8.0e}the reference is not good enough to tell")
+            continue
+        peer = _cheapest((e for e in entries if not e.ours), level)
+        own = _cheapest((e for e in entries if e.contestant == PLAIN), level)
+        print(f"  {level:<8.0e}{_shown(peer, 41, named=True)}   {_shown(own, 16, named=False)}"
+              f"{_verdict(peer, own, bars.get(level))}")  # fmt: skip
+    _print_verifying(entries)
+
+
+def _cheapest(entries: Iterable[Entry], level: float) -> Entry | None:
+    return min((e for e in entries if e.error <= level), key=lambda e: e.seconds, default=None)
+
+
+def _shown(entry: Entry | None, width: int, *, named: bool) -> str:
+    if entry is None:
+        return f"{'none gets there':<{width + 10}}"
+    what = f"{entry.contestant}, {entry.setting}" if named else entry.setting
+    return f"{what:<{width}}{entry.seconds * 1e3:>10.3f}"
+
+
+def _verdict(peer: Entry | None, own: Entry | None, bar: float | None) -> str:
+    ratio = f"{peer.seconds / own.seconds:>7.1f}x" if peer and own else f"{'':>8}"
+    if bar is None:
+        return f"{ratio}  none set"
+    if own is None:
+        return f"{ratio}  {bar:g}x missed"
+    if peer is None:
+        return f"{ratio}  {bar:g}x met: no peer gets there"
+    return f"{ratio}  {bar:g}x {'met' if peer.seconds >= bar * own.seconds else 'missed'}"
+
+
+def _print_verifying(entries: list[Entry]) -> None:
+    plain = {e.setting: e for e in entries if e.contestant == PLAIN}
+    ratios = {e.setting: e.seconds / plain[e.setting].seconds for e in entries
+              if e.contestant == VERIFIED and e.setting in plain}  # fmt: skip
+    if not ratios:
+        print("  verified, times the seconds: nothing to compare")
+        return
+    shown = ", ".join(f"{setting.split()[-1]} {r:.2f}" for setting, r in ratios.items())
+    met = "met" if max(ratios.values()) <= VERIFY_BAR else "missed"
+    print(f"  verified, times the seconds: {shown}; bar {VERIFY_BAR:g}x {met}")
+
+
+def _unbeaten(entries: Iterable[Entry]) -> list[Entry]:
+    """Those to which no cheaper one has a smaller error, cheap ones first."""
+    kept: list[Entry] = []
+    for entry in sorted(entries, key=lambda e: e.seconds):
+        if not kept or entry.error < kept[-1].error:
+            kept.append(entry)
+    return kept
+
+
+def picture(entries: list[Entry], path: Path) -> None:
+    """Seconds against error, one panel a scene, a line a contestant, without settings its others beat."""
+    scenes = list(dict.fromkeys(e.scene for e in entries))
+    figure, axes = new_figure(1, len(scenes), size=(4.6 * len(scenes) + 1.8, 5.2), sharey=True)
+    names = [n for n in STYLES if any(e.contestant == n for e in entries)]
+    for axis, scene in zip(axes[0], scenes, strict=True):
+        for name in names:
+            mine = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
+            colour, marker = STYLES[name]
+            ours = name in (PLAIN, VERIFIED)
+            axis.plot([e.error for e in mine], [e.seconds for e in mine], marker=marker,
+                      color=colour, linewidth=2.4 if ours else 0.9, markersize=5 if ours else 3.2,
+                      markerfacecolor=colour if ours else "white", zorder=4 if ours else 3)  # fmt: skip
+        for level in LEVELS:
+            axis.axvline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
+        axis.set(xscale="log", yscale="log", xlim=(0.3, 1e-14), xlabel="error: max |q - reference| (rad)")
+        axis.set_title(scene, fontsize=10)
+    axes[0, 0].set_ylabel("seconds")
+    handles = [Line2D([], [], color=STYLES[n][0], marker=STYLES[n][1], label=n, markersize=4,
+                      markerfacecolor=STYLES[n][0] if n in (PLAIN, VERIFIED) else "white",
+                      linewidth=2.4 if n in (PLAIN, VERIFIED) else 0.9) for n in names]  # fmt: skip
+    figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
+    figure.suptitle("The same motion, one thread: below is faster, to the right is more accurate", fontsize=11)
+    save_figure(figure, path)

@@ -1,0 +1,88 @@
+"""Random robots and scenes: chains and trees of rigid bodies as URDF text, for studies over many of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import twolink as tl
+from twolink.scenes import Scene
+
+# Degrees of freedom of the joints, and how often: compiling grows with them.
+SIZES = {2: 0.3, 3: 0.3, 4: 0.25, 5: 0.07, 6: 0.05, 7: 0.03}
+KINDS = {"revolute": 0.55, "continuous": 0.25, "prismatic": 0.2}
+FLOATING = 0.15  # the share of robots with a floating base, which have 1 or 2 joints besides
+GRAVITY = 0.8
+
+_LINK = """<link name="{name}"><inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{mass:.6f}"/>
+<inertia ixx="{ixx:.9f}" iyy="{iyy:.9f}" izz="{izz:.9f}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+_JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>"""
+_LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
+
+
+def random_scene(
+    random: np.random.Generator, sizes: dict[int, float] | None = None, floating: float = FLOATING
+) -> tuple[Scene, str]:
+    """A scene, and its robot in words. sizes: degrees of freedom to choose from, and how often each; floating: how
+    often the base is a body of its own."""
+    sizes = SIZES if sizes is None else sizes
+    base = bool(random.random() < floating)
+    joints = int(random.integers(1, 3)) if base else int(random.choice(list(sizes), p=list(sizes.values())))
+    text, kinds = random_urdf(random, joints, base=base)
+    robot = tl.load_robot(text, root="free" if base else "fixed")
+    lively = random.uniform(0.0, 3.0)
+    q = robot.neutral + 0.0
+    for joint in robot.joints:
+        if joint.kind == "vector":
+            q[joint.q] = random.uniform(-1.5, 1.5)
+        elif joint.kind == "cos-sin":
+            angle = random.uniform(-np.pi, np.pi)
+            q[joint.q] = [np.cos(angle), np.sin(angle)]
+    v = random.uniform(-1, 1, robot.nv) * lively
+    effects = [tl.effects.Gravity()] if random.random() < GRAVITY else []
+    name = ("float " if base else "") + "".join(kind[0] for kind in kinds)
+    return Scene(robot, q, v, effects=effects), name + ("" if effects else " no gravity")
+
+
+def random_urdf(random: np.random.Generator, joints: int, base: bool) -> tuple[str, list[str]]:
+    """The text of a URDF of so many joints, and their kinds. base: whether the first link has a mass."""
+    links = [_link(random, "link0") if base else '<link name="link0"/>']
+    kinds, lines = [], []
+    for i in range(1, joints + 1):
+        kinds.append(str(random.choice(list(KINDS), p=list(KINDS.values()))))
+        parent = i - 1 if random.random() < 0.7 else int(random.integers(0, i))
+        links.append(_link(random, f"link{i}"))
+        lines.append(
+            _JOINT.format(
+                name=f"joint{i}", kind=kinds[-1], parent=f"link{parent}", child=f"link{i}",
+                xyz=_numbers(random.uniform(-0.5, 0.5, 3)), rpy=_numbers(_angles(random)), axis=_axis(random),
+                limit=_LIMIT if kinds[-1] != "continuous" else "",
+            )
+        )  # fmt: skip
+    return f'<robot name="random">{"".join(links)}{"".join(lines)}</robot>', kinds
+
+
+def _link(random: np.random.Generator, name: str) -> str:
+    """A solid box of water, more or less: its inertia is one that a body can have."""
+    a, b, c = random.uniform(0.05, 0.5, 3)
+    mass = random.uniform(0.3, 3.0)
+    ixx, iyy, izz = mass / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    return _LINK.format(
+        name=name, com=_numbers(random.uniform(-0.4, 0.4, 3)), rpy=_numbers(_angles(random)), mass=mass,
+        ixx=ixx, iyy=iyy, izz=izz,
+    )  # fmt: skip
+
+
+def _axis(random: np.random.Generator) -> str:
+    if random.random() < 0.6:
+        return ("1 0 0", "0 1 0", "0 0 1", "0 -1 0")[int(random.integers(4))]
+    axis = random.normal(size=3)
+    return _numbers(axis / np.linalg.norm(axis), 9)
+
+
+def _angles(random: np.random.Generator) -> np.ndarray:
+    return np.zeros(3) if random.random() < 0.4 else random.uniform(-np.pi, np.pi, 3)
+
+
+def _numbers(values: np.ndarray, digits: int = 6) -> str:
+    return " ".join(f"{value:.{digits}f}" for value in values)
