@@ -103,6 +103,14 @@ def test_samples(duration: float, samples: float, n: int) -> None:
     assert np.all(np.diff(run.t) > 0)
 
 
+@pytest.mark.parametrize("setting", [{"method": "rk4", "step": 0.0625}, {"method": "rk45", "tolerance": 2**-20}])
+def test_numbers_of_numpy_are_numbers(setting: dict) -> None:
+    scene = tl.load_scene("arm-swing")
+    single = {name: x if isinstance(x, str) else np.float32(x) for name, x in setting.items()}
+    run = tl.simulate(scene, np.int64(1), np.float32(0.5), samples=np.int64(8), **single)
+    assert np.array_equal(run.q, tl.simulate(scene, 1.0, 0.5, samples=8, **setting).q)
+
+
 def test_not_verified_is_none_and_cheaper() -> None:
     scene = tl.load_scene("arm-swing")
     run = tl.simulate(scene, 1.0, verify=False)
@@ -148,6 +156,9 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
         ({"accuracy": 1e-17}, AccuracyError, "cannot be kept in double precision"),
         ({"accuracy": 1e-20}, AccuracyError, "cannot be kept in double precision"),
         ({"samples": "many"}, SceneError, "samples"),
+        ({"samples": 10**400}, SceneError, "samples: expected a number above 0"),
+        ({"tolerance": "low"}, AccuracyError, "tolerance: expected a number above 0, got 'low'"),
+        ({"method": "rk4", "step": float("nan")}, AccuracyError, "step: expected a number above 0, got nan"),
         ({"method": []}, SceneError, "is unknown"),
         ({"method": "dop835"}, SceneError, "did you mean 'dop853'"),
     ],
@@ -189,6 +200,12 @@ def test_a_method_that_collapses_says_so() -> None:
     scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Gravity((0.0, 0.0, -1e200))])
     with pytest.raises(AccuracyError, match="t = "), np.errstate(all="ignore"):
         tl.simulate(scene, 1.0)
+
+
+def test_a_series_that_ends_at_once_says_when() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[tl.effects.Torque({"elbow": 1e300})])
+    with pytest.raises(AccuracyError, match=r"^t = 0 s: the state is not finite"), np.errstate(all="ignore"):
+        tl.simulate(scene, 1.0, method="taylor")
 
 
 def test_interrupt_keeps_what_is_done() -> None:

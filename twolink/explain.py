@@ -92,10 +92,8 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(_described(effect) for effect in scene.effects),
-        "smooth (forces: an ODE)"
-        if equations.loops is None
-        else "loops (an ODE with multipliers, projected after steps)",
-        equations.space.size,
+        _formulation(equations),
+        equations.moving,
         equations.operations,
         tuple(shares),
         _nanoseconds(equations, choice),
@@ -109,9 +107,13 @@ def explain(
 
 
 def _formulation(equations: Equations) -> str:
-    if equations.loops is None:
-        return "smooth (forces: an ODE)"
-    return f"loops ({len(equations.loops.kept)} constraints: an ODE with multipliers, projected after every step)"
+    loops = equations.loops
+    kind, text = "smooth", "forces: an ODE"
+    if loops is not None:
+        kind, text = "loops", f"{len(loops.kept)} constraints: an ODE with multipliers, projected after every step"
+    if equations.switches or equations.has_kinks:
+        return f"events ({text}, between events that are located)"
+    return f"{kind} ({text})"
 
 
 def _described(effect: Effect) -> str:

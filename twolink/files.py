@@ -1,4 +1,4 @@
-"""Tables of named columns in .csv, .parquet and .npz, written whole or not at all."""
+"""Files: written whole or not at all; texts within a limit; tables of named columns in .csv, .parquet and .npz."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from twolink.errors import TwolinkError, nearest
+from twolink.errors import SceneError, TwolinkError, nearest
 
 Columns = dict[str, np.ndarray]
 SUFFIXES = (".csv", ".parquet", ".npz")
@@ -43,6 +43,20 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
 
 def _unwritten(path: Path, error: OSError, remedy: str) -> TwolinkError:
     return TwolinkError(f"cannot be written: {error.strerror or error}", where=str(path), remedy=remedy)
+
+
+def read_text(path: Path, limit: int, remedy: str) -> str:
+    """A UTF-8 file of a scene, of which no more is read than `limit` bytes: some have no end. Raises SceneError."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(limit + 1)
+        text = data.decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+    if len(data) > limit:
+        raise SceneError(f"more than {limit} bytes", where=str(path), remedy=remedy)
+    return text
 
 
 def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:

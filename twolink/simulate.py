@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twolink.dynamics.arguments import positive
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.choice import Choice, choose
+from twolink.integrate.choice import SAFETY, Choice, choose, second_tolerance
 from twolink.integrate.equations import Equations, equations_of
-from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.events.event import Event
+from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution
 from twolink.integrate.solver import smallest_tolerance, solve
 from twolink.integrate.taylor import Precision
@@ -25,7 +27,6 @@ ASSEMBLED = 1e-9  # rad, m: a start moved by more is said
 LARGEST_TOLERANCE = 0.1
 ROUNDING = 16 * np.finfo(float).eps
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
-SAFETY = 2.0  # a bar, not an estimate: the second solution has errors of its own
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,13 @@ def _solve(equations: Equations, choice: Choice, times: np.ndarray, progress: Pr
 
 def _as_told(choice: Choice, name: str, tolerance: float | None, step: float | None) -> tuple[Choice, bool]:
     """The choice with the caller's own setting, and whether there is one."""
-    given = tolerance if step is None else step
-    if given is None:
+    if tolerance is None and step is None:
         return choice, False
     if tolerance is not None and step is not None:
         raise SceneError("tolerance and step are both given", where="step", remedy="give one")
-    if tolerance is not None and tolerance > LARGEST_TOLERANCE:
+    what, value = ("tolerance", tolerance) if step is None else ("step", step)
+    given = positive(value, what, AccuracyError, "such as 1e-6")
+    if step is None and given > LARGEST_TOLERANCE:
         raise AccuracyError(f"expected a number up to {LARGEST_TOLERANCE:g}, got {tolerance!r}", where="tolerance",
                             remedy="such as 1e-6")  # fmt: skip
     if choice.method.adaptive != (step is None):
@@ -120,15 +122,11 @@ def _finer(choice: Choice, equations: Equations, accuracy: float) -> Choice:
     if method.kind == "taylor" and choice.precision == "double" and not equations.analytic:
         return Choice(METHODS["dop853"], max(setting / 30, 1e-13), "its series may not hold")
     if setting / 4 > smallest_tolerance(method, choice.precision):
-        return replace(choice, setting=max(setting / _ratio(method), smallest_tolerance(method, choice.precision)))
+        least = smallest_tolerance(method, choice.precision)
+        return replace(choice, setting=max(second_tolerance(method, setting), least))
     if choice.precision == "double" and equations.analytic and heyoka() is not None:
         return Choice(METHODS["taylor"], 1e-18, "more digits", "extended")
     raise _unreachable(accuracy)
-
-
-def _ratio(method: Method) -> float:
-    """How much smaller the second tolerance is: a sure step, but of low order no dear one."""
-    return 30.0 if method.order >= 5 else 10.0
 
 
 def _refined(coarse: Solved, accuracy: float, error: float, run: Trajectory) -> Choice:
@@ -205,17 +203,16 @@ def _cost(solved: Solved) -> Cost:
 def _trajectory(scene: Scene, equations: Equations, solved: Solved, cost: Cost) -> Trajectory:
     solution = solved.solution
     q, v = equations.space.rows(solution.x)
-    events: tuple[str, ...] = ()
+    events = solution.events
     if equations.assembled > ASSEMBLED:
-        events = (f"t = 0 s: the start was moved by {equations.assembled:.3g} to close the loops",)
+        events = (Event(0.0, "assembled", "loops", f"the start was moved by {equations.assembled:.3g}"), *events)
     return Trajectory(scene.robot, solution.t, q, v, None, cost, events,
                       solution.interrupted, precise=solution.precise)  # fmt: skip
 
 
 def _times(duration: float, samples: float) -> np.ndarray:
     """0, 1/samples, 2/samples, ... below the duration, and the duration itself."""
-    if not (isinstance(samples, (int, float)) and math.isfinite(samples) and samples > 0):
-        raise SceneError(f"expected a number above 0, got {samples!r}", where="samples", remedy="such as 200 a second")
+    samples = positive(samples, "samples", SceneError, "such as 200 a second")
     if duration * samples > MAX_SAMPLES:
         raise SceneError(
             f"{duration * samples:.3g} samples, the limit is {MAX_SAMPLES:.0e}",

@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from twolink.dynamics.sincos import LIMIT, TRACED, sin_cos
+from twolink.dynamics.sincos import LIMIT, Traced, sin_cos
 
 Pair = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 BOUND = 4e-16
@@ -29,7 +29,8 @@ def pair(request: pytest.FixtureRequest) -> Pair:
     hy = pytest.importorskip("heyoka")
     x = hy.expression("x")
     options = {"batch_size": 1} if request.param == "scalar" else {}
-    compiled = hy.cfunc([TRACED.sin(x), TRACED.cos(x)], vars=[x], **options)
+    traced = Traced(hy)
+    compiled = hy.cfunc([traced.sin(x), traced.cos(x)], vars=[x], **options)
     return lambda points: tuple(compiled(np.ascontiguousarray(points[None])))
 
 
@@ -102,12 +103,13 @@ def test_sine_and_cosine_share_the_reduction(x: Any) -> None:
     def steps(*outputs: Any) -> int:
         return len(hy.cfunc(list(outputs), vars=[x]).dc)
 
-    alone = steps(TRACED.sin(x)) + steps(TRACED.cos(x))
-    both = steps(TRACED.sin(x), TRACED.cos(x))
+    traced = Traced(hy)
+    alone = steps(traced.sin(x)) + steps(traced.cos(x))
+    both = steps(traced.sin(x), traced.cos(x))
     assert both == steps(*sin_cos(x))
     assert both <= alone - 17  # the reduction's operations
 
 
 def test_square_root(x: Any) -> None:
     hy = pytest.importorskip("heyoka")
-    assert hy.cfunc([TRACED.sqrt(x)], vars=[x])(np.array([2.0]))[0] == math.sqrt(2.0)
+    assert hy.cfunc([Traced(hy).sqrt(x)], vars=[x])(np.array([2.0]))[0] == math.sqrt(2.0)

@@ -28,7 +28,7 @@ def test_limits_hold_the_torque(effort: object) -> None:
     assert np.abs(run.q[:, 0] - 3.0 * run.t**2).max() < 1e-8
     assert run.cost.method != "taylor"
     equations = Equations(scene)
-    loads = equations.loads(equations._numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [pd])
+    loads = equations.loads(equations.numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [pd])
     assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))
 
 

@@ -63,7 +63,7 @@ def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:
     equations = Equations(scene)
     work = 0.0
     for effect in effects:
-        loads = equations.loads(equations._numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [effect])
+        loads = equations.loads(equations.numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [effect])
         work += np.trapezoid(sum(tau * v for tau, v in zip(loads.tau, run.v.T, strict=True)), run.t)
     assert abs(run.energy[-1] - run.energy[0] - work) < 1e-5
 
@@ -100,7 +100,8 @@ def test_only_effects_in_use_are_imported() -> None:
         "print(*sorted(m.split('.')[-1] for m in sys.modules if m.startswith('twolink.effects.')))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert set(out) - {"loop"} == {"effect", "gravity", "inputs", "motion", "sampled"}  # loop: what loops share
+    shared = {"effect", "inputs", "loop", "motion", "sampled", "switch"}  # what effects have in common
+    assert set(out) == {"gravity", *shared}
 
 
 def test_two_of_a_kind_add_up() -> None:

@@ -135,6 +135,8 @@ def test_fixed_steps_longer_than_a_piece_are_refused_and_error_beyond_is_one() -
     assert tl.simulate(scene, 1.0, method="rk4", step=0.005).t[-1] == 1.0
     with pytest.raises(SceneError, match=r"from 0 to 1 s, the run from 0 to 1.5 s"):
         tl.simulate(scene, 1.5)
+    with pytest.raises(SceneError, match=r"from 0 to 1 s, the run from 0 to 1.5 s"):
+        tl.simulate_many(scene, duration=1.5)
 
 
 def test_files(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Every effect in a scene file: its keys, what is left out, and unknown keys."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E
 from twolink.effects import TYPES, effect_class
+from twolink.effects.loop import Loop
 from twolink.errors import SceneError
 
 FILES = {
@@ -22,6 +24,14 @@ FILES = {
     "gravity-compensation": ('joints = ["elbow"]\neffort = {elbow = 5}',
                              E.GravityCompensation(("elbow",), {"elbow": 5.0})),
     "joint-damping": ("damping = {elbow = 0.5}", E.JointDamping({"elbow": 0.5})),
+    "dry-friction": ("kinetic = {elbow = 1}\nstatic = {elbow = 2}", E.DryFriction({"elbow": 1.0}, {"elbow": 2.0})),
+    "joint-stops": ("limits = {elbow = [-1, inf]}\nrestitution = 0.5",
+                    E.JointStops({"elbow": (-1.0, math.inf)}, 0.5)),
+    "plane-contact": ('frame = "tip"\nradius = 0.1\nheight = -9\nfriction = 0.5',
+                      E.PlaneContact("tip", radius=0.1, height=-9.0, friction=0.5)),
+    "release": ('at = 0.5\nof = {type = "payload", frame = "tip", mass = 2}', E.Release(E.Payload("tip", 2.0), 0.5)),
+    "watch": ('name = "high"\nwhen = {kind = "frame-reaches", frame = "tip", value = 0.3}\nstop = true',
+              E.Watch("high", when=E.FrameReaches("tip", 0.3), stop=True)),
     "joint-pd": ("target = {elbow = 1}\nkp = {elbow = 10}\nkd = {elbow = 1}",
                  E.JointPD({"elbow": 1.0}, {"elbow": 10.0}, {"elbow": 1.0})),
     "joint-spring": ("stiffness = {elbow = 3}\nrest = {elbow = 0.1}", E.JointSpring({"elbow": 3.0}, {"elbow": 0.1})),
@@ -43,7 +53,7 @@ def scene_of(text: str, folder: Path) -> tl.Scene:
 
 
 def test_there_is_a_file_for_every_effect() -> None:
-    loops = {kind for kind in TYPES if getattr(effect_class(kind), "formulation", "") == "loops"}  # tested elsewhere
+    loops = {kind for kind in TYPES if issubclass(effect_class(kind), Loop)}  # tested elsewhere
     assert set(FILES) == set(TYPES) - loops
 
 

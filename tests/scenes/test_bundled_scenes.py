@@ -151,7 +151,7 @@ def test_bricard_moves_though_it_is_counted_rigid() -> None:
     assert len(loops.kept) == 4
     every = range(5)
     for q in run.q[:: len(run.q) // 20]:
-        sizes = np.linalg.svd(loops._numbers(q, every), compute_uv=False)
+        sizes = np.linalg.svd(loops.numbers(q, every), compute_uv=False)
         assert sizes[3] > 0.1
         assert sizes[4] < 1e-9
     assert residual(scene, run) < 1e-9
@@ -166,7 +166,7 @@ def test_human_arm_loses_what_its_damping_takes() -> None:
     equations = equations_of(scene)
     damping = scene.effects[1]
     power = np.array([
-        -np.dot(equations.loads(equations._numbers, q, v, t, Numbers, [damping]).tau, v)
+        -np.dot(equations.loads(equations.numbers, q, v, t, Numbers, [damping]).tau, v)
         for t, q, v in zip(run.t, run.q, run.v, strict=True)
     ])  # fmt: skip
     lost, coarse = simpson(power, x=run.t), simpson(power[::2], x=run.t[::2])

@@ -56,6 +56,21 @@ def test_robots_beside_the_file_and_roots_and_locks(tmp_path: Path) -> None:
     assert scene_of(table, tmp_path).robot.nv == 11
 
 
+def test_samples_are_read_beside_the_file_and_saved_with_the_scene(tmp_path: Path) -> None:
+    (tmp_path / "push.csv").write_text("t,force\n0,1\n1,-2\n")
+    text = """robot = "two_link"
+    [[effects]]
+    type = "frame-wrench"
+    frame = "tip"
+    force = [0.0, { kind = "sampled", file = "push.csv" }, 0.0]"""
+    scene = scene_of(text, tmp_path)
+    assert scene.effects == (tl.effects.FrameWrench("tip", (0.0, tl.effects.Sampled((0.0, 1.0), (1.0, -2.0)), 0.0)),)
+    assert tl.load_scene(scene.save(tmp_path / "elsewhere" / "saved.toml")).effects == scene.effects
+    assert scene_of(text.replace("push.csv", str(tmp_path / "push.csv")), tmp_path).effects == scene.effects
+    with pytest.raises(SceneError, match=r"my\.toml: effects\[0\].*none\.csv: cannot be read"):
+        scene_of(text.replace("push", "none"), tmp_path)
+
+
 def test_continuous_joints_take_an_angle(tmp_path: Path) -> None:
     scene = scene_of('robot = "kinova"\n[q]\nj2s6s200_joint_1 = 1.0', tmp_path)
     np.testing.assert_allclose(scene.q[:2], [np.cos(1), np.sin(1)])
@@ -100,5 +115,7 @@ def test_names_and_paths_that_do_not_exist(tmp_path: Path) -> None:
         tl.load_scene(tmp_path / "none.toml")
     with pytest.raises(SceneError, match="a NoneType is not a scene"):
         tl.load_scene(None)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="a bytes is not a scene"):
+        tl.load_scene(b"arm-swing")  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="more than"):
         tl.load_scene(Path("/dev/zero"))

@@ -12,6 +12,7 @@ import numpy as np
 from twolink.accuracy.ladder import Measuring, climb, count
 from twolink.accuracy.reference import BETTER, Truth, better_truth, first_truth
 from twolink.accuracy.study import Row, Study, with_front
+from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import calibration
 from twolink.integrate.equations import equations_of
@@ -58,7 +59,7 @@ def accuracy_study(
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
     tell = progress or _silent
-    limit = _positive(budget, "budget", "such as 1 second")
+    limit = positive(budget, "budget", AccuracyError, "such as 1 second")
     repeats = _repeats(repeats)
     total = sum(count(method, wanted) for method in chosen) + repeats
     tell(0, total, "the reference")
@@ -147,17 +148,7 @@ def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
     given = [values] if isinstance(values, (int, float)) else list(values)
     if not given:
         raise AccuracyError("no tolerance is given", where="tolerances", remedy="such as [1e-3, 1e-6, 1e-9]")
-    return tuple(_positive(value, "tolerances", "such as [1e-3, 1e-6, 1e-9]") for value in given)
-
-
-def _positive(value: float, where: str, remedy: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise AccuracyError(f"expected a number above 0, got {value!r}", where=where, remedy=remedy)
-    return number
+    return tuple(positive(value, "tolerances", AccuracyError, "such as [1e-3, 1e-6, 1e-9]") for value in given)
 
 
 def _repeats(value: int) -> int:
@@ -168,7 +159,7 @@ def _repeats(value: int) -> int:
 
 def _times(duration: float, samples: float) -> Array:
     """Samples from 0 to the duration, about that many a second and at least one of them at the end."""
-    rate = _positive(samples, "samples", "such as 50 a second")
+    rate = positive(samples, "samples", AccuracyError, "such as 50 a second")
     if duration * rate > MAX_SAMPLES:
         what = f"{duration * rate:.3g} samples, the limit is {MAX_SAMPLES:.0e}"
         raise SceneError(what, where="samples", remedy="ask for fewer a second, or a shorter duration")

@@ -1,18 +1,32 @@
-"""Arguments of queries: shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches."""
+"""Arguments: shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches; numbers above 0."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.errors import QueryError
+from twolink.errors import QueryError, TwolinkError
 from twolink.robots.layout import JointLayout
 
 # Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
 UNIT_TOLERANCE = 1e-8
+
+
+def positive(
+    value: Any, name: str, error: type[TwolinkError], remedy: str, *, expected: str = "a number above 0"
+) -> float:
+    """`value` as a finite float above 0. Raises the error, which names the argument."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise error(f"expected {expected}, got {value!r:.60}", where=name, remedy=remedy)
+    return number
 
 
 def array(name: str, value: ArrayLike, size: int) -> np.ndarray:

@@ -82,7 +82,7 @@ class Kernel:
         count, entries = arguments[0].shape[1], math.prod(self.shape)
         out = np.empty((entries + 1, count))
         pars = {"pars": _stacked(arguments[1:])} if len(arguments) > 1 else {}
-        self.cfunc(arguments[0], outputs=out, batch_parallel=self._pays_threads(count), **pars)
+        self.cfunc(arguments[0], outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
         if not math.isfinite(out[-1].sum()):
             return None
         odd = count % LANES
@@ -116,7 +116,7 @@ class Kernel:
             rest[row : row + size, count:] = values[stop - 1, :, None]
             row += size
         pars = {"pars": rest} if row else {}
-        self.cfunc(first, outputs=out, batch_parallel=self._pays_threads(count), **pars)
+        self.cfunc(first, outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
         if not math.isfinite(out[-1].sum()):
             return False
         if entries < 5:
@@ -134,10 +134,6 @@ class Kernel:
             _local.key, _local.buffers = key, tuple(np.empty((n, count)) for n in rows)
         buffers: tuple[np.ndarray, np.ndarray, np.ndarray] = _local.buffers
         return buffers
-
-    def _pays_threads(self, count: int) -> bool:
-        """Whether a call with `count` states is worth waking heyoka's threads."""
-        return count * self.work >= THREADS_FROM and not is_forked_child() and limit_threads() > 1
 
 
 def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -174,27 +170,9 @@ def limit_threads() -> int:
     return threads
 
 
-class _Recorder:
-    """The namespace of sin, cos, sqrt for tracing; it remembers the angles, which the guard bounds."""
-
-    sqrt = staticmethod(sincos.TRACED.sqrt)
-
-    def __init__(self, module: Any) -> None:
-        self.module = module
-        self.angles: dict[str, Any] = {}
-
-    def sin(self, x: Any) -> Any:
-        self.angles[str(x)] = x
-        return sincos.TRACED.sin(x)
-
-    def cos(self, x: Any) -> Any:
-        self.angles[str(x)] = x
-        return sincos.TRACED.cos(x)
-
-    def reciprocal(self, x: Any) -> Any:
-        """1 / x of what must be positive: an inertia. Behind a condition, it stays one division for all its uses."""
-        module = self.module
-        return module.select(module.gt(x, module.expression(0.0)), 1.0 / x, module.expression(math.nan))
+def pays_threads(count: int, work: int) -> bool:
+    """Whether a call with `count` states of `work` operations each is worth waking heyoka's threads."""
+    return count * work >= THREADS_FROM and not is_forked_child() and limit_threads() > 1
 
 
 def count_operations(model: pin.Model, function: Function, parameters: Sequence[str] = ()) -> list[dict[str, int]]:
@@ -222,11 +200,11 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     arguments: dict[str, Sequence[Any]] = {first[0]: variables}
     arguments.update({name: [module.par[next(index)] for _ in range(size)] for name, size in others})
     constants = {name: module.par[next(index)] for name in parameters}
-    recorder = _Recorder(module)
-    entries = function.variants[variant](mechanism(model, constants), dict(arguments), recorder)
-    outputs = [e if isinstance(e, module.expression) else module.expression(float(e)) for e in entries]
+    traced = sincos.Traced(module)
+    entries = function.variants[variant](mechanism(model, constants), dict(arguments), traced)
+    outputs = [traced.lift(e) for e in entries]
     inputs = [x for values in arguments.values() for x in values] + list(constants.values())
-    outputs.append(_guard(module, model, inputs, outputs, list(recorder.angles.values()), variables))
+    outputs.append(_guard(module, model, inputs, outputs, list(traced.reach.values()), variables))
     # A small kernel waits for its own results: two vectors at a time keep the units busy. A large one would run out
     # of registers (scripts/bench_queries.py).
     options = {"batch_size": LANES} if _work(counts[variant]) <= SMALL else {}
@@ -235,12 +213,10 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     return Kernel(function.name, function.shape, sizes, compiled, counts[variant])
 
 
-def _guard(
-    module: Any, model: pin.Model, inputs: list[Any], outputs: list[Any], angles: list[Any], q: list[Any]
-) -> Any:
+def _guard(module: Any, model: pin.Model, inputs: list[Any], outputs: list[Any], reach: list[Any], q: list[Any]) -> Any:
     """Finite if and only if all is well: the sum of everything, or NaN where a condition fails."""
     total = module.sum([*inputs, *outputs])
-    conditions = [] if not angles else [(module.sum([a * a for a in angles]), sincos.LIMIT**2)]
+    conditions = [(module.sum(reach), sincos.LIMIT**2)] if reach else []
     for joint in joint_layouts(model):
         if joint.unit is not None:
             defect = module.sum([x * x for x in q[joint.unit]]) - 1.0

@@ -10,7 +10,9 @@ from twolink.effects.effect import Effect, type_name
 if TYPE_CHECKING:
     from twolink.effects.air_drag import AirDrag
     from twolink.effects.computed_torque import ComputedTorque
+    from twolink.effects.conditions import FrameReaches, JointReaches
     from twolink.effects.coupling import Coupling
+    from twolink.effects.dry_friction import DryFriction
     from twolink.effects.frame_wrench import FrameWrench
     from twolink.effects.gravity import Gravity
     from twolink.effects.gravity_compensation import GravityCompensation
@@ -18,14 +20,18 @@ if TYPE_CHECKING:
     from twolink.effects.inputs import Polynomial, Sine
     from twolink.effects.joint_damping import JointDamping
     from twolink.effects.joint_spring import JointSpring
+    from twolink.effects.joint_stops import JointStops
     from twolink.effects.payload import Payload
     from twolink.effects.pd import JointPD
+    from twolink.effects.plane_contact import PlaneContact
     from twolink.effects.point_loop import PointLoop
+    from twolink.effects.release import Release
     from twolink.effects.rotor import Rotor
     from twolink.effects.sampled import Sampled
     from twolink.effects.smooth_friction import SmoothFriction
     from twolink.effects.spring_between import SpringBetween
     from twolink.effects.torque import Torque
+    from twolink.effects.watch import Watch
     from twolink.effects.weld_loop import WeldLoop
 
 # Where each effect lives: a scene without it does not even import its module.
@@ -47,8 +53,19 @@ EFFECTS = {
     "HingeLoop": "hinge_loop",
     "WeldLoop": "weld_loop",
     "Coupling": "coupling",
+    "DryFriction": "dry_friction",
+    "JointStops": "joint_stops",
+    "PlaneContact": "plane_contact",
+    "Release": "release",
+    "Watch": "watch",
 }
-_OTHERS = {"Polynomial": "inputs", "Sampled": "sampled", "Sine": "inputs"}
+_OTHERS = {
+    "FrameReaches": "conditions",
+    "JointReaches": "conditions",
+    "Polynomial": "inputs",
+    "Sampled": "sampled",
+    "Sine": "inputs",
+}
 TYPES = {type_name(name): name for name in EFFECTS}
 
 
@@ -71,23 +88,30 @@ __all__ = [
     "AirDrag",
     "ComputedTorque",
     "Coupling",
+    "DryFriction",
     "Effect",
+    "FrameReaches",
     "FrameWrench",
     "Gravity",
     "GravityCompensation",
     "HingeLoop",
     "JointDamping",
     "JointPD",
+    "JointReaches",
     "JointSpring",
+    "JointStops",
     "Payload",
+    "PlaneContact",
     "PointLoop",
     "Polynomial",
+    "Release",
     "Rotor",
     "Sampled",
     "Sine",
     "SmoothFriction",
     "SpringBetween",
     "Torque",
+    "Watch",
     "WeldLoop",
     "effect_class",
 ]

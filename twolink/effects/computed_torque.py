@@ -65,4 +65,4 @@ class ComputedTorque(Effect, frozen=True):
         torques = newton_euler(motion.mech, motion.own(), motion.v, wanted, None)
         for joint in self.path:
             dof = motion.dofs(joint)[0]
-            loads.torque(dof, clamped(torques[dof], joint, self.effort, motion.model, motion.xp))
+            loads.torque(dof, clamped(torques[dof], joint, self.effort, motion, loads))

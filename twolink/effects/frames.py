@@ -6,9 +6,9 @@ from typing import Any
 
 from twolink.dynamics import Robot
 from twolink.dynamics.functions import frame_pose
-from twolink.dynamics.spatial import Vec
+from twolink.dynamics.spatial import Scalar, Vec, minus
 from twolink.effects.effect import finite, one_of
-from twolink.effects.motion import GROUND
+from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
 
@@ -27,6 +27,18 @@ def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -
         raise SceneError(f"frame {frame!r} does not move: what acts on it changes nothing", where=field,
                          remedy="name a link that moves")  # fmt: skip
     return moves
+
+
+def check_place(frame: str, point: Any, robot: Robot, name: str) -> None:
+    """Require a link or the ground, in the field `name`, and a point of it, in point_`name`. Raises SceneError."""
+    check_frame(frame, robot, name, ground=True)
+    check_three(point, f"point_{name}")
+
+
+def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
+    """x_a - x_b of two frames' points, along the world's axes, m."""
+    ends = motion.position(a, point_a), motion.position(b, point_b)
+    return [minus(x, y) for x, y in zip(*ends, strict=True)]
 
 
 def floats(given: tuple[float, float, float]) -> Vec:

@@ -47,4 +47,4 @@ class GravityCompensation(Effect, frozen=True):
         for joint in joints:
             k = motion.dofs(joint)[0]
             if type(torques[k]) is not float or torques[k] != 0.0:
-                loads.torque(k, clamped(torques[k], joint, self.effort, model, motion.xp))
+                loads.torque(k, clamped(torques[k], joint, self.effort, motion, loads))

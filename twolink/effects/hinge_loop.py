@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, Vec, dot, minus
-from twolink.effects.effect import finite
-from twolink.effects.loop import Loop, require_frame
+from twolink.dynamics.spatial import Scalar, Vec, dot
+from twolink.effects.frames import apart, check_place, check_three
+from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
@@ -28,20 +28,18 @@ class HingeLoop(Loop, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Links exist; points are numbers; axes have a direction."""
-        require_frame(robot, self.a, "a")
-        require_frame(robot, self.b, "b")
-        for field in ("point_a", "point_b", "axis_a", "axis_b"):
-            finite(getattr(self, field), field)
+        check_place(self.a, self.point_a, robot, "a")
+        check_place(self.b, self.point_b, robot, "b")
         for field in ("axis_a", "axis_b"):
+            check_three(getattr(self, field), field)
             if not any(getattr(self, field)):
                 raise SceneError("expected a direction, got (0, 0, 0)", where=field, remedy="such as (0, 1, 0)")
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and the parts of b's axis along two directions across a's."""
-        ends = motion.position(self.a, self.point_a), motion.position(self.b, self.point_b)
         axis = motion.direction(self.b, _unit(self.axis_b))
         across = [motion.direction(self.a, way) for way in _across(self.axis_a)]
-        return [*(minus(x, y) for x, y in zip(*ends, strict=True)), *(dot(way, axis) for way in across)]
+        return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *(dot(way, axis) for way in across)]
 
 
 def _unit(axis: tuple[float, ...]) -> Vec:

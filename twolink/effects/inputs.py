@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -11,6 +11,8 @@ from twolink.dynamics.spatial import Scalar, plus, times
 from twolink.effects.effect import Effect, finite
 from twolink.effects.sampled import Piece, Sampled, check_table
 from twolink.errors import SceneError
+
+_E = TypeVar("_E", bound=Effect)
 
 
 class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="polynomial"):
@@ -26,6 +28,26 @@ class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="k
     frequency: float
     phase: float = 0.0
     mean: float = 0.0
+
+
+class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
+    """A number that is not known when equations are made, and stands still between events: it rides along."""
+
+    name: str
+
+    @property
+    def rows(self) -> int:
+        """One number."""
+        return 1
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """It has no knots."""
+        return ()
+
+    def piece_of(self, rows: Any) -> Any:
+        """The number."""
+        return rows[0]
 
 
 Input = float | Polynomial | Sine | Sampled
@@ -94,11 +116,11 @@ def _derivative(coefficients: list[Scalar]) -> list[Scalar]:
     return [times(float(k), c) for k, c in enumerate(coefficients)][1:]
 
 
-def tables_of(effect: Effect) -> list[Sampled]:
-    """The tables among an effect's inputs, in the order of its fields."""
-    found: list[Sampled] = []
+def tables_of(effect: Effect) -> list[Sampled | Slot]:
+    """The tables and slots among an effect's inputs, in the order of its fields."""
+    found: list[Sampled | Slot] = []
 
-    def note(table: Sampled) -> Sampled:
+    def note(table: Sampled | Slot) -> Sampled | Slot:
         found.append(table)
         return table
 
@@ -106,14 +128,14 @@ def tables_of(effect: Effect) -> list[Sampled]:
     return found
 
 
-def with_pieces(effect: Effect, piece: Callable[[Sampled], Piece]) -> Effect:
-    """The effect with a polynomial in the place of each table."""
+def with_pieces(effect: _E, piece: Callable[[Sampled | Slot], Any]) -> _E:
+    """The effect with a polynomial in the place of each table, and a number in that of each slot."""
     fields = {name: getattr(effect, name) for name in effect.__struct_fields__}
     return msgspec.structs.replace(effect, **_replaced(fields, piece))
 
 
-def _replaced(given: Any, change: Callable[[Sampled], Any]) -> Any:
-    if isinstance(given, Sampled):
+def _replaced(given: Any, change: Callable[[Sampled | Slot], Any]) -> Any:
+    if isinstance(given, (Sampled, Slot)):
         return change(given)
     if isinstance(given, Mapping):
         return {key: _replaced(value, change) for key, value in given.items()}

@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar
+from twolink.dynamics.spatial import Scalar, minus, plus
 from twolink.effects.effect import finite, one_of
+from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
 Limits = Mapping[str, float] | Literal["urdf"] | None
@@ -79,12 +80,13 @@ def check_limits(limits: Limits, joints: Iterable[str], robot: Robot, field: str
     check_values(limits, field, least=0.0)
 
 
-def clamped(torque: Scalar, joint: str, limits: Limits, model: Any, xp: Any) -> Scalar:
-    """The torque within its joint's limit L: -L, torque, or L. Its kinks make the equations no longer analytic."""
-    limit = _urdf_limit(model, joint) if limits == "urdf" else (limits or {}).get(joint)
+def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
+    """The torque within its joint's limit L: -L, torque, or L. Its kinks, where nothing is smooth, are noted."""
+    limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque
-    limit = float(limit)
+    limit, xp = float(limit), motion.xp
+    loads.kinks += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
     return xp.where(xp.less(torque, -limit), -limit, xp.where(xp.less(limit, torque), limit, torque))
 
 

@@ -1,31 +1,32 @@
-"""Loops: what keeps two places of a robot together, besides its joints. A constraint g(q) = 0."""
+"""Loops: what keeps two places of a robot together, besides its joints. A constraint g(q) = 0, or b(q) v = 0."""
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-import pinocchio as pin
-
-from twolink.dynamics import Robot
 from twolink.dynamics.spatial import Scalar
-from twolink.effects.effect import Effect, one_of
-from twolink.effects.motion import GROUND, Motion
+from twolink.effects.effect import Effect
+from twolink.effects.motion import Motion
 
 
 class Loop(Effect, frozen=True):
-    """A bilateral, rigid constraint: g(q) = 0 holds for ever, by whatever forces that takes (J^T lambda).
+    """A bilateral, rigid constraint: it holds by whatever forces that takes, J^T lambda.
 
     Rows that say what others say already are found and dropped: give the whole joint, planar or not.
     """
 
-    formulation: ClassVar[str] = "loops"
-
     def rows(self, motion: Motion) -> list[Scalar]:
-        """g(q), m and (of directions) 1."""
+        """g(q), m and (of directions) 1: what stays 0."""
         raise NotImplementedError
 
+    def velocity_rows(self, motion: Motion) -> list[Scalar]:
+        """b(q) v, m/s: what stays 0 of velocities alone, as rolling does. Linear in v."""
+        del motion
+        return []
 
-def require_frame(robot: Robot, frame: str, field: str) -> None:
-    """Require that a frame is a link's, or the ground. Raises SceneError with the nearest name."""
-    names = [f.name for f in robot.model.frames if f.type == pin.FrameType.BODY]
-    one_of(frame, [*names, GROUND], field, "link")
+    def pushes(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+        """The power along another velocity of each row's force of size 1, where that is not the row's own J^T.
+
+        motion: q and v. along: the same q and some other velocity. Friction is such a force: it comes with the normal
+        one, and does not act along it.
+        """
+        del motion, along
+        return None

@@ -114,6 +114,7 @@ class Loads:
         self._motion = motion
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
         self.wrenches: dict[int, list[Scalar]] = {}
+        self.kinks: list[tuple[str, Scalar]] = []  # what passes 0 where loads have a kink, with its name
 
     def torque(self, dof: int, value: Scalar) -> None:
         """Add a joint torque or force, N m or N."""

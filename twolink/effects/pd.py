@@ -56,4 +56,4 @@ class JointPD(Effect, frozen=True):
                 times(-float(self.kd.get(joint, 0.0)), motion.v[dof]),
                 value_at(self.feedforward.get(joint, 0.0), motion.t, motion.xp),
             )
-            loads.torque(dof, clamped(torque, joint, self.effort, motion.model, motion.xp))
+            loads.torque(dof, clamped(torque, joint, self.effort, motion, loads))

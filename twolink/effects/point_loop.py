@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, minus
-from twolink.effects.effect import finite
-from twolink.effects.loop import Loop, require_frame
+from twolink.dynamics.spatial import Scalar
+from twolink.effects.frames import apart, check_place
+from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 
 
@@ -22,12 +22,9 @@ class PointLoop(Loop, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Links exist, points are numbers."""
-        require_frame(robot, self.a, "a")
-        require_frame(robot, self.b, "b")
-        finite(self.point_a, "point_a")
-        finite(self.point_b, "point_b")
+        check_place(self.a, self.point_a, robot, "a")
+        check_place(self.b, self.point_b, robot, "b")
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b along the world's axes."""
-        ends = motion.position(self.a, self.point_a), motion.position(self.b, self.point_b)
-        return [minus(x, y) for x, y in zip(*ends, strict=True)]
+        return apart(motion, self.a, self.point_a, self.b, self.point_b)

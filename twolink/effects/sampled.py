@@ -14,6 +14,7 @@ import numpy as np
 from twolink.dynamics.spatial import Scalar
 from twolink.effects.effect import finite
 from twolink.errors import SceneError, nearest
+from twolink.files import read_text
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MAX_BYTES = 2**28
@@ -34,8 +35,9 @@ class Sampled(
 ):  # fmt: skip
     """Values at given times, and what lies between and beyond them.
 
-    times: seconds from the start, increasing; the knots. values: one a knot. file: a CSV file with the two columns
-    instead, read once, when the input is made; a first line that is no numbers is a header, `#` begins a comment.
+    times: seconds from the start, increasing; the knots. values: one a knot.
+    file: a CSV file with the two columns instead, read once, when the input is made; a first line that is no numbers
+        is a header, `#` begins a comment. In a scene file, its path starts from that file's folder.
     interpolation: "linear"; "hold", each value until the next knot; or "cubic", the spline with continuous second
         derivative whose third is continuous at the second and last but one knots too (not-a-knot, as SciPy's).
     beyond: before the first and after the last knot, "hold" the value there, "zero", or "error".
@@ -132,15 +134,7 @@ def check_table(table: Sampled, field: str) -> None:
 
 def _read(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The two columns of a CSV file."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
-    if len(data) > MAX_BYTES:
-        raise SceneError(f"more than {MAX_BYTES} bytes", where=str(path), remedy="keep fewer samples")
+    text = read_text(path, MAX_BYTES, "keep fewer samples")
     columns: tuple[list[float], list[float]] = ([], [])
     for number, cells in enumerate(csv.reader(text.splitlines()), 1):
         if not cells or cells[0].lstrip().startswith("#"):

@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, one_of
+from twolink.effects.effect import Effect
 from twolink.effects.inputs import Input, check_input, value_at
+from twolink.effects.joints import check_joints
 from twolink.effects.motion import Loads, Motion
 
 
 class Torque(Effect, frozen=True):
     """tau_k = u_k(t) in each joint named.
 
-    inputs: u by joint, N m or N: a number, a polynomial in t, or one that holds for a while (see effects.inputs).
+    inputs: u by joint, N m or N: a number, Polynomial, Sine or Sampled table.
     """
 
     inputs: Mapping[str, Input]
 
     def check(self, robot: Robot) -> None:
         """Names are joints with one degree of freedom."""
+        check_joints(self.inputs, robot, "inputs", dofs=True)
         for joint, given in self.inputs.items():
-            one_of(joint, [j.name for j in robot.joints if j.v.stop - j.v.start == 1], "inputs", "joint of one degree")
             check_input(given, f"inputs.{joint}")
 
     def act(self, motion: Motion, loads: Loads) -> None:

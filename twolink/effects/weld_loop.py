@@ -5,9 +5,9 @@ from __future__ import annotations
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, dot, minus
-from twolink.effects.effect import finite
-from twolink.effects.loop import Loop, require_frame
+from twolink.dynamics.spatial import Scalar, dot
+from twolink.effects.frames import apart, check_place, check_three
+from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 
 _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -17,8 +17,7 @@ class WeldLoop(Loop, frozen=True):
     """x_a = x_b and equal axes: link a is fixed to link b, turned by rpy.
 
     a, b: names of links; b may be the "universe", the ground.
-    point_a, point_b: m, in the links' axes. rpy: how a is turned in b,
-    roll, pitch, yaw as in URDF, rad.
+    point_a, point_b: m, in the links' axes. rpy: how a is turned in b, roll, pitch, yaw as in URDF, rad.
     """
 
     a: str
@@ -29,16 +28,14 @@ class WeldLoop(Loop, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Links exist, the rest is numbers."""
-        require_frame(robot, self.a, "a")
-        require_frame(robot, self.b, "b")
-        for field in ("point_a", "point_b", "rpy"):
-            finite(getattr(self, field), field)
+        check_place(self.a, self.point_a, robot, "a")
+        check_place(self.b, self.point_b, robot, "b")
+        check_three(self.rpy, "rpy")
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""
-        ends = motion.position(self.a, self.point_a), motion.position(self.b, self.point_b)
         turned = pin.rpy.rpyToMatrix(*self.rpy).T.tolist()  # its rows: a's axes as b sees them
         theirs = [motion.direction(self.b, tuple(axis)) for axis in turned]
         ours = [motion.direction(self.a, axis) for axis in _AXES]
         turns = [dot(ours[i], theirs[j]) for i, j in ((1, 2), (2, 0), (0, 1))]
-        return [*(minus(x, y) for x, y in zip(*ends, strict=True)), *turns]
+        return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *turns]

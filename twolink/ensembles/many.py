@@ -14,8 +14,9 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.mechanism import parameter_names
+from twolink.effects.switch import Switch
 from twolink.errors import AccuracyError, MissingExtraError, SceneError, nearest
-from twolink.integrate.choice import first_tolerance
+from twolink.integrate.choice import SAFETY, first_tolerance, second_tolerance
 from twolink.integrate.equations import NUDGE, Equations
 from twolink.integrate.march import march_many
 from twolink.integrate.methods import METHODS
@@ -28,8 +29,6 @@ from twolink.trajectory import Cost
 
 LOOKS = 16  # times on the way at which errors are taken, besides those asked for
 MAX_NUMBERS = 200_000_000
-RATIO = 30.0  # how much smaller the second tolerance is
-SAFETY = 2.0  # a bar, not an estimate
 
 
 @dataclass(frozen=True)
@@ -88,16 +87,19 @@ def simulate_many(
     if not isinstance(scene, Scene):
         raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
     accuracy = accuracy_of(accuracy)
+    if any(isinstance(effect, Switch) for effect in scene.effects):
+        raise SceneError("worlds of a batch do not locate events yet", where="effects",
+                         remedy="simulate them one by one: tl.simulate")  # fmt: skip
     end = scene.duration if duration is None else duration_of(duration)
     states, values = _worlds(scene, q, v, parameters)
     _require_samples(samples, states.shape)
-    compiled = _map(scene, tuple(values))
+    compiled = _map(scene, tuple(values), end)
     _close_loops(compiled.equations, states, bool(values))
     rows = np.array([values[name] for name in values]) if values else None
     times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
     looked = np.union1d(times, np.linspace(0.0, end, LOOKS + 1))  # an error may vanish at the end alone
     tolerance = first_tolerance(compiled.method, accuracy)
-    if verify and tolerance / RATIO < smallest_tolerance(compiled.method):
+    if verify and second_tolerance(compiled.method, tolerance) < smallest_tolerance(compiled.method):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", where="accuracy",
                             remedy="ask for 1e-12 or more, or verify=False")  # fmt: skip
     start = time.perf_counter()
@@ -149,10 +151,12 @@ def _close_loops(equations: Equations, states: np.ndarray, parameters: bool) -> 
             raise SceneError(error.what, where=f"world {world}", remedy=error.remedy) from None
 
 
-def _map(scene: Scene, parameters: tuple[str, ...]) -> StepMap:
+def _map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
     if parameters and heyoka() is None:
         raise MissingExtraError("parameters that differ by world need heyoka", remedy="pip install heyoka (Linux)")
-    return step_map(Equations(scene, parameters), METHODS["dop853"])
+    equations = Equations(scene, parameters)
+    equations.require(0.0, end)
+    return step_map(equations, METHODS["dop853"])
 
 
 def _verified(
@@ -174,13 +178,13 @@ def _verified(
     while True:
         own = None if rows is None else rows[:, going]
         nudged = _nudged(states[:, going])
-        finer, _, tried = march_many(compiled, nudged, times, tolerance / RATIO, own, None, longest)
+        tolerance = second_tolerance(compiled.method, tolerance)
+        finer, _, tried = march_many(compiled, nudged, times, tolerance, own, None, longest)
         distance = SAFETY * _distance(compiled, current, finer)
         error[going], found[:, :, going] = distance, current
         attempts += tried
-        tolerance /= RATIO
         going = going[distance > accuracy]  # not the lost ones, which are NaN
-        if not going.size or tolerance / RATIO < least:
+        if not going.size or second_tolerance(compiled.method, tolerance) < least:
             return error, attempts
         own = None if rows is None else rows[:, going]
         current, steps[going], tried = march_many(compiled, states[:, going], times, tolerance, own)

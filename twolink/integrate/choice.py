@@ -24,6 +24,7 @@ from twolink.integrate.solver import smallest_tolerance
 # of the worse solution. Measured on the arm, UR5 and Panda: a run's error over its tolerance is below a third of it.
 MARGINS = {"taylor": 3.0, "dop853": 30.0}
 MARGIN = 100.0
+SAFETY = 2.0  # an error bar over the distance of two solutions: the second has errors of its own
 ROUGHEST = 1e-4  # a larger tolerance saves little, and what a run's error has to do with it is chance
 MAX_COMPILING = 20.0  # seconds: what takes longer to compile is not worth it unasked
 CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
@@ -100,6 +101,11 @@ def first_tolerance(method: Method, accuracy: float) -> float:
     """The tolerance to try first."""
     wanted = min(accuracy / MARGINS.get(method.name, MARGIN), ROUGHEST)
     return max(wanted, smallest_tolerance(method))
+
+
+def second_tolerance(method: Method, first: float) -> float:
+    """The tolerance that tells the error of a first: a sure step smaller, but of low order no dear one."""
+    return first / (30.0 if method.order >= 5 else 10.0)
 
 
 def first_setting(equations: Equations, method: Method, accuracy: float) -> float:

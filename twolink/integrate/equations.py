@@ -9,33 +9,38 @@ import itertools
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot, cache
+from twolink.dynamics.branch_sparse import ldlt_solve
 from twolink.dynamics.counting import Tape
 from twolink.dynamics.functions import function
 from twolink.dynamics.mechanism import Mechanism, mechanism
+from twolink.dynamics.recursions import composite_bodies, newton_euler, poses
+from twolink.dynamics.spatial import minus, plus, times
 from twolink.effects import Effect
-from twolink.effects.inputs import tables_of, with_pieces
+from twolink.effects.inputs import Slot, tables_of, with_pieces
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Loads, Motion
+from twolink.effects.switch import Switch
 from twolink.errors import QueryError, SceneError
-from twolink.integrate.loops import Loops
+from twolink.integrate.loops import Loops, locked_matrix
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.solution import Solution, joined
 from twolink.integrate.state import Array, StateSpace
 from twolink.scenes import Scene
 
+_E = TypeVar("_E", bound=Effect)
 NUDGE = 1e-15  # relative: about what a few roundings change
 CLOSE = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 
 
 class _WithRows(StateSpace):
-    """States (q, v, c): c are the numbers that tables are made of at the time. They stand still within a piece."""
+    """States (q, v, c): c are numbers that stand still within a piece, such as those that tables are made of."""
 
     def __init__(self, robot: Robot, rows: int) -> None:
         super().__init__(robot)
@@ -58,22 +63,31 @@ class Equations:
 
     Between breaks a table of samples is one polynomial. Its coefficients ride along behind (q, v), in x[moving:], at
     rate 0: so that one compiled step serves all pieces of tables of any length. `in_pieces` sets them break by break.
+    So do the numbers of modes: `slots` by name, and of each degree of freedom in `lockable`, which effects may hold at
+    rest, whether it is `locked` (1 or 0) and the friction torque on it otherwise. `switches` are the effects of modes;
+    what happens to them, and when, is not said here but in `integrate.events`.
     """
 
     def __init__(self, scene: Scene, parameters: Sequence[str] = ()) -> None:
-        self.robot = scene.robot
-        if self.robot.has_mimic:
+        if scene.robot.has_mimic:
             raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False")
+        self.scene = scene
+        self.switches = tuple(e for e in scene.effects if isinstance(e, Switch))
+        scene = _at_first(scene)
+        self.robot = scene.robot
         self.effects = tuple(e for e in scene.effects if type(e).act is not Effect.act)
-        self.tables = tuple({id(table): table for e in self.effects for table in tables_of(e)}.values())
-        rows = sum(table.rows for table in self.tables)
+        loops = [e for e in scene.effects if isinstance(e, Loop)]
+        self.tables = tuple({id(table): table for e in (*self.effects, *loops) for table in tables_of(e)}.values())
+        self.lockable = tuple(sorted({k for e in self.switches for k in e.lockable(self.robot)}))
+        self.locked = np.zeros(2 * len(self.lockable))
+        self.slots: Mapping[str, float] = {}
+        rows = sum(table.rows for table in self.tables) + len(self.locked)
         self.space = _WithRows(self.robot, rows) if rows else StateSpace(self.robot)
         self.moving = self.robot.nq + self.robot.nv
         self.parameters = tuple(parameters)
         self.start = np.concatenate([scene.q, scene.v, self.rows_at(0.0)])
         self._tau = np.zeros(self.robot.nv)
-        loops = [e for e in scene.effects if isinstance(e, Loop)]
-        self.loops = Loops(self.space, loops, self._numbers) if loops else None
+        self.loops = Loops(self.space, loops, self.numbers) if loops else None
         self.assembled = 0.0
         if self.loops is not None:
             given = self.start[: self.moving].copy()
@@ -82,15 +96,24 @@ class Equations:
             if not self.loops.kept:
                 self.loops = None  # constraints that constrain nothing
 
+    @functools.cached_property
+    def has_kinks(self) -> bool:
+        """Whether limits of effort may begin to act."""
+        x = self.start
+        loads = self.loads(self.numbers, list(x[: self.space.nq]), list(x[self.space.nq : self.moving]), 0.0, Numbers,
+                           self.now(self.effects, list(x[self.moving :])))  # fmt: skip
+        return bool(loads.kinks)
+
     @property
     def analytic(self) -> bool:
         """Whether the equations are smooth to any order, as Taylor's method needs."""
-        return self.loops is None and all(effect.analytic for effect in self.effects)
+        return self.loops is None and not self.switches and all(effect.analytic for effect in self.effects)
 
     def breaks(self, duration: float) -> tuple[float, ...]:
         """The times below the duration at which the equations are not smooth, increasing."""
         times = {t for effect in self.effects for t in effect.breaks(duration)}
         times.update(t for table in self.tables for t in table.times)
+        times.update(t for switch in self.switches for t in switch.breaks(duration))
         found: list[float] = []
         for t in sorted(t for t in times if 0 < t < duration * (1.0 - CLOSE)):
             if not found or t > found[-1] * (1.0 + CLOSE):
@@ -99,7 +122,8 @@ class Equations:
 
     def rows_at(self, t: float) -> Array:
         """The numbers that make the tables' pieces at a time, (size - moving,)."""
-        return np.concatenate([np.empty(0), *(table.rows_at(t) for table in self.tables)])
+        numbers = ([self.slots.get(x.name, 0.0)] if isinstance(x, Slot) else x.rows_at(t) for x in self.tables)
+        return np.concatenate([np.empty(0), *numbers, self.locked])
 
     def in_pieces(self, times: Array, solve: Callable[[Equations, Array], Solution]) -> Solution:
         """Solve from break to break for the samples `times` (n,): no step goes across one.
@@ -107,13 +131,11 @@ class Equations:
         Each piece is a solve of its own, by `solve(equations, times)`, from the state at its beginning.
         """
         start, end = float(times[0]), float(times[-1])
-        for table in self.tables:
-            table.require(start, end)
+        self.require(start, end)
         edges = [start, *(t for t in self.breaks(end) if t > start), end]
         if len(edges) == 2 and not self.tables:
             return solve(self, times)
-        if len(edges) > 2:  # found once for all pieces: copies have what the original had
-            _ = self._numbers, self._formula, self._content
+        self.prepare()
         parts: list[Solution] = []
         x: Any = self.start
         for begin, stop in itertools.pairwise(edges):
@@ -121,7 +143,7 @@ class Equations:
             inside = times[first:after]
             extra = not inside.size or inside[-1] < stop  # the break is no sample
             grid = np.concatenate([[begin], inside, [stop] if extra else []])
-            part = solve(self._from(x, 0.5 * (begin + stop)), grid)
+            part = solve(self.beginning(x, 0.5 * (begin + stop)), grid)
             x = part.x[:, -1] if part.precise is None else part.precise[-1]
             taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
             parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken],
@@ -138,20 +160,43 @@ class Equations:
         moved.start[: self.moving] += NUDGE * signs * np.fmax(1.0, np.abs(self.start[: self.moving]))
         return moved
 
-    def _from(self, x: Any, t: float) -> Equations:
-        """The same equations from another state on, with the tables' pieces of a time within."""
-        if not self.tables and x is self.start:
-            return self
+    def require(self, start: float, end: float) -> None:
+        """Require that tables reach so far. Raises SceneError."""
+        for table in self.tables:
+            if not isinstance(table, Slot):
+                table.require(start, end)
+
+    def prepare(self) -> None:
+        """Find now what copies would otherwise find again."""
+        _ = self.numbers, self._formula, self._content
+
+    def beginning(
+        self, x: Any, t: float, locked: Array | None = None, slots: Mapping[str, float] | None = None
+    ) -> Equations:
+        """The same equations from another state on, with the numbers of modes, and the tables' pieces of a time."""
         piece = copy.copy(self)
-        rows = self.rows_at(t)
-        piece.start = np.concatenate([x[: self.moving], rows.astype(x.dtype)]) if rows.size else x
+        if locked is not None:
+            piece.locked = locked
+        if slots is not None:
+            piece.slots = slots
+        rows = piece.rows_at(t)
+        piece.start = np.concatenate([x[: self.moving], rows.astype(x.dtype)]) if rows.size else x[: self.moving]
         return piece
 
-    def _now(self, effects: Sequence[Effect], rows: Sequence[Any]) -> Sequence[Effect]:
+    def _free(self, rows: Sequence[Any]) -> list[Any]:
+        """Of each degree of freedom, 0 where it is locked and 1 where not."""
+        free: list[Any] = [1.0] * self.space.nv
+        first = len(rows) - len(self.locked)
+        for i, k in enumerate(self.lockable):
+            free[k] = 1.0 - rows[first + i]
+        return free
+
+    def now(self, effects: Sequence[_E], rows: Sequence[Any]) -> Sequence[_E]:
         """The effects with polynomials of these coefficients in the place of their tables."""
         if not self.tables:
             return effects
-        pieces, at = {}, 0
+        pieces: dict[int, Any] = {}
+        at = 0
         for table in self.tables:
             pieces[id(table)] = table.piece_of(rows[at : at + table.rows])
             at += table.rows
@@ -183,18 +228,19 @@ class Equations:
         x = self.space.normalized(x, xp)
         if self.loops is None:
             return x
-        mech = self._numbers if xp is Numbers else mechanism(self.robot.model, constants)
-        return np.concatenate([self.loops.projected(mech, x[: self.moving], xp), x[self.moving :]])
+        mech = self.numbers if xp is Numbers else mechanism(self.robot.model, constants)
+        free = self._free(list(x[self.moving :]))
+        return np.concatenate([self.loops.projected(mech, x[: self.moving], xp, free), x[self.moving :]])
 
     def _accelerations(self, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
-        if self.loops is not None:
-            return self._looped(self.loops, t, q, v, rows)
+        if self.loops is not None or self.lockable:
+            return self._bound(t, q, v, rows)
         if not self.effects:
             with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
                 return np.asarray(self.robot.forward_dynamics(q, v, self._tau, engine="pinocchio"))
         with np.errstate(all="ignore"):  # what is not finite is said below
-            effects = self._now(self.effects, rows)
-            loads = self.loads(self._numbers, list(q.T), list(v.T), t, Numbers, effects)
+            effects = self.now(self.effects, rows)
+            loads = self.loads(self.numbers, list(q.T), list(v.T), t, Numbers, effects)
         tau = np.zeros(v.shape)
         for k, value in enumerate(loads.tau):
             tau[:, k] = value
@@ -208,23 +254,48 @@ class Equations:
             out[row] = pin.aba(model, data, q[row], v[row], tau[row], forces)
         return out
 
-    def _looped(self, loops: Loops, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
+    def _bound(self, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
+        """Accelerations under loops and locks, state by state."""
         model, data, out = self.robot.model, self.robot.data, np.empty_like(v)
         times = np.broadcast_to(t, len(q))
         for row in range(len(q)):
-            effects = self._now(self.effects, [values[row] for values in rows])
-            loads = self.loads(self._numbers, list(q[row]), list(v[row]), float(times[row]), Numbers, effects)
+            numbers = [values[row] for values in rows]
+            loads = self.loads(self.numbers, list(q[row]), list(v[row]), float(times[row]), Numbers,
+                               self.now(self.effects, numbers))  # fmt: skip
+            self._rub(loads.tau, numbers)
             forces = pin.StdVec_Force()
             forces.extend(pin.Force.Zero() for _ in range(model.njoints))
             for i, wrench in loads.wrenches.items():
                 forces[i] = pin.Force(np.array(wrench, dtype=float))
-            bias = pin.rnea(model, data, q[row], v[row], self._tau, forces)
-            out[row] = loops.reference_acceleration(q[row], v[row], np.array(loads.tau, dtype=float), bias)
+            free = np.array(self._free(numbers), dtype=float)
+            right = free * (np.array(loads.tau, dtype=float) - pin.rnea(model, data, q[row], v[row], self._tau, forces))
+            upper = np.triu(pin.crba(model, data, q[row]))
+            mass: Array = np.array(locked_matrix((upper + np.triu(upper, 1).T).tolist(), free.tolist()))
+            if self.loops is None:
+                out[row] = np.linalg.solve(mass, right)
+            else:
+                loops = self.now(self.loops.loops, numbers)
+                out[row] = self.loops.reference_acceleration(q[row], v[row], right, mass, free, loops)
         return out
 
+    def _rub(self, tau: list[Any], rows: Sequence[Any]) -> None:
+        """Add the friction torques that ride along."""
+        for k, value in zip(self.lockable, rows[len(rows) - len(self.lockable) :], strict=True):
+            tau[k] = plus(tau[k], value)
+
     @functools.cached_property
-    def _numbers(self) -> Mechanism:
+    def numbers(self) -> Mechanism:
+        """The robot's constants."""
         return mechanism(self.robot.model)
+
+    def loop_pushes(self, x: Array) -> list[list[Any]]:
+        """What each kept row of the loops does to each degree of freedom, of states (size, n)."""
+        if self.loops is None:
+            return []
+        q, v = x[: self.space.nq], x[self.space.nq : self.moving]
+        jacobian = self.loops.jacobian(self.numbers, q, Numbers)
+        loops = self.now(self.loops.loops, list(x[self.moving :]))
+        return self.loops.pushes(self.numbers, q, v, Numbers, jacobian, loops)
 
     def traced_rate(self, t: Any, x: Array, xp: Any, constants: Mapping[str, Any] | None = None) -> Array:
         """x' (size,) as expressions of x (size,), traced over the robot's constants."""
@@ -237,13 +308,35 @@ class Equations:
         return np.concatenate([self.space.rate(x[:nq], x[nq:]), lifted])
 
     def _traced(self, mech: Mechanism, variant: int, t: Any, x: Any, xp: Any, effects: Sequence[Effect]) -> list[Any]:
+        if self.loops is not None or self.lockable:
+            return self.forces(mech, t, x, xp, effects)[0]
         nq = self.space.nq
         q, v = list(x[:nq]), list(x[nq : self.moving])
-        loads = self.loads(mech, q, v, t, xp, self._now(effects, list(x[self.moving :])))
-        if self.loops is not None:
-            return self.loops.accelerations(mech, _objects(q), _objects(v), loads.tau, loads.wrenches, xp)[0]
+        loads = self.loads(mech, q, v, t, xp, self.now(effects, list(x[self.moving :])))
         given = {"q": q, "v": v, "tau": loads.tau, "f_ext": loads.wrenches}
         return list(function(self.robot.model, "forward_dynamics").variants[variant](mech, given, xp))
+
+    def forces(
+        self, mech: Mechanism, t: Any, x: Any, xp: Any, effects: Sequence[Effect]
+    ) -> tuple[list[Any], list[Any], Loads]:
+        """(a, the loops' multipliers, loads) under loops and locks."""
+        nq, rows = self.space.nq, list(x[self.moving :])
+        q, v = list(x[:nq]), list(x[nq : self.moving])
+        loads = self.loads(mech, q, v, t, xp, self.now(effects, rows))
+        self._rub(loads.tau, rows)
+        free = self._free(rows)
+        if self.loops is not None:
+            loops = self.now(self.loops.loops, rows)
+            whole = x if isinstance(x, np.ndarray) else _objects(x)  # curved joints take rows of a batch as they are
+            a, multipliers = self.loops.accelerations(
+                mech, whole[:nq], whole[nq : self.moving], loads.tau, loads.wrenches, xp, free, loops
+            )
+            return a, multipliers, loads
+        at = poses(mech, q, xp)
+        h = newton_euler(mech, at, v, [0.0] * mech.nv, loads.wrenches)
+        mass = locked_matrix(composite_bodies(mech, at), free)
+        right = [times(f, minus(tau, bias)) for f, tau, bias in zip(free, loads.tau, h, strict=True)]
+        return ldlt_solve(mass, mech.dof_parents(), right, xp), [], loads
 
     def counts(self, variant: int, effects: Sequence[Effect]) -> dict[str, int]:
         """The operations of one evaluation of the accelerations with these effects, by kind."""
@@ -279,7 +372,7 @@ class Equations:
         everything = (*self.effects, *(self.loops.loops if self.loops else ()))
         effects = [f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e)!r}" for e in everything]
         kept = self.loops.kept if self.loops else []
-        return cache.key(self.robot.model, ("equations", *effects, str(kept), "|", *self.parameters))
+        return cache.key(self.robot.model, ("equations", *effects, f"{kept} {self.lockable}", "|", *self.parameters))
 
 
 def _objects(values: list[Any]) -> Array:
@@ -287,6 +380,16 @@ def _objects(values: list[Any]) -> Array:
     out = np.empty(len(values), dtype=object)
     out[:] = values
     return out
+
+
+def _at_first(scene: Scene) -> Scene:
+    """The scene with what stands in the place of its switches when a run begins."""
+    if not any(isinstance(e, Switch) and e.structural for e in scene.effects):
+        return scene
+    effects: list[Effect] = []
+    for effect in scene.effects:
+        effects += effect.at_first() if isinstance(effect, Switch) and effect.structural else [effect]
+    return scene.with_effects(effects)
 
 
 _made: weakref.WeakKeyDictionary[Scene, Equations] = weakref.WeakKeyDictionary()

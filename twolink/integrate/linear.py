@@ -7,16 +7,20 @@ and is refused by its error. Entries that are the constants 0 and 1 leave no ope
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from twolink.dynamics.spatial import Matrix, Scalar, minus, times
 
 
-def factored(matrix: Sequence[Sequence[Scalar]]) -> tuple[Matrix, list[Scalar]]:
-    """(L below the diagonal and U above it, 1 / the pivots) of a square matrix, by Gauss's elimination."""
+def factored(matrix: Sequence[Sequence[Scalar]], xp: Any = None) -> tuple[Matrix, list[Scalar]]:
+    """(L below the diagonal and U above it, 1 / the pivots) of a square matrix, by Gauss's elimination.
+
+    xp: whose reciprocal the pivots' is; plain division without.
+    """
     rows = [list(row) for row in matrix]
     inverses: list[Scalar] = []
     for k, pivot in enumerate(rows):
-        inverses.append(1.0 / pivot[k])
+        inverses.append(1.0 / pivot[k] if xp is None else xp.reciprocal(pivot[k]))
         for row in rows[k + 1 :]:
             row[k] = times(row[k], inverses[k])
             for j in range(k + 1, len(rows)):

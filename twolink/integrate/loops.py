@@ -13,7 +13,8 @@ stages falls there (test case: IFToMM benchmark A02). Projection: Eich 1993, SIA
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from twolink.dynamics.spatial import Matrix, Scalar, minus, negative, plus, time
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
+from twolink.integrate.linear import factored, solved
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.state import Array, StateSpace
 
@@ -53,9 +55,12 @@ class Loops:
         self.scales: list[float] = []
 
     def rows(self, mech: Mechanism, q: Sequence[Any], xp: Any) -> list[Scalar]:
-        """g(q) of all rows."""
+        """g(q) of all rows; 0 for those of velocities."""
         motion = Motion(self.model, mech, q, [0.0] * self.space.nv, 0.0, xp)
-        return [row for loop in self.loops for row in loop.rows(motion)]
+        found: list[Scalar] = []
+        for loop in self.loops:
+            found += [*loop.rows(motion), *(0.0 for _ in loop.velocity_rows(motion))]
+        return found
 
     def kept_rows(self, mech: Mechanism, q: Sequence[Any], xp: Any) -> list[Scalar]:
         """g(q) of the rows that are kept."""
@@ -63,23 +68,32 @@ class Loops:
         return [rows[i] for i in self.kept]
 
     def jacobian(self, mech: Mechanism, q: Array, xp: Any, kept: Sequence[int] | None = None) -> Matrix:
-        """J: its column k is g' with v the k-th unit vector."""
+        """J: its column k is J v with v the k-th unit vector."""
         columns = []
-        for k in range(self.space.nv):
-            unit = np.array([1.0 if i == k else 0.0 for i in range(self.space.nv)], dtype=object)
-            if self.space.curved:  # q' is made of whole rows there, of a batch too
-                unit = unit.reshape(-1, *(1 for _ in q.shape[1:]))
-            columns.append([coefficient(row, 1) for row in self._along(mech, q, unit, xp, 1)])
+        for unit in self._units(q):
+            columns.append([first for first, _ in self._along(mech, q, unit, xp, 1)])
         chosen = self.kept if kept is None else kept
         return [[column[i] for column in columns] for i in chosen]
+
+    def _units(self, q: Array) -> Iterator[Array]:
+        """The unit vectors of the velocities."""
+        for k in range(self.space.nv):
+            unit = np.array([1.0 if i == k else 0.0 for i in range(self.space.nv)], dtype=object)
+            # q' is made of whole rows where the space is curved, of a batch too
+            yield unit.reshape(-1, *(1 for _ in q.shape[1:])) if self.space.curved else unit
 
     def velocity_terms(self, mech: Mechanism, q: Array, v: Array, xp: Any) -> tuple[list[Scalar], list[Scalar]]:
         """(J v, J' v) of the rows that are kept."""
         rows = self._along(mech, q, v, xp, 2)
-        return ([coefficient(rows[i], 1) for i in self.kept], [times(2.0, coefficient(rows[i], 2)) for i in self.kept])
+        return [rows[i][0] for i in self.kept], [rows[i][1] for i in self.kept]
 
-    def _along(self, mech: Mechanism, q: Array, v: Array, xp: Any, order: int) -> list[Any]:
-        """g of the jets of q(t) with v constant."""
+    def velocities(self, mech: Mechanism, q: Array, v: Array, xp: Any) -> list[Scalar]:
+        """J v of the rows that are kept."""
+        rows = self._along(mech, q, v, xp, 1)
+        return [rows[i][0] for i in self.kept]
+
+    def _along(self, mech: Mechanism, q: Array, v: Array, xp: Any, order: int) -> list[tuple[Scalar, Scalar]]:
+        """(J v, J' v) of all rows, from the jets of q(t) with v constant; of order 1, J v alone is right."""
         first = self.space.rate(q, v)
         jets = [Jet([q[i], first[i]]) for i in range(self.space.nq)]
         if order == 2:
@@ -89,34 +103,101 @@ class Loops:
                 rows[k] = v[k]
             second = self.space.rate(inner, rows)
             jets = [Jet([*jet.c, times(0.5, coefficient(second[i], 1))]) for i, jet in enumerate(jets)]
-        return self.rows(mech, jets, JetNamespace(xp))
+        motion = Motion(self.model, mech, jets, list(v), 0.0, JetNamespace(xp))
+        found: list[tuple[Scalar, Scalar]] = []
+        for loop in self.loops:
+            found += [(coefficient(row, 1), times(2.0, coefficient(row, 2)) if order == 2 else 0.0)
+                      for row in loop.rows(motion)]  # fmt: skip
+            found += [(coefficient(row, 0), coefficient(row, 1)) for row in loop.velocity_rows(motion)]
+        return found
+
+    def pushes(self, mech: Mechanism, q: Array, v: Array, xp: Any, jacobian: Matrix, loops: Sequence[Loop]) -> Matrix:
+        """B^T: what each kept row's force does to each degree of freedom; the Jacobian's own rows but for friction.
+
+        loops: this one's, with the numbers of the moment in them.
+        """
+        motion = Motion(self.model, mech, list(q), list(v), 0.0, xp)
+        columns: list[list[Scalar | None]] = []
+        for unit in self._units(q) if any(type(loop).pushes is not Loop.pushes for loop in loops) else ():
+            along = Motion(self.model, mech, list(q), list(unit), 0.0, xp)
+            column: list[Scalar | None] = []
+            for loop, count in zip(loops, self._counts, strict=True):
+                column += loop.pushes(motion, along) or [None] * count
+            columns.append(column)
+        if not columns:
+            return jacobian
+        out = [list(row) for row in jacobian]
+        for at, i in enumerate(self.kept):
+            for k, column in enumerate(columns):
+                if column[i] is not None:
+                    out[at][k] = column[i]
+        return out
+
+    def by_loop(self, multipliers: Sequence[Any]) -> list[list[Any]]:
+        """The multipliers of the kept rows, loop by loop; 0 for rows that were dropped."""
+        values = dict(zip(self.kept, multipliers, strict=True))
+        found, at = [], 0
+        for count in self._counts:
+            found.append([values.get(i, 0.0) for i in range(at, at + count)])
+            at += count
+        return found
+
+    def owners(self) -> list[Loop]:
+        """The loop that each kept row belongs to."""
+        every = [loop for loop, count in zip(self.loops, self._counts, strict=True) for _ in range(count)]
+        return [every[i] for i in self.kept]
+
+    @functools.cached_property
+    def _counts(self) -> list[int]:
+        """How many rows each loop has."""
+        motion = Motion(self.model, self.mech, list(pin.neutral(self.model)), [0.0] * self.space.nv, 0.0, Numbers)
+        return [len(loop.rows(motion)) + len(loop.velocity_rows(motion)) for loop in self.loops]
 
     def accelerations(
-        self, mech: Mechanism, q: Array, v: Array, tau: list[Scalar], wrenches: Any, xp: Any
+        self,
+        mech: Mechanism,
+        q: Array,
+        v: Array,
+        tau: list[Scalar],
+        wrenches: Any,
+        xp: Any,
+        free: Sequence[Scalar],
+        loops: Sequence[Loop],
     ) -> tuple[list[Scalar], list[Scalar]]:
-        """(a, lambda): NaN where the constraints are singular."""
+        """(a, lambda): NaN where the constraints are singular.
+
+        free: 0 for degrees of freedom that are locked, 1 for the others. loops: with the numbers of the moment.
+        """
         at = poses(mech, list(q), xp)
         h = newton_euler(mech, at, list(v), [0.0] * mech.nv, wrenches)
-        lower, inverse = ldlt(composite_bodies(mech, at), mech.dof_parents(), xp)
-        free = ldlt_apply(lower, inverse, mech.dof_parents(), [minus(t, x) for t, x in zip(tau, h, strict=True)])
-        back = _Back(self.jacobian(mech, q, xp), lower, inverse, mech.dof_parents(), self.scales, xp)
+        mass = locked_matrix(composite_bodies(mech, at), free)
+        lower, inverse = ldlt(mass, mech.dof_parents(), xp)
+        right = [times(f, minus(t, x)) for f, t, x in zip(free, tau, h, strict=True)]
+        unbound = ldlt_apply(lower, inverse, mech.dof_parents(), right)
+        jacobian = locked_columns(self.jacobian(mech, q, xp), free)
+        pushes = self.pushes(mech, q, v, xp, jacobian, loops)
+        if pushes is not jacobian:
+            pushes = locked_columns(pushes, free)
+        back = _Back(jacobian, pushes, lower, inverse, mech.dof_parents(), self.scales, xp)
         second = self.velocity_terms(mech, q, v, xp)[1]
-        change, multipliers = back([plus(x, y) for x, y in zip(back.times_jacobian(free), second, strict=True)])
-        return [minus(x, y) for x, y in zip(free, change, strict=True)], [negative(m) for m in multipliers]
+        change, multipliers = back([plus(x, y) for x, y in zip(back.times_jacobian(unbound), second, strict=True)])
+        return [minus(x, y) for x, y in zip(unbound, change, strict=True)], [negative(m) for m in multipliers]
 
-    def projected(self, mech: Mechanism, x: Array, xp: Any) -> Array:
-        """x with q moved back to g = 0 and v to J v = 0."""
+    def projected(self, mech: Mechanism, x: Array, xp: Any, free: Sequence[Scalar]) -> Array:
+        """x with q moved back to g = 0 and v to J v = 0, but for what is locked."""
         nq = self.space.nq
         q, v = x[:nq], x[nq:]
-        lower, inverse = ldlt(composite_bodies(mech, poses(mech, list(q), xp)), mech.dof_parents(), xp)
+        mass = locked_matrix(composite_bodies(mech, poses(mech, list(q), xp)), free)
+        lower, inverse = ldlt(mass, mech.dof_parents(), xp)
         scales = [LANDING * scale for scale in self.scales]
-        back = _Back(self.jacobian(mech, q, xp), lower, inverse, mech.dof_parents(), scales, xp)
+        jacobian = locked_columns(self.jacobian(mech, q, xp), free)
+        back = _Back(jacobian, jacobian, lower, inverse, mech.dof_parents(), scales, xp)
         for _ in range(CORRECTIONS):
             change, _ = back(self.kept_rows(mech, list(q), xp))
             q = q - self.space.rate(q, _array(change, x))
             q = self.space.normalized(np.concatenate([q, v]), xp)[:nq]
         for _ in range(2):
-            change, _ = back(self.velocity_terms(mech, q, v, xp)[0])
+            change, _ = back(self.velocities(mech, q, v, xp))
             v = v - _array(change, x)
         return np.concatenate([q, v])
 
@@ -125,28 +206,20 @@ class Loops:
 
         Raises SceneError with the residual where there is none near.
         """
-        q, v = x[: self.space.nq].copy(), x[self.space.nq :].copy()
-        every = range(len(self.rows(self.mech, list(q), Numbers)))
-        residual = np.inf
-        for _ in range(TRIALS):
-            g = np.array([float(row) for row in self.rows(self.mech, list(q), Numbers)])
-            residual = float(np.abs(g).max(initial=0.0))
-            if residual <= ASSEMBLED:
-                break
-            jacobian = self._numbers(q, every)
-            change = np.linalg.lstsq(jacobian, g, rcond=RANK)[0]
-            change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
-            q = pin.integrate(self.model, q, -change)
+        v = x[self.space.nq :].copy()
+        every = range(len(self.rows(self.mech, list(x[: self.space.nq]), Numbers)))
+        q, residual = self._closed(x[: self.space.nq], every)
         if not residual <= 100 * ASSEMBLED:
             raise SceneError(f"the loops cannot be closed: {residual:.2e} m or rad is left", where="effects",
                              remedy="check their points and axes, or start nearer to a closed position")  # fmt: skip
-        jacobian = self._numbers(q, every)
+        jacobian = self.numbers(q, every)
         v = v - np.linalg.lstsq(jacobian, jacobian @ v, rcond=RANK)[0]
         if keep:
             self.kept = self._independent(q, every)
         return np.concatenate([q, v])
 
-    def _numbers(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+    def numbers(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+        """J of these rows at one configuration, (len(rows), nv)."""
         found = self.jacobian(self.mech, q, Numbers, rows)
         return np.array([[float(entry) for entry in row] for row in found]).reshape(len(rows), self.space.nv)
 
@@ -156,13 +229,13 @@ class Loops:
 
         random = np.random.default_rng(3)
         near = [q, *(pin.integrate(self.model, q, s * random.standard_normal(self.space.nv)) for s in SPREADS)]
-        found = [self._numbers(self._closed(x, every), every) for x in near]
-        places = [self._closed(x, every) for x in near]
+        places = [self._closed(x, every)[0] for x in near]
+        found = [self.numbers(x, every) for x in places]
         largest = np.max([np.abs(j).max(axis=1, initial=0.0) for j in found], axis=0)
         rank = max((_rank(j) for j in found), default=0)
         if rank < (largest > RANK).sum():  # a choice: it must do along the whole motion
             places += self._along_motion(q, every, random)
-            found = [self._numbers(x, every) for x in places]
+            found = [self.numbers(x, every) for x in places]
             rank = max(_rank(j) for j in found)
         if not rank:
             return []
@@ -191,13 +264,13 @@ class Loops:
         for sign in (1.0, -1.0):
             x, way = q, sign * start
             for _ in range(WALK):
-                _, s, rows = np.linalg.svd(self._numbers(x, every))
-                free = rows[int((s > RANK**0.5 * max(1e-300, s[0])).sum()) :] if s.size else rows
+                _, s, rows = np.linalg.svd(self.numbers(x, every))
+                free = rows[_count(s) :]
                 if not len(free):
                     break
                 way = free.T @ (free @ way)
                 way *= STRIDE / max(1e-300, float(np.abs(way).max()))
-                x = self._closed(pin.integrate(self.model, x, way), every)
+                x = self._closed(pin.integrate(self.model, x, way), every)[0]
                 places.append(x)
         return places
 
@@ -206,36 +279,68 @@ class Loops:
         mass = pin.crba(self.model, self.model.createData(), q)
         return np.asarray(np.triu(mass) + np.triu(mass, 1).T)
 
-    def _closed(self, q: np.ndarray, every: Sequence[int]) -> np.ndarray:
-        """The closed position near q."""
+    def _closed(self, q: np.ndarray, every: Sequence[int]) -> tuple[np.ndarray, float]:
+        """The closed position near q, and what is left of g: by Newton's method, in strides of 0.5 at most."""
+        residual = np.inf
         for _ in range(TRIALS):
             g = np.array([float(row) for row in self.rows(self.mech, list(q), Numbers)])
-            if np.abs(g).max(initial=0.0) < ASSEMBLED:
+            residual = float(np.abs(g).max(initial=0.0))
+            if residual <= ASSEMBLED:
                 break
-            q = pin.integrate(self.model, q, -np.linalg.lstsq(self._numbers(q, every), g, rcond=RANK)[0])
-        return q
+            change = np.linalg.lstsq(self.numbers(q, every), g, rcond=RANK)[0]
+            change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
+            q = pin.integrate(self.model, q, -change)
+        return q, residual
 
-    def reference_acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    def reference_acceleration(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        right: np.ndarray,
+        mass: np.ndarray,
+        free: np.ndarray,
+        loops: Sequence[Loop],
+    ) -> np.ndarray:
         """a of one state by Pinocchio's mass matrix and least squares of the rows that are kept.
 
-        Of those alone: beside g = 0, where a step's stages are, a redundant row contradicts the others.
+        Of those alone: beside g = 0, where a step's stages are, a redundant row contradicts the others. right: tau - h;
+        both it and the mass matrix are of what is not locked.
         """
-        jacobian = self._numbers(q, self.kept)
+        jacobian = self.numbers(q, self.kept) * free
         second = np.array([float(row) for row in self.velocity_terms(self.mech, q, v, Numbers)[1]])
-        mass = self._mass(q)
+        pushes = self.pushes(self.mech, q, v, Numbers, jacobian.tolist(), loops)
+        unbound = np.linalg.solve(mass, right)
         root = np.linalg.cholesky(mass)
-        free = np.linalg.solve(mass, tau - bias)
-        scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
-        correction = np.linalg.lstsq(scaled, -second - jacobian @ free, rcond=1e-10)[0]
-        return np.asarray(free + np.linalg.solve(root.T, correction))
+        scaled, pushed = (np.linalg.solve(root, np.array(rows, dtype=float).reshape(jacobian.shape).T * free[:, None])
+                          for rows in (jacobian, pushes))  # fmt: skip
+        wanted = -second - jacobian @ unbound
+        if np.array_equal(scaled, pushed):
+            correction = np.linalg.lstsq(scaled.T, wanted, rcond=1e-10)[0]
+        else:
+            correction = pushed @ np.linalg.solve(scaled.T @ pushed, wanted)
+        return np.asarray(unbound + np.linalg.solve(root.T, correction))
+
+
+def locked_matrix(mass: Matrix, free: Sequence[Scalar]) -> Matrix:
+    """M without the rows and columns of what is locked, but for the diagonal: there a = 0 follows."""
+    return [
+        [entry if i == j else times(times(free[i], free[j]), entry) for j, entry in enumerate(row)]
+        for i, row in enumerate(mass)
+    ]
+
+
+def locked_columns(rows: Matrix, free: Sequence[Scalar]) -> Matrix:
+    """Rows over degrees of freedom without the columns of what is locked."""
+    return [[times(f, entry) for f, entry in zip(free, row, strict=True)] for row in rows]
 
 
 class _Back:
-    """r -> (X A^-1 r, A^-1 r): the change of velocities that takes J v from r to 0."""
+    """r -> (X A^-1 r, A^-1 r): the change of velocities, X = M^-1 B, that takes J v from r to 0."""
 
     def __init__(
         self,
         jacobian: Matrix,
+        pushes: Matrix,
         lower: Matrix,
         inverse: list[Scalar],
         parents: list[int],
@@ -243,31 +348,38 @@ class _Back:
         xp: Any,
     ) -> None:
         self.jacobian = jacobian
-        self.columns = [ldlt_apply(lower, inverse, parents, row) for row in jacobian]  # of X
+        self.columns = [ldlt_apply(lower, inverse, parents, row) for row in pushes]  # of X
         matrix = [[_dot(row, column) for column in self.columns] for row in jacobian]
         self._parents = [k - 1 for k in range(len(matrix))]
-        self._lower, self._inverse = ldlt(matrix, self._parents, _Guarded(xp, scales))
+        self._symmetric = pushes is jacobian
+        if self._symmetric:  # from the last pivot to the first
+            self._factors = ldlt(matrix, self._parents, _Guarded(xp, scales[::-1]))
+        else:
+            self._factors = factored(matrix, _Guarded(xp, scales))
 
     def times_jacobian(self, a: Sequence[Scalar]) -> list[Scalar]:
         """J a."""
         return [_dot(row, a) for row in self.jacobian]
 
     def __call__(self, right: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-        multipliers = ldlt_apply(self._lower, self._inverse, self._parents, list(right))
+        if self._symmetric:
+            multipliers = ldlt_apply(*self._factors, self._parents, list(right))
+        else:
+            multipliers = solved(*self._factors, list(right))
         count = len(self.columns[0]) if self.columns else 0
         change = [plus(*(times(c[k], m) for c, m in zip(self.columns, multipliers, strict=True))) for k in range(count)]
         return change, multipliers
 
 
 class _Guarded:
-    """Reciprocals of pivots, the last one first: NaN for one that is small beside its scale."""
+    """Reciprocals of pivots, in the order of their scales: NaN for one that is small beside its own."""
 
     def __init__(self, xp: Any, scales: Sequence[float]) -> None:
-        self._xp, self._scales = xp, list(scales)
+        self._xp, self._scales = xp, iter(scales)
 
     def reciprocal(self, pivot: Scalar) -> Scalar:
         """1 / pivot."""
-        good = self._xp.less(SINGULAR * self._scales.pop(), pivot)
+        good = self._xp.less(SINGULAR * next(self._scales), pivot)
         return self._xp.where(good, 1.0 / pivot, np.nan)
 
 
@@ -284,5 +396,9 @@ def _array(values: list[Scalar], like: Array) -> Array:
 
 
 def _rank(jacobian: np.ndarray) -> int:
-    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    return _count(np.linalg.svd(jacobian, compute_uv=False))
+
+
+def _count(sizes: np.ndarray) -> int:
+    """How many singular values are not 0."""
     return int((sizes > RANK**0.5 * max(1e-300, sizes[0])).sum()) if sizes.size else 0

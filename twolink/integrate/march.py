@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from twolink.integrate import control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.solution import (
+    FEWEST,
     MAX_STEPS,
     Progress,
     Solution,
@@ -24,46 +26,69 @@ from twolink.integrate.solution import (
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import LANES, StepMap
 
-FEWEST = 16  # steps of an adaptive method: an instability grows unseen within one that is too long
 MAX_FIXED = 100_000_000  # steps of one size
 SURE, HOPELESS = 20_000, 100  # steps after which the pace tells; how far beyond the limit it must lead
 BLOCK = 256  # steps whose states are kept to take samples from
+FIRST_BLOCK = 4  # after an event, when the next may be near; then twice as many each time
 
 
-def march(step_map: StepMap, times: Array, setting: float, progress: Progress | None = None) -> Solution:
+class Watcher(Protocol):
+    """What looks for events along the states of a march."""
+
+    def first(self, t: Array, x: Array) -> Any:
+        """The first event, with its time `t`, along states x (k, size) at times t (k,); None if there is none."""
+
+
+def march(
+    step_map: StepMap,
+    times: Array,
+    setting: float,
+    progress: Progress | None = None,
+    *,
+    watcher: Watcher | None = None,
+    span: float | None = None,
+) -> Solution:
     """Solve from the equations' start at times[0] for the samples `times` (n,).
 
     setting: the tolerance of an adaptive method, or the step [s], which is shortened so that equal steps end at the
     last sample. A sample is one step from the state before it: as exact as the method. Raises AccuracyError when the
     step size collapses or the state stops being finite.
+
+    watcher: ends the march at the first event that it finds. span: of the run that this is a piece of, s.
     """
     equations, method = step_map.equations, step_map.method
     size, x0 = equations.space.size, equations.start[:, None]
     start, end = float(times[0]), float(times[-1])
     first, tolerance, limit = _first_step(equations, method, x0, setting, start, end)
-    initial = step_map.initial(x0, start, first, end, tolerance, longest=(end - start) / FEWEST)
+    initial = step_map.initial(x0, start, first, end, tolerance, longest=(span or end - start) / FEWEST)
     states = np.empty((BLOCK + 1, *initial.shape))
     states[0] = initial
     out = np.empty((size, len(times)))
     out[:, 0] = equations.start
-    done, attempts, interrupted = 1, 0, False
+    done, attempts, interrupted, hit = 1, 0, False, None
+    block = BLOCK if watcher is None else FIRST_BLOCK
     clock, step = size + control.TIME, size + control.STEP
     try:
         while done < len(times):
             k = 0
-            while k < BLOCK and states[k, clock, 0] < end:
+            while k < block and states[k, clock, 0] < end:
                 step_map(states[k], states[k + 1])
                 k += 1
             attempts += k
             t = states[: k + 1, clock, 0]
             _require_progress(equations, method, states[: k + 1, :size, 0], t, float(states[0, step, 0]))
-            reached = int(np.searchsorted(times, t[k], side="right"))
+            if watcher is not None:
+                hit = watcher.first(t, states[: k + 1, :size, 0])
+                block = min(2 * block, BLOCK)
+            reached = int(np.searchsorted(times, t[k] if hit is None else hit.t, side="right"))
             if reached > done:
                 before = np.searchsorted(t, times[done:reached], side="left") - 1
                 out[:, done:reached] = step_map.partial(states[before, :size, 0].T, t[before], times[done:reached])
-                if reached == len(times):
+                if reached == len(times) and hit is None:
                     out[:, -1] = states[k, :size, 0]  # a step ended there
                 done = reached
+            if hit is not None:
+                break
             _require_pace(float(t[k]), start, end, attempts, limit)
             states[0] = states[k]
             if progress is not None:
@@ -73,7 +98,7 @@ def march(step_map: StepMap, times: Array, setting: float, progress: Progress | 
     accepted, rejected = (int(states[0, size + row, 0]) for row in (control.ACCEPTED, control.REJECTED))
     evaluations = (accepted + rejected + done) * method.evaluations
     return Solution(times[:done], out[:, :done], accepted, evaluations, rejected, step_map.compile_seconds,
-                    step_map.compiled, interrupted)  # fmt: skip
+                    step_map.compiled, interrupted, hit=hit)  # fmt: skip
 
 
 def march_many(
@@ -88,9 +113,8 @@ def march_many(
     """Solve many worlds x0 (size, n), each with its own steps, for the samples `times` (m,).
 
     parameters (p, n): the run-time parameters of each. longest: no step is longer. Returns the states (m, size, n), the
-    steps of each world (n,),
-    and attempts in all. Worlds that have arrived at a sample wait for the others there. A world whose step size
-    collapses or whose state stops being finite is NaN from there on, and the others go on.
+    steps of each world (n,), and attempts in all. Worlds that have arrived at a sample wait for the others there. A
+    world whose step size collapses or whose state stops being finite is NaN from there on, and the others go on.
     """
     equations, method = step_map.equations, step_map.method
     start, moving = float(times[0]), equations.moving

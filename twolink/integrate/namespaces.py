@@ -6,7 +6,6 @@ objects that are heyoka's expressions for the compiled one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,30 +33,19 @@ class Numbers:
             return np.power(x, exponent)
 
 
-class Expressions:
+class Expressions(sincos.Traced):
     """The same of heyoka's expressions.
 
     own_sine: take the sine and cosine of `dynamics.sincos`, which keep whole vectors in registers but reach only to
-    sincos.LIMIT, and whose rounding cannot be differentiated; `reach` then holds the squares of the angles.
+    sincos.LIMIT, and whose rounding cannot be differentiated.
     """
 
     def __init__(self, module: Any, *, own_sine: bool = False) -> None:
-        self.module = module
-        self.reach: dict[str, Any] = {}
+        super().__init__(module, own_sine=own_sine)
         self._where = np.frompyfunc(self._select, 3, 1)
         self.less = np.frompyfunc(lambda a, b: module.lt(self.lift(a), self.lift(b)), 2, 1)
         self.less_equal = np.frompyfunc(lambda a, b: module.lte(self.lift(a), self.lift(b)), 2, 1)
-        self.sqrt, self.tanh = module.sqrt, module.tanh
-        self.sin = self._bounded(sincos.TRACED.sin) if own_sine else module.sin
-        self.cos = self._bounded(sincos.TRACED.cos) if own_sine else module.cos
-
-    def _bounded(self, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        def of_angle(x: Any) -> Any:
-            if isinstance(x, self.module.expression):
-                self.reach[str(x)] = x * x
-            return function(x)
-
-        return of_angle
+        self.tanh = module.tanh
 
     def within_reach(self, x: Array) -> Array:
         """x, or NaN where an angle was beyond the reach of our sine."""
@@ -65,10 +53,6 @@ class Expressions:
             return x
         total = self.module.sum(list(self.reach.values()))
         return np.asarray(self.where(self.less(total, sincos.LIMIT**2), x, np.nan))
-
-    def lift(self, x: Any) -> Any:
-        """x as an expression."""
-        return x if isinstance(x, self.module.expression) else self.module.expression(float(x))
 
     def _select(self, condition: Any, yes: Any, no: Any) -> Any:
         return self.module.select(condition, self.lift(yes), self.lift(no))
@@ -85,7 +69,3 @@ class Expressions:
     def power(x: Any, exponent: float) -> Any:
         """x to a constant power."""
         return x**exponent
-
-    def reciprocal(self, x: Any) -> Any:
-        """1 / x of what must be positive: an inertia. Behind a condition, it stays one division for all its uses."""
-        return self._select(self.module.gt(x, self.lift(0.0)), 1.0 / x, np.nan)

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.events.event import Event
 
 Progress = Callable[[float], None]
 MAX_STEPS = 10_000_000
+FEWEST = 16  # steps of an adaptive method: an instability grows unseen within one that is too long
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Solution:
 
     steps, rejected: steps taken and refused. evaluations: of the equations. compile_seconds: what compiling or
     loading took, not part of the solving. precise: the states (n, size) in a higher precision where it was asked
-    for.
+    for. events: what happened on the way. hit: the event that ended a piece, as a watcher found it.
     """
 
     t: np.ndarray
@@ -32,6 +34,8 @@ class Solution:
     compiled: bool = False
     interrupted: bool = False
     precise: Any = None
+    events: tuple[Event, ...] = ()
+    hit: Any = None
 
 
 def collapsed(t: float) -> AccuracyError:

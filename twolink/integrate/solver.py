@@ -50,6 +50,14 @@ def solve(
         setting = max(setting, smallest_tolerance(method, precision))
     if equations.space.size == 0:  # nothing moves
         return Solution(times, np.empty((0, len(times))), 0, 0)
+    stepping = method.kind not in ("taylor", "scipy")
+    if equations.switches and not stepping:
+        raise SceneError(f"{method.name} does not locate events", where="method",
+                         remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+    if equations.switches or (stepping and equations.has_kinks):
+        from twolink.integrate.events.run import solve as solve_events  # with it come the effects of modes
+
+        return solve_events(equations, method, times, setting, progress)
     if method.kind == "taylor":
         return taylor.solve(equations, times, setting, progress, precision=precision)
     if method.kind == "scipy":

@@ -155,6 +155,8 @@ def certify(equations: Equations, method: Method, portable: StepMap, compiled: S
     size = equations.space.size
     x = np.repeat(equations.start[:, None], STATES, axis=1)
     x[:, 1:] += np.random.default_rng(1).uniform(-1, 1, (size, STATES - 1))
+    locks, first = len(equations.lockable), size - len(equations.locked)
+    x[first : first + locks, 1:] = x[first : first + locks, 1:] > equations.start[first : first + locks, None]  # 0 or 1
     x = _on_manifold(equations, x)
     h = 0.05 / (1.0 + np.abs(equations.rate(0.0, x)).max(axis=0, initial=0.0))
     values = [nominal(equations.robot.model, name) for name in equations.parameters]

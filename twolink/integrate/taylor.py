@@ -26,14 +26,13 @@ from twolink.dynamics.mechanism import nominal, parameter_names
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
 from twolink.integrate.namespaces import Expressions
-from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
+from twolink.integrate.solution import FEWEST, MAX_STEPS, Progress, Solution, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
 DIGITS = 256  # bits of the constants behind quadruple precision
 GUARD = 16.0
-FEWEST = 16  # steps: an instability grows unseen within one that is too long
 CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: a look ends a step, so that no clock may decide
 
 
@@ -181,4 +180,6 @@ def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:
         return steps, found
     if outcome == heyoka().taylor_outcome.step_limit:
         raise too_many_steps(float(integrator.time))
-    raise not_finite(float(integrator.time))
+    # A step that is not finite may leave no time behind: then it is the last sample before it.
+    t = float(integrator.time)
+    raise not_finite(t if math.isfinite(t) else float(grid[max(0, len(found) - 1)]))

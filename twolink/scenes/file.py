@@ -15,6 +15,7 @@ import numpy as np
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest
+from twolink.files import read_text
 from twolink.scenes.scene import Scene
 
 MAX_BYTES = 2**20
@@ -52,11 +53,10 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
 
     Raises SceneError with the path of the key, what was expected, and the nearest right name.
     """
-    try:
-        name = os.fspath(source)
-    except TypeError:
+    name = os.fspath(source) if isinstance(source, (str, os.PathLike)) else None
+    if not isinstance(name, str):
         raise SceneError(f"a {type(source).__name__} is not a scene", where="load_scene",
-                         remedy="pass a name or a path") from None  # fmt: skip
+                         remedy="pass a name or a path")  # fmt: skip
     is_path = isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name
     if not is_path and name not in bundled_scenes():
         raise SceneError(
@@ -65,27 +65,15 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
             remedy=f"{nearest(name, bundled_scenes())} (a file's name ends in .toml)",
         )
     if is_path:
-        return _from_text(_read(Path(name)), name, Path(name).parent)
+        path = Path(name)
+        return _from_text(read_text(path, MAX_BYTES, "keep samples in files of their own"), name, path.parent)
     text = (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
     return _from_text(text, name, None)
 
 
-def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        text = data.decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
-    if len(data) > MAX_BYTES:
-        raise SceneError(f"more than {MAX_BYTES} bytes", where=str(path), remedy="keep samples in files of their own")
-    return text
-
-
 def _from_text(text: str, label: str, folder: Path | None) -> Scene:
     try:
-        content = msgspec.convert(tomllib.loads(text), SceneFile)
+        content = msgspec.convert(_beside(tomllib.loads(text), folder), SceneFile)
     except msgspec.ValidationError as error:
         raise _schema_error(error, label, {"": SceneFile, "robot": RobotEntry}) from None
     except (ValueError, RecursionError) as error:
@@ -101,6 +89,18 @@ def _from_text(text: str, label: str, folder: Path | None) -> Scene:
         raise SceneError(error.what, where=where, remedy=error.remedy) from None
 
 
+def _beside(given: Any, folder: Path | None) -> Any:
+    """What a scene file says, with the samples it takes from files looked for beside it."""
+    if isinstance(given, list):
+        return [_beside(value, folder) for value in given]
+    if not isinstance(given, dict):
+        return given
+    table = {key: _beside(value, folder) for key, value in given.items()}
+    if folder is not None and table.get("kind") == "sampled" and isinstance(table.get("file"), str):
+        table["file"] = os.path.join(folder, table["file"])
+    return table
+
+
 def _effect(table: dict[str, Any], path: str, label: str) -> Effect:
     """An effect from its table; its class is imported for it."""
     kind = table.get("type")
@@ -109,6 +109,8 @@ def _effect(table: dict[str, Any], path: str, label: str) -> Effect:
     if not isinstance(kind, str) or kind not in TYPES:
         raise SceneError(f"there is no effect {kind!r}", where=f"{label}: {path}", remedy=nearest(str(kind), TYPES))
     made = effect_class(kind)
+    if kind == "release" and isinstance(table.get("of"), dict):
+        table = table | {"of": _effect(table["of"], f"{path}.of", label)}
     try:
         return msgspec.convert(table, made)
     except msgspec.ValidationError as error:

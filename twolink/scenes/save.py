@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.effects import TYPES, effect_class
+from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError
 from twolink.files import write_whole
 from twolink.identity import robot_notes
@@ -38,7 +38,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
         if named:
             table[name] = named
     if scene.effects:
-        table["effects"] = [_without_none(msgspec.to_builtins(effect)) for effect in scene.effects]
+        table["effects"] = [_without_none(_table(effect)) for effect in scene.effects]
     text = tomli_w.dumps(table)
     return write_whole(place, lambda file: file.write(text.encode("utf-8")))
 
@@ -72,6 +72,14 @@ def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) 
     return out
 
 
+def _table(effect: Effect) -> Any:
+    try:
+        return msgspec.to_builtins(effect)
+    except TypeError:
+        raise SceneError("functions cannot be written to a file", where=type(effect).__name__,
+                         remedy="give a condition, or leave the effect out") from None  # fmt: skip
+
+
 def _without_none(value: Any) -> Any:
     """TOML has no null: what is None is left out, being the default."""
     if isinstance(value, dict):
@@ -86,5 +94,6 @@ def scene_schema() -> dict[str, Any]:
     schema = msgspec.json.schema(SceneFile)
     effects = msgspec.json.schema(union)
     schema["$defs"] |= effects.pop("$defs")
+    schema["$defs"]["Release"]["properties"]["of"] = effects
     schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

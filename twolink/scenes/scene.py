@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,31 +11,19 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 
 
 def duration_of(value: float) -> float:
     """A duration as a float: finite, above 0 [s]."""
-    try:
-        seconds = float(value)
-    except (TypeError, ValueError, OverflowError):
-        seconds = math.nan
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise SceneError(f"expected a time above 0 s, got {value!r}", where="duration", remedy="such as 10.0")
-    return seconds
+    return positive(value, "duration", SceneError, "such as 10.0", expected="a time above 0 s")
 
 
 def accuracy_of(value: float) -> float:
     """An accuracy as a float: finite, above 0."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise AccuracyError(f"expected a number above 0, got {value!r:.60}", where="accuracy", remedy="such as 1e-6")
-    return number
+    return positive(value, "accuracy", AccuracyError, "such as 1e-6")
 
 
 class Scene:
@@ -99,7 +86,10 @@ class Scene:
 
     def without(self, index: int) -> Scene:
         """The same scene without one of its effects."""
-        effects = self.effects[:index] + self.effects[index + 1 :]
+        return self.with_effects(self.effects[:index] + self.effects[index + 1 :])
+
+    def with_effects(self, effects: Sequence[Effect]) -> Scene:
+        """The same scene with other effects."""
         return Scene(self.base, self.q, self.v, effects, self.duration, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:

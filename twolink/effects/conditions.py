@@ -1,0 +1,90 @@
+"""Conditions: quantities of the moving robot that reach a value, by which events are told."""
+
+from __future__ import annotations
+
+import msgspec
+
+from twolink.dynamics import Robot
+from twolink.dynamics.spatial import Scalar, dot
+from twolink.effects.effect import finite
+from twolink.effects.frames import check_frame
+from twolink.effects.joints import check_joint
+from twolink.effects.motion import Motion
+from twolink.errors import SceneError
+
+QUANTITIES = ("position", "velocity")
+
+
+class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="joint-reaches"):
+    """A joint's position [rad or m] or velocity reaches a value, from either side."""
+
+    joint: str
+    value: float
+    of: str = "position"
+
+    def check(self, robot: Robot, field: str) -> None:
+        """The joint has one coordinate."""
+        check_joint(self.joint, robot, f"{field}.joint", coordinate=self.of == "position")
+        _check(self.of, self.value, field)
+
+    def distance(self, motion: Motion) -> Scalar:
+        """What is missing: 0 when it is reached."""
+        if self.of == "velocity":
+            return motion.v[motion.dofs(self.joint)[0]] - self.value
+        return motion.q[motion.coordinate(self.joint)[0]] - self.value
+
+
+class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="frame-reaches"):
+    """A point's position [m] or velocity [m/s] along a direction of the world reaches a value, from either side.
+
+    frame: a link. point: in its axes, m. direction: along the world's axes, of any length: it is made 1.
+    """
+
+    frame: str
+    value: float
+    of: str = "position"
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def check(self, robot: Robot, field: str) -> None:
+        """The frame exists, the direction has a length."""
+        check_frame(self.frame, robot, f"{field}.frame")
+        finite(self.direction, f"{field}.direction")
+        finite(self.point, f"{field}.point")
+        unit(self.direction, f"{field}.direction")
+        _check(self.of, self.value, field)
+
+    def distance(self, motion: Motion) -> Scalar:
+        """What is missing: 0 when it is reached."""
+        see = motion.velocity if self.of == "velocity" else motion.position
+        return dot(unit(self.direction, "direction"), see(self.frame, self.point)) - self.value
+
+
+Condition = JointReaches | FrameReaches
+
+
+def unit(direction: tuple[float, float, float], field: str) -> tuple[float, float, float]:
+    """A direction scaled to length 1. Raises SceneError where it has no length."""
+    length = sum(float(x) ** 2 for x in direction) ** 0.5
+    if not length > 0:
+        raise SceneError(f"expected a direction, got {direction!r}", where=field, remedy="such as (0, 0, 1)")
+    x, y, z = (float(c) / length for c in direction)
+    return x, y, z
+
+
+def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:
+    """Require one of a time and a condition, and that it fits the robot. Raises SceneError."""
+    if (at is None) == (when is None):
+        what = "neither a time nor a condition is given" if at is None else "a time and a condition are both given"
+        remedy = 'at = 1.5, or when = {kind = "joint-reaches", joint = .., value = ..}'
+        raise SceneError(what, where="at", remedy=remedy)
+    if at is not None:
+        finite(at, "at", least=0.0)
+    if when is not None:
+        when.check(robot, "when")
+
+
+def _check(of: str, value: float, field: str) -> None:
+    finite(value, f"{field}.value")
+    if of not in QUANTITIES:
+        raise SceneError(f"{of!r} is unknown", where=f"{field}.of", remedy='"position" or "velocity"')

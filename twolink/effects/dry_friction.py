@@ -1,0 +1,42 @@
+"""Dry friction in joints that holds them at rest: Coulomb's, static and kinetic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from twolink.dynamics import Robot
+from twolink.effects.effect import one_of
+from twolink.effects.joints import check_joints, check_values
+from twolink.effects.switch import Switch
+from twolink.errors import SceneError
+
+
+class DryFriction(Switch, frozen=True):
+    """tau_k = -c_k sign(v_k) while a joint slips; at rest, whatever holds it, up to s_k. (Coulomb 1785.)
+
+    kinetic: c by joint, N m or N. static: s by joint, none below c; c unless given. A joint that comes to rest sticks
+    until more than s is needed to hold it.
+    """
+
+    kinetic: Mapping[str, float]
+    static: Mapping[str, float] = {}
+
+    def check(self, robot: Robot) -> None:
+        """Names are joints of one degree of freedom, values are not negative, s is not below c."""
+        check_joints(self.kinetic, robot, "kinetic", dofs=True)
+        check_values(self.kinetic, "kinetic", least=0.0)
+        check_values(self.static, "static", least=0.0)
+        for joint, level in self.static.items():
+            one_of(joint, self.kinetic, "static", "joint with kinetic friction")
+            if level < self.kinetic[joint]:
+                raise SceneError(f"it is {level:g}, below the kinetic friction {self.kinetic[joint]:g}",
+                                 where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip
+
+    def lockable(self, robot: Robot) -> Sequence[int]:
+        """The joints with friction."""
+        return list(self.levels(robot))
+
+    def levels(self, robot: Robot) -> dict[int, tuple[float, float]]:
+        """(static, kinetic) friction by degree of freedom."""
+        dofs = {joint.name: joint.v.start for joint in robot.joints}
+        return {dofs[name]: (float(self.static.get(name, c)), float(c)) for name, c in self.kinetic.items()}

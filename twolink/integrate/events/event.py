@@ -1,0 +1,24 @@
+"""Event: one line of run.events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Event:
+    """What happened at a time t [s].
+
+    kind: "impact", "rest", "leave", "stick", "slip", "slide", "roll", "release", "limit", "assembled" or "watch". what:
+    the joint, link or effect. detail: in words. energy: what the motion lost at once, J.
+    """
+
+    t: float
+    kind: str
+    what: str
+    detail: str = ""
+    energy: float = 0.0
+
+    def __str__(self) -> str:
+        lost = f", {self.energy:.6g} J lost" if self.energy else ""
+        return f"t = {self.t:.12g} s: {self.kind} {self.what}{': ' if self.detail else ''}{self.detail}{lost}"

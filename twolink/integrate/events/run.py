@@ -1,0 +1,315 @@
+"""Run: a scene with switches, piece by piece, from event to event."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics.jets import Jet, JetNamespace, coefficient
+from twolink.effects.conditions import unit
+from twolink.effects.motion import Motion
+from twolink.effects.plane_contact import Mode
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.equations import Equations
+from twolink.integrate.events.deciding import Key, decide, rates, slide, unlock
+from twolink.integrate.events.event import Event
+from twolink.integrate.events.guarding import guards
+from twolink.integrate.events.impacts import Met, after
+from twolink.integrate.events.locating import Guard, Hit, Watcher
+from twolink.integrate.events.modes import Hybrid, Stop
+from twolink.integrate.events.moment import Moment
+from twolink.integrate.march import march
+from twolink.integrate.methods import Method
+from twolink.integrate.namespaces import Numbers
+from twolink.integrate.solution import Progress, Solution, joined
+from twolink.integrate.state import Array
+from twolink.integrate.step_map import step_map
+
+AT_ONCE = 200  # events at one time
+SAME = 1e-13  # relative: times that are one
+SMALL_BOUNCE = 1e-2  # of the tolerance: bounces lower than that are over
+LEAST_BOUNCE = 1e-13  # m or rad: what numbers resolve
+MOST_EVENTS = 100_000
+MET = 1e-9  # m: a contact that is at its plane
+BEYOND = 1e-9  # m or rad: a start so far beyond a stop or a plane is a mistake
+
+
+def solve(
+    equations: Equations, method: Method, times: Array, setting: float, progress: Progress | None = None
+) -> Solution:
+    """Solve a scene with switches for the samples `times` (n,). Raises AccuracyError and SceneError."""
+    return _Run(equations, method, setting, progress).to(times)
+
+
+class _Run:
+    def __init__(self, equations: Equations, method: Method, setting: float, progress: Progress | None) -> None:
+        self.whole, self.method, self.setting, self.progress = equations, method, setting, progress
+        self.hybrid = Hybrid.of(equations)
+        self.nq = equations.space.nq
+        self.x = equations.start[: equations.moving].copy()
+        self.modes = self.hybrid.first()
+        self.t = 0.0
+        self.events: list[Event] = []
+        self.sides: dict[Key, float] = {}
+        self.small = max(SMALL_BOUNCE * setting, LEAST_BOUNCE) if method.adaptive else LEAST_BOUNCE
+        self.at_once = 0
+        self.told = ""  # what an impact has already said to rest
+        self.ended = False
+
+    def to(self, times: Array) -> Solution:
+        end, self.t = float(times[-1]), float(times[0])
+        self.whole.require(self.t, end)
+        stops = [*(t for t in self.whole.breaks(end) if t > self.t), end]
+        self._require_start()
+        self._settle()
+        self.events.clear()  # how it starts is no event
+        self._timed(self.t)
+        parts: list[Solution] = []
+        span = end - self.t
+        while self.t < end and not self.ended:
+            stop = next(t for t in stops if t > self.t)
+            inside = times[(times > self.t) & (times <= stop)]
+            extra = not inside.size or inside[-1] < stop
+            grid = np.concatenate([[self.t], inside, [stop] if extra else []])
+            part, hit = self._piece(grid, stop, span)
+            self.at_once = self.at_once + 1 if part.t[-1] - self.t <= SAME * max(1.0, stop) else 0
+            taken = np.isin(part.t, times)
+            taken[0] &= not parts
+            parts.append(replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken]))
+            if part.interrupted:
+                break
+            self.t = stop if hit is None else hit.t
+            self.x = (part.x[:, -1] if hit is None else hit.x)[: self.whole.moving].copy()
+            if hit is not None:
+                self._handle(hit.guard)
+            elif stop < end:
+                self._timed(stop)
+                self._settle()
+            if self.at_once > AT_ONCE or len(self.events) > MOST_EVENTS:
+                raise AccuracyError("events follow each other without end", where=f"t = {self.t:.9g} s",
+                                    remedy="more restitution, smooth friction, or a shorter duration")  # fmt: skip
+        solution = joined(parts)
+        if self.ended and solution.t[-1] < self.t:
+            solution = replace(solution, t=np.append(solution.t, self.t),
+                               x=np.concatenate([solution.x, self.x[:, None]], axis=1))  # fmt: skip
+        return replace(solution, events=tuple(sorted(self.events, key=lambda e: e.t)))
+
+    def _piece(self, grid: Array, stop: float, span: float) -> tuple[Solution, Hit | None]:
+        """Solve from now to the next event or stop."""
+        middle = 0.5 * (self.t + stop)
+        equations = self.hybrid.beginning(self.modes, self.x, middle)
+        equations.prepare()
+        steps = step_map(equations, self.method)
+        here = Moment(equations, np.array([self.t]), equations.start[:, None])
+        watching = guards(self.hybrid, self.modes, here, self.sides)
+        watcher = Watcher(equations, steps, watching, self.t)
+        part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=span)
+        for guard in watching:
+            if guard.key[0] in ("release", "watch", "limit") and guard.side is not None:
+                self.sides[guard.key] = guard.side
+        return part, part.hit
+
+    def _handle(self, guard: Guard) -> None:
+        kind, i = guard.key
+        opened: set[Key] = set()
+        quiet, before = False, (set(self.modes.locked), dict(self.modes.contact))
+        if kind in ("holds less", "holds more"):
+            unlock(self.hybrid, self.modes, i, 1.0 if kind == "holds less" else -1.0, self.x)
+            opened.add(("joint", i))
+        elif kind == "stick":
+            self.x[self.nq + i] = 0.0
+        elif kind == "stop":
+            self._hit_stop(self.hybrid.stops[i])
+        elif kind == "impact":
+            self._hit_plane(i)
+        elif kind == "leave":
+            self.modes.contact[i] = "free"
+            opened.add(("contact", i))
+        elif kind == "slide":
+            moment = self._moment()
+            rows = moment.multipliers[self.hybrid.touching(moment.equations, i)]
+            slide(self.modes, i, [float(np.squeeze(row)) for row in rows])
+            opened.add(("roll", i))
+        elif kind == "release":
+            self._let_go(i)
+        elif kind == "watch":
+            self.sides[guard.key] = -(guard.side or 1.0)
+            self._notice(i)
+        elif kind == "limit":
+            self.sides[guard.key] = -(guard.side or 1.0)
+            name = self._moment().kinks[i][0]
+            self._note("limit", name, "reached" if guard.side == 1.0 else "left")
+            quiet = True
+        if not quiet:
+            self._settle(frozenset(opened), before)
+
+    def _settle(
+        self, opened: frozenset[Key] = frozenset(), before: tuple[set[int], dict[int, Mode]] | None = None
+    ) -> None:
+        """Decide the modes, and note what has changed since `before`."""
+        if before is None:
+            before = (set(self.modes.locked), dict(self.modes.contact))
+        decide(self.hybrid, self.modes, self.x, self.t, opened)
+        for k in sorted(before[0] ^ self.modes.locked):
+            name = self.hybrid.names[k]
+            if k in self.modes.locked:
+                stopped = self.hybrid.standing(k, self.x)
+                if not (stopped and self.told == name):
+                    self._note("rest" if stopped else "stick", name)
+            else:
+                self._note("slip" if k in self.hybrid.friction else "leave", name)
+        kinds = {"free": "leave", "sliding": "slide", "rolling": "roll"}
+        for i, mode in self.modes.contact.items():
+            if mode != before[1][i]:
+                frictionless = mode == "sliding" and not self.hybrid.contacts[i].friction
+                if not (frictionless and self.told == self.hybrid.contacts[i].frame):
+                    self._note("rest" if frictionless else kinds[mode], self.hybrid.contacts[i].frame)
+        self.told = ""
+
+    def _moment(self) -> Moment:
+        equations = self.hybrid.beginning(self.modes, self.x, self.t)
+        return Moment(equations, np.array([self.t]), equations.start[:, None])
+
+    def _note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None) -> None:
+        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy))
+
+    def _hit_stop(self, stop: Stop) -> None:
+        self.x[stop.entry] = stop.position
+        row = np.zeros((1, self.whole.space.nv))
+        row[0, stop.dof] = stop.side
+        self._impact(Met(row, stop.restitution, 0.0, stop.joint), ("joint", stop.dof))
+
+    def _hit_plane(self, i: int) -> None:
+        contact = self.hybrid.contacts[i]
+        self._impact(Met(self._rows(i), contact.restitution, contact.friction, contact.frame), ("contact", i))
+
+    def _rows(self, i: int) -> Array:
+        """The rows of contact i's velocity: along the normal, then along the tangents if there is friction."""
+        contact = self.hybrid.contacts[i]
+        moment = self._moment()
+        columns = []
+        for direction in np.eye(self.whole.space.nv):
+            x = np.concatenate([self.x[: self.nq], direction, moment.equations.start[self.whole.moving :]])
+            rate, slip = rates(self.hybrid, i, Moment(moment.equations, moment.t, x[:, None]))
+            columns.append([rate, *slip] if contact.friction else [rate])
+        return np.array(columns).T
+
+    def _impact(self, met: Met, key: Key) -> None:
+        """Velocities after the impact; none where it would only graze."""
+        v = self.x[self.nq :]
+        approach = float(met.rows[0] @ v)
+        if approach >= 0.0:
+            return
+        model = self.hybrid.equations(self.modes, self.x).robot.model
+        upper = np.triu(pin.crba(model, model.createData(), self.x[: self.nq]))
+        mass = upper + np.triu(upper, 1).T
+        kept, resting = self._held_rows(key)
+        new, _ = after(mass, v, met, kept, resting)
+        rest, until = self._is_last_bounce(met, key, float(met.rows[0] @ new), new)
+        if rest:
+            new, _ = after(mass, v, replace(met, restitution=0.0), kept, resting)
+        lost = float(0.5 * (v @ mass @ v - new @ mass @ new))
+        self.x[self.nq :] = new
+        self._note("impact", met.name, f"at {-approach:.6g}", lost)
+        if rest and met.restitution > 0.0:
+            self._note("rest", met.name, "after bounces too small to follow, summed in closed form", t=self.t + until)
+            self.told = met.name
+
+    def _held_rows(self, key: Key) -> tuple[Array, Array]:
+        """The rows of loops, and of what rests and is pressed on, but for what is hit."""
+        equations = self.hybrid.equations(self.modes, self.x)
+        nv = self.whole.space.nv
+        kept = np.empty((0, nv))
+        resting: list[Array] = []
+        if equations.loops is not None:
+            touching = {self.hybrid.touching(equations, i): i for i, m in self.modes.contact.items() if m != "free"}
+            own = [n for n, loop in enumerate(equations.loops.owners()) if id(loop) not in touching]
+            kept = equations.loops.numbers(self.x[: self.nq], equations.loops.kept)[own]
+            resting += [self._rows(i)[0] for i in touching.values() if ("contact", i) != key]
+        for stop in self.hybrid.stops:
+            if stop.dof in self.modes.locked and stop in self.hybrid.standing(stop.dof, self.x) and key[1] != stop.dof:
+                row = np.zeros(nv)
+                row[stop.dof] = stop.side
+                resting.append(row)
+        return kept, np.array(resting).reshape(-1, nv)
+
+    def _is_last_bounce(self, met: Met, key: Key, rate: float, v: Array) -> tuple[bool, float]:
+        """Whether what follows is too small to matter, and how long it would take: 2 w / (|a| (1 - e))."""
+        if rate <= 0.0 or met.restitution >= 1.0:
+            return False, 0.0
+        x = np.concatenate([self.x[: self.nq], v])
+        equations = self.hybrid.beginning(self.modes, x, self.t)
+        moment = Moment(equations, np.array([self.t]), equations.start[:, None])
+        a = self._acceleration(key, met, moment)
+        if a >= 0.0 or rate * rate / (-2.0 * a) > self.small:
+            return False, 0.0
+        return True, 2.0 * rate / (-a * (1.0 - met.restitution))
+
+    def _acceleration(self, key: Key, met: Met, moment: Moment) -> float:
+        """The second derivative of the distance from what is hit."""
+        a = [float(np.squeeze(value)) for value in moment.accelerations]
+        if key[0] == "joint":
+            return float(met.rows[0] @ a)
+        x = self.x[: self.nq]
+        v = [float(np.squeeze(value)) for value in moment.v]
+        q = [Jet(pair) for pair in zip(x, self.whole.space.rate(x, np.array(v)), strict=True)]
+        motion = Motion(moment.equations.robot.model, moment.equations.numbers, q,
+                        [Jet(pair) for pair in zip(v, a, strict=True)], self.t, JetNamespace(Numbers))  # fmt: skip
+        contact = self.hybrid.contacts[key[1]]
+        return sum(n * float(coefficient(c, 1))
+                   for n, c in zip(unit(contact.normal, "normal"), contact.slip(motion), strict=True))  # fmt: skip
+
+    def _timed(self, t: float) -> None:
+        """What happens at a time that is given."""
+        for i, release in self.hybrid.releases.items():
+            if self.modes.held[i] and release.at is not None and abs(release.at - t) <= SAME * max(1.0, t):
+                self._let_go(i)
+        for i, watch in self.hybrid.watches.items():
+            if watch.at is not None and abs(watch.at - t) <= SAME * max(1.0, t):
+                self._notice(i)
+
+    def _let_go(self, i: int) -> None:
+        self.modes.held[i] = False
+        self._note("release", type(self.hybrid.releases[i].of).__name__)
+
+    def _notice(self, i: int) -> None:
+        watch = self.hybrid.watches[i]
+        self._note("watch", watch.name)
+        self.ended |= watch.stop
+        if watch.then is not None:
+            given = watch.then(self.x[: self.nq].copy(), self.x[self.nq :].copy())
+            self.x = _checked(given, self.nq, self.whole.space.nv, watch.name)
+
+    def _require_start(self) -> None:
+        """Require a start within stops and above planes."""
+        for stop in self.hybrid.stops:
+            room = stop.side * (self.x[stop.entry] - stop.position)
+            if room < -BEYOND:
+                raise SceneError(f"joint {stop.joint!r} starts {-room:.3g} beyond its stop at {stop.position:g}",
+                                 where="q", remedy="start it within its limits")  # fmt: skip
+            if abs(room) <= BEYOND:
+                self.x[stop.entry] = stop.position
+        if self.hybrid.contacts:
+            moment = self._moment()
+            for contact in self.hybrid.contacts.values():
+                gap = float(np.squeeze(contact.gap(moment.motion)))
+                if gap < -BEYOND:
+                    raise SceneError(f"{contact.frame!r} starts {-gap:.3g} m below its plane", where="q",
+                                     remedy="start it above")  # fmt: skip
+
+
+def _checked(given: Any, nq: int, nv: int, name: str) -> Array:
+    """The state that a watch's change gives. Raises SceneError."""
+    try:
+        q, v = (np.asarray(part, dtype=float) for part in given)
+        x = np.concatenate([q, v])
+        fits = q.shape == (nq,) and v.shape == (nv,) and bool(np.isfinite(x).all())
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise SceneError(f"`then` of {name!r} gave no state", where="effects",
+                         remedy=f"return (q, v) of sizes {nq} and {nv}")  # fmt: skip
+    return x
