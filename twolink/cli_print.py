@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from twolink.dynamics import Robot
+from twolink.integrate.events.event import Event
 from twolink.integrate.methods import METHODS
 
 
@@ -81,12 +82,20 @@ def _engines(robot: Robot) -> str:
     return f"compiled by heyoka {module.__version__} where it pays, certified against Pinocchio{cached}"
 
 
+SHOWN_EVENTS = 20
+
+
 def print_run(summary: dict[str, Any]) -> None:
     """A run for people: error, energy, cost, the end, and what was written."""
     error, cost = summary["error"], summary["cost"]
     typer.echo(f"{summary['scene']}: robot {summary['robot']!r}, {summary['duration']:g} s")
     typer.echo(f"  error    {'not verified' if error is None else f'at most {error:.1e} rad or m, at every sample'}")
     typer.echo(f"  energy   stays within {summary['energy_drift']:.1e} J")
+    events = [str(Event(**event)) for event in summary["events"]]
+    for line in events[:SHOWN_EVENTS]:
+        typer.echo(f"  event    {line}")
+    if len(events) > SHOWN_EVENTS:
+        typer.echo(f"  event    and {len(events) - SHOWN_EVENTS} more: --json lists them all")
     if cost is not None:
         for line in _cost_lines(cost):
             typer.echo(f"  {line}")

@@ -206,8 +206,10 @@ def _trajectory(scene: Scene, equations: Equations, solved: Solved, cost: Cost) 
     events = solution.events
     if equations.assembled > ASSEMBLED:
         events = (Event(0.0, "assembled", "loops", f"the start was moved by {equations.assembled:.3g}"), *events)
-    return Trajectory(scene.robot, solution.t, q, v, None, cost, events,
-                      solution.interrupted, precise=solution.precise)  # fmt: skip
+    robots = [(piece.robot, count) for piece, count in solution.pieces]
+    same = all(robot is robots[0][0] for robot, _ in robots)
+    return Trajectory(scene.robot, solution.t, q, v, None, cost, events, solution.interrupted,
+                      precise=solution.precise, robots=() if same else robots)  # fmt: skip
 
 
 def _times(duration: float, samples: float) -> np.ndarray:

@@ -47,7 +47,8 @@ class Trajectory:
     error: the estimated global error at each sample, max |difference(q, q_exact)|, rad or m, (n,); None when the run
     was not verified. accuracy: what was asked for. events: what happened on the way. interrupted: Ctrl-C ended it
     early, samples so far are kept. precise: (q, v) at each sample (n, nq + nv) with more digits than a double has, of
-    runs in higher precision.
+    runs in higher precision. robots: the robot of each piece of a motion in which payloads are let go, and how many
+    samples the piece has.
     """
 
     robot: Robot
@@ -60,12 +61,17 @@ class Trajectory:
     interrupted: bool = False
     accuracy: float | None = None
     precise: Any = None
+    robots: Sequence[tuple[Robot, int]] = ()
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
-        """Kinetic and potential energy at each sample (n,), J."""
-        kinetic, potential = self.robot.energy(self.q, self.v)
-        return np.asarray(kinetic + potential)
+        """Kinetic and potential energy at each sample (n,), J: of a payload too, until it is let go."""
+        found, first = [np.empty(0)], 0
+        for robot, count in self.robots or ((self.robot, len(self.t)),):
+            kinetic, potential = robot.energy(self.q[first : first + count], self.v[first : first + count])
+            found.append(kinetic + potential)
+            first += count
+        return np.concatenate(found)
 
     @property
     def trusted_until(self) -> float | None:

@@ -16,6 +16,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.mechanism import parameter_names
 from twolink.effects.switch import Switch
 from twolink.errors import AccuracyError, MissingExtraError, SceneError, nearest
+from twolink.integrate.assembly import assembled
 from twolink.integrate.choice import SAFETY, first_tolerance, second_tolerance
 from twolink.integrate.equations import NUDGE, Equations
 from twolink.integrate.march import march_many
@@ -146,7 +147,7 @@ def _close_loops(equations: Equations, states: np.ndarray, parameters: bool) -> 
                          remedy="make a scene of each")  # fmt: skip
     for world in range(states.shape[1]):
         try:
-            states[:, world] = equations.loops.assembled(states[:, world], keep=False)
+            states[:, world] = assembled(equations.loops, states[:, world])
         except SceneError as error:
             raise SceneError(error.what, where=f"world {world}", remedy=error.remedy) from None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import functools
 import itertools
@@ -13,7 +12,6 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 
 from twolink.dynamics import Robot, cache
 from twolink.dynamics.branch_sparse import ldlt_solve
@@ -27,7 +25,9 @@ from twolink.effects.inputs import Slot, tables_of, with_pieces
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Loads, Motion
 from twolink.effects.switch import Switch
-from twolink.errors import QueryError, SceneError
+from twolink.errors import SceneError
+from twolink.integrate import reference
+from twolink.integrate.assembly import assembled, independent_rows
 from twolink.integrate.loops import Loops, locked_matrix
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.solution import Solution, joined
@@ -86,12 +86,12 @@ class Equations:
         self.moving = self.robot.nq + self.robot.nv
         self.parameters = tuple(parameters)
         self.start = np.concatenate([scene.q, scene.v, self.rows_at(0.0)])
-        self._tau = np.zeros(self.robot.nv)
         self.loops = Loops(self.space, loops, self.numbers) if loops else None
         self.assembled = 0.0
         if self.loops is not None:
             given = self.start[: self.moving].copy()
-            self.start[: self.moving] = self.loops.assembled(given)
+            self.start[: self.moving] = assembled(self.loops, given)
+            self.loops.kept, self.loops.scales = independent_rows(self.loops, self.start[: self.space.nq])
             self.assembled = float(np.abs(self.start[: self.moving] - given).max(initial=0.0))
             if not self.loops.kept:
                 self.loops = None  # constraints that constrain nothing
@@ -143,10 +143,12 @@ class Equations:
             inside = times[first:after]
             extra = not inside.size or inside[-1] < stop  # the break is no sample
             grid = np.concatenate([[begin], inside, [stop] if extra else []])
-            part = solve(self.beginning(x, 0.5 * (begin + stop)), grid)
+            piece = self.beginning(x, 0.5 * (begin + stop))
+            part = solve(piece, grid)
             x = part.x[:, -1] if part.precise is None else part.precise[-1]
             taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
-            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken],
+            count = len(part.t[taken])
+            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken], pieces=((piece, count),),
                                  precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
             if part.interrupted:
                 break
@@ -183,7 +185,7 @@ class Equations:
         piece.start = np.concatenate([x[: self.moving], rows.astype(x.dtype)]) if rows.size else x[: self.moving]
         return piece
 
-    def _free(self, rows: Sequence[Any]) -> list[Any]:
+    def free(self, rows: Sequence[Any]) -> list[Any]:
         """Of each degree of freedom, 0 where it is locked and 1 where not."""
         free: list[Any] = [1.0] * self.space.nv
         first = len(rows) - len(self.locked)
@@ -219,7 +221,7 @@ class Equations:
         acceleration = np.full_like(v, np.nan)
         if fine.any():
             at = t if np.ndim(t) == 0 else t[fine]
-            acceleration[fine] = self._accelerations(at, q[fine], v[fine], list(x[self.moving :, fine]))
+            acceleration[fine] = reference.accelerations(self, at, q[fine], v[fine], list(x[self.moving :, fine]))
         still = np.zeros((len(x) - self.moving, x.shape[1]))
         return np.concatenate([self.space.rate(x[:nq], x[nq:]), acceleration.T, still])
 
@@ -229,56 +231,10 @@ class Equations:
         if self.loops is None:
             return x
         mech = self.numbers if xp is Numbers else mechanism(self.robot.model, constants)
-        free = self._free(list(x[self.moving :]))
+        free = self.free(list(x[self.moving :]))
         return np.concatenate([self.loops.projected(mech, x[: self.moving], xp, free), x[self.moving :]])
 
-    def _accelerations(self, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
-        if self.loops is not None or self.lockable:
-            return self._bound(t, q, v, rows)
-        if not self.effects:
-            with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
-                return np.asarray(self.robot.forward_dynamics(q, v, self._tau, engine="pinocchio"))
-        with np.errstate(all="ignore"):  # what is not finite is said below
-            effects = self.now(self.effects, rows)
-            loads = self.loads(self.numbers, list(q.T), list(v.T), t, Numbers, effects)
-        tau = np.zeros(v.shape)
-        for k, value in enumerate(loads.tau):
-            tau[:, k] = value
-        model, data, out = self.robot.model, self.robot.data, np.empty_like(v)
-        wrenches = {i: np.stack(np.broadcast_arrays(*w, q[:, 0])[:6], axis=1) for i, w in loads.wrenches.items()}
-        forces = pin.StdVec_Force()
-        forces.extend(pin.Force.Zero() for _ in range(model.njoints))
-        for row in range(len(q)):
-            for i, wrench in wrenches.items():
-                forces[i] = pin.Force(wrench[row])
-            out[row] = pin.aba(model, data, q[row], v[row], tau[row], forces)
-        return out
-
-    def _bound(self, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
-        """Accelerations under loops and locks, state by state."""
-        model, data, out = self.robot.model, self.robot.data, np.empty_like(v)
-        times = np.broadcast_to(t, len(q))
-        for row in range(len(q)):
-            numbers = [values[row] for values in rows]
-            loads = self.loads(self.numbers, list(q[row]), list(v[row]), float(times[row]), Numbers,
-                               self.now(self.effects, numbers))  # fmt: skip
-            self._rub(loads.tau, numbers)
-            forces = pin.StdVec_Force()
-            forces.extend(pin.Force.Zero() for _ in range(model.njoints))
-            for i, wrench in loads.wrenches.items():
-                forces[i] = pin.Force(np.array(wrench, dtype=float))
-            free = np.array(self._free(numbers), dtype=float)
-            right = free * (np.array(loads.tau, dtype=float) - pin.rnea(model, data, q[row], v[row], self._tau, forces))
-            upper = np.triu(pin.crba(model, data, q[row]))
-            mass: Array = np.array(locked_matrix((upper + np.triu(upper, 1).T).tolist(), free.tolist()))
-            if self.loops is None:
-                out[row] = np.linalg.solve(mass, right)
-            else:
-                loops = self.now(self.loops.loops, numbers)
-                out[row] = self.loops.reference_acceleration(q[row], v[row], right, mass, free, loops)
-        return out
-
-    def _rub(self, tau: list[Any], rows: Sequence[Any]) -> None:
+    def rub(self, tau: list[Any], rows: Sequence[Any]) -> None:
         """Add the friction torques that ride along."""
         for k, value in zip(self.lockable, rows[len(rows) - len(self.lockable) :], strict=True):
             tau[k] = plus(tau[k], value)
@@ -323,8 +279,8 @@ class Equations:
         nq, rows = self.space.nq, list(x[self.moving :])
         q, v = list(x[:nq]), list(x[nq : self.moving])
         loads = self.loads(mech, q, v, t, xp, self.now(effects, rows))
-        self._rub(loads.tau, rows)
-        free = self._free(rows)
+        self.rub(loads.tau, rows)
+        free = self.free(rows)
         if self.loops is not None:
             loops = self.now(self.loops.loops, rows)
             whole = x if isinstance(x, np.ndarray) else _objects(x)  # curved joints take rows of a batch as they are

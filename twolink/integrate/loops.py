@@ -27,7 +27,6 @@ from twolink.dynamics.recursions import composite_bodies, newton_euler, poses
 from twolink.dynamics.spatial import Matrix, Scalar, minus, negative, plus, times
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
-from twolink.errors import SceneError
 from twolink.integrate.linear import factored, solved
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.state import Array, StateSpace
@@ -35,11 +34,6 @@ from twolink.integrate.state import Array, StateSpace
 SINGULAR = 1e-6  # a pivot of A over its diagonal: nearer to 0 its rounding, 1e-16 / 1e-6, would be seen
 LANDING = 1e3  # times farther from it a step may end: the projection multiplies errors by 1 / sqrt(pivot)
 CORRECTIONS = 3  # of q after a step, with the matrices of the first: each takes the error to about its square
-RANK = 1e-9  # singular values below it, relative, are rows that say nothing new
-ASSEMBLED = 1e-12
-TRIALS = 50
-SPREADS = (1e-3, 1e-2, 0.3, 0.3)
-WALK, STRIDE = 8, 0.35  # positions on each side, rad or m apart
 
 
 class Loops:
@@ -201,124 +195,10 @@ class Loops:
             v = v - _array(change, x)
         return np.concatenate([q, v])
 
-    def assembled(self, x: Array, *, keep: bool = True) -> Array:
-        """The nearest state (size,) that fulfils the constraints. keep: choose the independent rows there.
-
-        Raises SceneError with the residual where there is none near.
-        """
-        v = x[self.space.nq :].copy()
-        every = range(len(self.rows(self.mech, list(x[: self.space.nq]), Numbers)))
-        q, residual = self._closed(x[: self.space.nq], every)
-        if not residual <= 100 * ASSEMBLED:
-            raise SceneError(f"the loops cannot be closed: {residual:.2e} m or rad is left", where="effects",
-                             remedy="check their points and axes, or start nearer to a closed position")  # fmt: skip
-        jacobian = self.numbers(q, every)
-        v = v - np.linalg.lstsq(jacobian, jacobian @ v, rcond=RANK)[0]
-        if keep:
-            self.kept = self._independent(q, every)
-        return np.concatenate([q, v])
-
     def numbers(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J of these rows at one configuration, (len(rows), nv)."""
         found = self.jacobian(self.mech, q, Numbers, rows)
         return np.array([[float(entry) for entry in row] for row in found]).reshape(len(rows), self.space.nv)
-
-    def _independent(self, q: np.ndarray, every: Sequence[int]) -> list[int]:
-        """Rows that say all there is to say, here and along the motion: by pivoting, then by exchanging."""
-        from scipy.linalg import qr
-
-        random = np.random.default_rng(3)
-        near = [q, *(pin.integrate(self.model, q, s * random.standard_normal(self.space.nv)) for s in SPREADS)]
-        places = [self._closed(x, every)[0] for x in near]
-        found = [self.numbers(x, every) for x in places]
-        largest = np.max([np.abs(j).max(axis=1, initial=0.0) for j in found], axis=0)
-        rank = max((_rank(j) for j in found), default=0)
-        if rank < (largest > RANK).sum():  # a choice: it must do along the whole motion
-            places += self._along_motion(q, every, random)
-            found = [self.numbers(x, every) for x in places]
-            rank = max(_rank(j) for j in found)
-        if not rank:
-            return []
-        full = [j for j in found if _rank(j) == rank]
-        chosen = sorted(int(i) for i in qr(full[0].T, pivoting=True, mode="economic")[2][:rank])
-
-        def worst(rows: list[int]) -> float:
-            return float(min(np.linalg.svd(j[rows], compute_uv=False)[-1] for j in full))
-
-        others = [i for i in every if largest[i] > RANK]
-        best, improved = worst(chosen), len(others) > rank
-        while improved:
-            trials = [sorted({*chosen} - {i} | {j}) for i in chosen for j in others if j not in chosen]
-            tried = max(trials, key=worst)
-            improved = worst(tried) > 1.01 * best
-            chosen, best = (tried, worst(tried)) if improved else (chosen, best)
-        scales = np.max([np.einsum("ij,ji->i", j, np.linalg.solve(self._mass(x), j.T))
-                         for x, j in zip(places, found, strict=True)], axis=0)  # fmt: skip
-        self.scales = scales[chosen].tolist()
-        return chosen
-
-    def _along_motion(self, q: np.ndarray, every: Sequence[int], random: np.random.Generator) -> list[np.ndarray]:
-        """Closed positions on both sides of q, as the mechanism can move."""
-        places = []
-        start = random.standard_normal(self.space.nv)
-        for sign in (1.0, -1.0):
-            x, way = q, sign * start
-            for _ in range(WALK):
-                _, s, rows = np.linalg.svd(self.numbers(x, every))
-                free = rows[_count(s) :]
-                if not len(free):
-                    break
-                way = free.T @ (free @ way)
-                way *= STRIDE / max(1e-300, float(np.abs(way).max()))
-                x = self._closed(pin.integrate(self.model, x, way), every)[0]
-                places.append(x)
-        return places
-
-    def _mass(self, q: np.ndarray) -> np.ndarray:
-        """M(q) of one configuration, by Pinocchio."""
-        mass = pin.crba(self.model, self.model.createData(), q)
-        return np.asarray(np.triu(mass) + np.triu(mass, 1).T)
-
-    def _closed(self, q: np.ndarray, every: Sequence[int]) -> tuple[np.ndarray, float]:
-        """The closed position near q, and what is left of g: by Newton's method, in strides of 0.5 at most."""
-        residual = np.inf
-        for _ in range(TRIALS):
-            g = np.array([float(row) for row in self.rows(self.mech, list(q), Numbers)])
-            residual = float(np.abs(g).max(initial=0.0))
-            if residual <= ASSEMBLED:
-                break
-            change = np.linalg.lstsq(self.numbers(q, every), g, rcond=RANK)[0]
-            change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
-            q = pin.integrate(self.model, q, -change)
-        return q, residual
-
-    def reference_acceleration(
-        self,
-        q: np.ndarray,
-        v: np.ndarray,
-        right: np.ndarray,
-        mass: np.ndarray,
-        free: np.ndarray,
-        loops: Sequence[Loop],
-    ) -> np.ndarray:
-        """a of one state by Pinocchio's mass matrix and least squares of the rows that are kept.
-
-        Of those alone: beside g = 0, where a step's stages are, a redundant row contradicts the others. right: tau - h;
-        both it and the mass matrix are of what is not locked.
-        """
-        jacobian = self.numbers(q, self.kept) * free
-        second = np.array([float(row) for row in self.velocity_terms(self.mech, q, v, Numbers)[1]])
-        pushes = self.pushes(self.mech, q, v, Numbers, jacobian.tolist(), loops)
-        unbound = np.linalg.solve(mass, right)
-        root = np.linalg.cholesky(mass)
-        scaled, pushed = (np.linalg.solve(root, np.array(rows, dtype=float).reshape(jacobian.shape).T * free[:, None])
-                          for rows in (jacobian, pushes))  # fmt: skip
-        wanted = -second - jacobian @ unbound
-        if np.array_equal(scaled, pushed):
-            correction = np.linalg.lstsq(scaled.T, wanted, rcond=1e-10)[0]
-        else:
-            correction = pushed @ np.linalg.solve(scaled.T @ pushed, wanted)
-        return np.asarray(unbound + np.linalg.solve(root.T, correction))
 
 
 def locked_matrix(mass: Matrix, free: Sequence[Scalar]) -> Matrix:
@@ -393,12 +273,3 @@ def _array(values: list[Scalar], like: Array) -> Array:
     for k, value in enumerate(values):
         out[k] = value
     return out
-
-
-def _rank(jacobian: np.ndarray) -> int:
-    return _count(np.linalg.svd(jacobian, compute_uv=False))
-
-
-def _count(sizes: np.ndarray) -> int:
-    """How many singular values are not 0."""
-    return int((sizes > RANK**0.5 * max(1e-300, sizes[0])).sum()) if sizes.size else 0

@@ -23,6 +23,7 @@ class Solution:
     steps, rejected: steps taken and refused. evaluations: of the equations. compile_seconds: what compiling or
     loading took, not part of the solving. precise: the states (n, size) in a higher precision where it was asked
     for. events: what happened on the way. hit: the event that ended a piece, as a watcher found it.
+    pieces: the equations of each smooth piece, and how many samples it has; empty where the asked ones hold throughout.
     """
 
     t: np.ndarray
@@ -36,6 +37,7 @@ class Solution:
     precise: Any = None
     events: tuple[Event, ...] = ()
     hit: Any = None
+    pieces: tuple[tuple[Any, int], ...] = ()
 
 
 def collapsed(t: float) -> AccuracyError:
@@ -85,4 +87,5 @@ def joined(parts: Sequence[Solution]) -> Solution:
         parts[0].compiled,
         parts[-1].interrupted,
         None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
+        pieces=tuple(piece for part in parts for piece in part.pieces),
     )

@@ -11,6 +11,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.mechanism import nominal
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate import control
+from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.linear import factored, solved
 from twolink.integrate.methods import Method
@@ -141,7 +142,7 @@ def _on_manifold(equations: Equations, x: Array) -> Array:
     moving = equations.moving
     for column in range(x.shape[1]):
         try:
-            x[:moving, column] = equations.loops.assembled(x[:moving, column], keep=False)
+            x[:moving, column] = assembled(equations.loops, x[:moving, column])
         except SceneError:
             x[:, column] = equations.start
     return x

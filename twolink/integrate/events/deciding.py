@@ -65,7 +65,8 @@ def _sort_contacts(hybrid: Hybrid, modes: Modes, x: Array, t: float, still: floa
         gap = float(np.squeeze(contact.gap(moment.motion)))
         rate, slip = rates(hybrid, i, moment)
         near = NEAR if modes.contact[i] == "free" else 1e-6
-        if gap > near or rate > still or ("contact", i) in opened:
+        hits = rate < -still and modes.contact[i] == "free"  # an impact is to come
+        if gap > near or rate > still or hits or ("contact", i) in opened:
             modes.contact[i] = "free"
             continue
         speed = math.hypot(*slip)

@@ -7,27 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from twolink.integrate.events.deciding import Key
+from twolink.integrate.events.deciding import ALLOWED, Key
 from twolink.integrate.events.locating import Guard
 from twolink.integrate.events.modes import Hybrid, Modes, Stop
 from twolink.integrate.events.moment import Moment
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.state import Array
 
-FRESH = 1e-13  # m, rad or per second: a guard that is so near to 0 at the start begins there
-FRESH_FORCE = 1e-9  # relative to the loads
+FRESH = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
+FRESH_FORCE = 2 * ALLOWED  # relative to the loads
 
 
 def guards(hybrid: Hybrid, modes: Modes, moment: Moment, sides: dict[Key, float]) -> list[Guard]:
     """The guards of these modes; `moment` is where they begin. sides: of what may pass 0 either way, kept here."""
     found: list[Guard] = []
     x = moment.x[:, 0]
+    size = 1.0 + float(np.abs(x[: moment.equations.moving]).max(initial=0.0))
 
     def add(key: Key, value: Any, *, force: bool = False, side: float | None = 1.0) -> None:
         with np.errstate(all="ignore"):
             first = float(np.squeeze(value(moment)))
-        near = FRESH_FORCE * (1.0 + moment.largest_load) if force else FRESH
-        found.append(Guard(key, value, side, fresh=abs(first) <= near))
+        near = FRESH_FORCE * (1.0 + moment.largest_load) if force else FRESH * size
+        found.append(Guard(key, value, side, fresh=abs(first) <= near, noise=near))
 
     for k in hybrid.lockable:
         if k in modes.locked:

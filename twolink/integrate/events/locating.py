@@ -29,13 +29,16 @@ class Guard:
     """What ends a mode where it passes 0.
 
     key: what it is. value: of a moment, (n,). side: the sign of the value while the mode lasts; None where it
-    is not known before the first look. fresh: it begins at 0, which is not its zero: v / (t - start) is looked at.
+    is not known before the first look. fresh: it begins at 0, which is not its zero: v / (t - start) is looked at, once
+    v has been farther from 0 than `noise`, which is all it ever is where nothing moves.
     """
 
     key: tuple[str, int]
     value: Callable[[Moment], Any]
     side: float | None = 1.0
     fresh: bool = False
+    noise: float = 0.0
+    stirred: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class Watcher:
         moment = Moment(self.equations, times, states)
         found: list[tuple[float, float, int]] = []
         for j, guard in enumerate(self.guards):
-            bracket = self._bracket(guard, times, self._values(guard, moment), t, x)
+            bracket = self._bracket(guard, times, self._stirred(guard, moment), t, x)
             if bracket is not None:
                 found.append((*bracket, j))
         if not found:
@@ -88,20 +91,31 @@ class Watcher:
         states[:, np.setdiff1d(np.arange(len(times)), ends)] = between
         return times, states
 
+    def _stirred(self, guard: Guard, moment: Moment) -> Array:
+        """The guard's values; infinite as long as it has been nothing but the noise it began with."""
+        with np.errstate(all="ignore"):
+            raw = np.broadcast_to(np.asarray(guard.value(moment), dtype=float), moment.t.shape)
+        quiet = np.zeros(len(raw), dtype=bool)
+        if guard.fresh and not guard.stirred:
+            quiet = ~np.logical_or.accumulate((np.abs(raw) > guard.noise) & (moment.t > self.start))
+            guard.stirred = not quiet.all()
+        if guard.side is None:
+            seen = raw[~quiet & np.isfinite(raw) & (raw != 0.0)]
+            guard.side = float(np.sign(seen[0])) if seen.size else None
+        values = self._values(guard, moment)
+        values[quiet] = math.inf
+        return values
+
     def _values(self, guard: Guard, moment: Moment) -> Array:
         """The guard's values, above 0 while the mode lasts."""
         with np.errstate(all="ignore"):
             values = np.broadcast_to(np.asarray(guard.value(moment), dtype=float), moment.t.shape).copy()
+        values *= guard.side or 1.0
         if guard.fresh:
             late = moment.t > self.start
             values[late] /= moment.t[late] - self.start
-            values[~late] = math.inf if guard.side is None else math.copysign(math.inf, guard.side)
-        if guard.side is None:
-            seen = values[np.isfinite(values) & (values != 0.0)]
-            guard.side = float(np.sign(seen[0])) if seen.size else 1.0
-            if guard.fresh:
-                values[moment.t <= self.start] = math.copysign(math.inf, guard.side)
-        return values * guard.side
+            values[~late] = math.inf
+        return values
 
     def _bracket(self, guard: Guard, times: Array, g: Array, t: Array, x: Array) -> tuple[float, float] | None:
         """Times between which the guard has its first zero."""

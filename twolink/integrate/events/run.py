@@ -6,24 +6,20 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from twolink.dynamics.jets import Jet, JetNamespace, coefficient
-from twolink.effects.conditions import unit
-from twolink.effects.motion import Motion
+from twolink.effects.effect import type_name
 from twolink.effects.plane_contact import Mode
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations
-from twolink.integrate.events.deciding import Key, decide, rates, slide, unlock
+from twolink.integrate.events.deciding import Key, decide, slide, unlock
 from twolink.integrate.events.event import Event
 from twolink.integrate.events.guarding import guards
-from twolink.integrate.events.impacts import Met, after
+from twolink.integrate.events.impacts import collide
 from twolink.integrate.events.locating import Guard, Hit, Watcher
-from twolink.integrate.events.modes import Hybrid, Stop
+from twolink.integrate.events.modes import Hybrid
 from twolink.integrate.events.moment import Moment
 from twolink.integrate.march import march
 from twolink.integrate.methods import Method
-from twolink.integrate.namespaces import Numbers
 from twolink.integrate.solution import Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
@@ -58,6 +54,7 @@ class _Run:
         self.at_once = 0
         self.told = ""  # what an impact has already said to rest
         self.ended = False
+        self.piece = equations
 
     def to(self, times: Array) -> Solution:
         end, self.t = float(times[-1]), float(times[0])
@@ -78,7 +75,8 @@ class _Run:
             self.at_once = self.at_once + 1 if part.t[-1] - self.t <= SAME * max(1.0, stop) else 0
             taken = np.isin(part.t, times)
             taken[0] &= not parts
-            parts.append(replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken]))
+            parts.append(replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken],
+                                 pieces=((self.piece, int(taken.sum())),)))  # fmt: skip
             if part.interrupted:
                 break
             self.t = stop if hit is None else hit.t
@@ -94,7 +92,8 @@ class _Run:
         solution = joined(parts)
         if self.ended and solution.t[-1] < self.t:
             solution = replace(solution, t=np.append(solution.t, self.t),
-                               x=np.concatenate([solution.x, self.x[:, None]], axis=1))  # fmt: skip
+                               x=np.concatenate([solution.x, self.x[:, None]], axis=1),
+                               pieces=(*solution.pieces, (self.piece, 1)))  # fmt: skip
         return replace(solution, events=tuple(sorted(self.events, key=lambda e: e.t)))
 
     def _piece(self, grid: Array, stop: float, span: float) -> tuple[Solution, Hit | None]:
@@ -102,6 +101,7 @@ class _Run:
         middle = 0.5 * (self.t + stop)
         equations = self.hybrid.beginning(self.modes, self.x, middle)
         equations.prepare()
+        self.piece = equations
         steps = step_map(equations, self.method)
         here = Moment(equations, np.array([self.t]), equations.start[:, None])
         watching = guards(self.hybrid, self.modes, here, self.sides)
@@ -122,9 +122,11 @@ class _Run:
         elif kind == "stick":
             self.x[self.nq + i] = 0.0
         elif kind == "stop":
-            self._hit_stop(self.hybrid.stops[i])
+            stop = self.hybrid.stops[i]
+            self.x[stop.entry] = stop.position
+            self._collide(("stop", i))
         elif kind == "impact":
-            self._hit_plane(i)
+            self._collide(("contact", i))
         elif kind == "leave":
             self.modes.contact[i] = "free"
             opened.add(("contact", i))
@@ -145,6 +147,8 @@ class _Run:
             quiet = True
         if not quiet:
             self._settle(frozenset(opened), before)
+        if kind == "stick" and i not in self.modes.locked:
+            self._note("reverse", self.hybrid.names[i])
 
     def _settle(
         self, opened: frozenset[Key] = frozenset(), before: tuple[set[int], dict[int, Mode]] | None = None
@@ -176,91 +180,17 @@ class _Run:
     def _note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None) -> None:
         self.events.append(Event(self.t if t is None else t, kind, what, detail, energy))
 
-    def _hit_stop(self, stop: Stop) -> None:
-        self.x[stop.entry] = stop.position
-        row = np.zeros((1, self.whole.space.nv))
-        row[0, stop.dof] = stop.side
-        self._impact(Met(row, stop.restitution, 0.0, stop.joint), ("joint", stop.dof))
-
-    def _hit_plane(self, i: int) -> None:
-        contact = self.hybrid.contacts[i]
-        self._impact(Met(self._rows(i), contact.restitution, contact.friction, contact.frame), ("contact", i))
-
-    def _rows(self, i: int) -> Array:
-        """The rows of contact i's velocity: along the normal, then along the tangents if there is friction."""
-        contact = self.hybrid.contacts[i]
-        moment = self._moment()
-        columns = []
-        for direction in np.eye(self.whole.space.nv):
-            x = np.concatenate([self.x[: self.nq], direction, moment.equations.start[self.whole.moving :]])
-            rate, slip = rates(self.hybrid, i, Moment(moment.equations, moment.t, x[:, None]))
-            columns.append([rate, *slip] if contact.friction else [rate])
-        return np.array(columns).T
-
-    def _impact(self, met: Met, key: Key) -> None:
-        """Velocities after the impact; none where it would only graze."""
-        v = self.x[self.nq :]
-        approach = float(met.rows[0] @ v)
-        if approach >= 0.0:
+    def _collide(self, key: Key) -> None:
+        """Velocities after what is hit, if it is not only grazed."""
+        found = collide(self.hybrid, self.modes, self.x, self.t, key, self.small)
+        if found is None:
             return
-        model = self.hybrid.equations(self.modes, self.x).robot.model
-        upper = np.triu(pin.crba(model, model.createData(), self.x[: self.nq]))
-        mass = upper + np.triu(upper, 1).T
-        kept, resting = self._held_rows(key)
-        new, _ = after(mass, v, met, kept, resting)
-        rest, until = self._is_last_bounce(met, key, float(met.rows[0] @ new), new)
-        if rest:
-            new, _ = after(mass, v, replace(met, restitution=0.0), kept, resting)
-        lost = float(0.5 * (v @ mass @ v - new @ mass @ new))
-        self.x[self.nq :] = new
-        self._note("impact", met.name, f"at {-approach:.6g}", lost)
-        if rest and met.restitution > 0.0:
-            self._note("rest", met.name, "after bounces too small to follow, summed in closed form", t=self.t + until)
-            self.told = met.name
-
-    def _held_rows(self, key: Key) -> tuple[Array, Array]:
-        """The rows of loops, and of what rests and is pressed on, but for what is hit."""
-        equations = self.hybrid.equations(self.modes, self.x)
-        nv = self.whole.space.nv
-        kept = np.empty((0, nv))
-        resting: list[Array] = []
-        if equations.loops is not None:
-            touching = {self.hybrid.touching(equations, i): i for i, m in self.modes.contact.items() if m != "free"}
-            own = [n for n, loop in enumerate(equations.loops.owners()) if id(loop) not in touching]
-            kept = equations.loops.numbers(self.x[: self.nq], equations.loops.kept)[own]
-            resting += [self._rows(i)[0] for i in touching.values() if ("contact", i) != key]
-        for stop in self.hybrid.stops:
-            if stop.dof in self.modes.locked and stop in self.hybrid.standing(stop.dof, self.x) and key[1] != stop.dof:
-                row = np.zeros(nv)
-                row[stop.dof] = stop.side
-                resting.append(row)
-        return kept, np.array(resting).reshape(-1, nv)
-
-    def _is_last_bounce(self, met: Met, key: Key, rate: float, v: Array) -> tuple[bool, float]:
-        """Whether what follows is too small to matter, and how long it would take: 2 w / (|a| (1 - e))."""
-        if rate <= 0.0 or met.restitution >= 1.0:
-            return False, 0.0
-        x = np.concatenate([self.x[: self.nq], v])
-        equations = self.hybrid.beginning(self.modes, x, self.t)
-        moment = Moment(equations, np.array([self.t]), equations.start[:, None])
-        a = self._acceleration(key, met, moment)
-        if a >= 0.0 or rate * rate / (-2.0 * a) > self.small:
-            return False, 0.0
-        return True, 2.0 * rate / (-a * (1.0 - met.restitution))
-
-    def _acceleration(self, key: Key, met: Met, moment: Moment) -> float:
-        """The second derivative of the distance from what is hit."""
-        a = [float(np.squeeze(value)) for value in moment.accelerations]
-        if key[0] == "joint":
-            return float(met.rows[0] @ a)
-        x = self.x[: self.nq]
-        v = [float(np.squeeze(value)) for value in moment.v]
-        q = [Jet(pair) for pair in zip(x, self.whole.space.rate(x, np.array(v)), strict=True)]
-        motion = Motion(moment.equations.robot.model, moment.equations.numbers, q,
-                        [Jet(pair) for pair in zip(v, a, strict=True)], self.t, JetNamespace(Numbers))  # fmt: skip
-        contact = self.hybrid.contacts[key[1]]
-        return sum(n * float(coefficient(c, 1))
-                   for n, c in zip(unit(contact.normal, "normal"), contact.slip(motion), strict=True))  # fmt: skip
+        self.x[self.nq :] = found.v
+        self._note("impact", found.name, f"at {found.speed:.6g}", found.lost)
+        if found.rest is not None:
+            why = "after bounces too small to follow, summed in closed form"
+            self._note("rest", found.name, why, t=self.t + found.rest)
+            self.told = found.name
 
     def _timed(self, t: float) -> None:
         """What happens at a time that is given."""
@@ -272,8 +202,16 @@ class _Run:
                 self._notice(i)
 
     def _let_go(self, i: int) -> None:
+        before = self._energy()
         self.modes.held[i] = False
-        self._note("release", type(self.hybrid.releases[i].of).__name__)
+        gone = before - self._energy()  # a payload takes its own along
+        self._note("release", type_name(type(self.hybrid.releases[i].of).__name__), energy=gone)
+
+    def _energy(self) -> float:
+        """Kinetic and potential energy now, J."""
+        robot = self.hybrid.equations(self.modes, self.x).robot
+        kinetic, potential = robot.energy(self.x[: self.nq], self.x[self.nq :])
+        return float(kinetic + potential)
 
     def _notice(self, i: int) -> None:
         watch = self.hybrid.watches[i]
