@@ -41,6 +41,8 @@ def effects_of(robot: tl.Robot) -> list[tuple[str, Effect]]:
         ("force on the last link", fx.FrameWrench(frame=tip, force=(0.5, 0.0, 0.0), axes="world")),
         ("rotor", fx.Rotor({first: 1e-4}, ratio={first: 50.0})),
         ("payload", fx.Payload(frame=tip, mass=0.3)),
+        ("dry friction", fx.DryFriction({last: 0.05})),
+        ("stops", fx.JointStops({last: (-2.0, 2.0)}, restitution=0.3)),
     ]
 
 

@@ -111,7 +111,7 @@ def _formulation(equations: Equations) -> str:
     kind, text = "smooth", "forces: an ODE"
     if loops is not None:
         kind, text = "loops", f"{len(loops.kept)} constraints: an ODE with multipliers, projected after every step"
-    if equations.switches or equations.has_kinks:
+    if equations.switches or equations.kinks:
         return f"events ({text}, between events that are located)"
     return f"{kind} ({text})"
 

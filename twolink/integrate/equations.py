@@ -97,12 +97,12 @@ class Equations:
                 self.loops = None  # constraints that constrain nothing
 
     @functools.cached_property
-    def has_kinks(self) -> bool:
-        """Whether limits of effort may begin to act."""
+    def kinks(self) -> tuple[str, ...]:
+        """The names of what passes 0 where limits of effort begin to act."""
         x = self.start
         loads = self.loads(self.numbers, list(x[: self.space.nq]), list(x[self.space.nq : self.moving]), 0.0, Numbers,
                            self.now(self.effects, list(x[self.moving :])))  # fmt: skip
-        return bool(loads.kinks)
+        return tuple(name for name, _ in loads.kinks)
 
     @property
     def analytic(self) -> bool:
@@ -135,7 +135,6 @@ class Equations:
         edges = [start, *(t for t in self.breaks(end) if t > start), end]
         if len(edges) == 2 and not self.tables:
             return solve(self, times)
-        self.prepare()
         parts: list[Solution] = []
         x: Any = self.start
         for begin, stop in itertools.pairwise(edges):
@@ -168,14 +167,11 @@ class Equations:
             if not isinstance(table, Slot):
                 table.require(start, end)
 
-    def prepare(self) -> None:
-        """Find now what copies would otherwise find again."""
-        _ = self.numbers, self._formula, self._content
-
     def beginning(
         self, x: Any, t: float, locked: Array | None = None, slots: Mapping[str, float] | None = None
     ) -> Equations:
         """The same equations from another state on, with the numbers of modes, and the tables' pieces of a time."""
+        _ = self.numbers, self._formula, self._content  # found once: copies have what the original has
         piece = copy.copy(self)
         if locked is not None:
             piece.locked = locked
@@ -244,14 +240,13 @@ class Equations:
         """The robot's constants."""
         return mechanism(self.robot.model)
 
-    def loop_pushes(self, x: Array) -> list[list[Any]]:
-        """What each kept row of the loops does to each degree of freedom, of states (size, n)."""
+    def loop_pushes(self, mech: Mechanism, x: Array, xp: Any) -> list[list[Any]]:
+        """What each kept row of the loops does to each degree of freedom."""
         if self.loops is None:
             return []
         q, v = x[: self.space.nq], x[self.space.nq : self.moving]
-        jacobian = self.loops.jacobian(self.numbers, q, Numbers)
-        loops = self.now(self.loops.loops, list(x[self.moving :]))
-        return self.loops.pushes(self.numbers, q, v, Numbers, jacobian, loops)
+        jacobian = self.loops.jacobian(mech, q, xp)
+        return self.loops.pushes(mech, q, v, xp, jacobian, self.now(self.loops.loops, list(x[self.moving :])))
 
     def traced_rate(self, t: Any, x: Array, xp: Any, constants: Mapping[str, Any] | None = None) -> Array:
         """x' (size,) as expressions of x (size,), traced over the robot's constants."""

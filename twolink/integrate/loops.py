@@ -128,11 +128,11 @@ class Loops:
         return out
 
     def by_loop(self, multipliers: Sequence[Any]) -> list[list[Any]]:
-        """The multipliers of the kept rows, loop by loop; 0 for rows that were dropped."""
+        """The multipliers of the kept rows, loop by loop; None for rows that were dropped."""
         values = dict(zip(self.kept, multipliers, strict=True))
         found, at = [], 0
         for count in self._counts:
-            found.append([values.get(i, 0.0) for i in range(at, at + count)])
+            found.append([values.get(i) for i in range(at, at + count)])
             at += count
         return found
 

@@ -54,7 +54,7 @@ def solve(
     if equations.switches and not stepping:
         raise SceneError(f"{method.name} does not locate events", where="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
-    if equations.switches or (stepping and equations.has_kinks):
+    if equations.switches or (stepping and equations.kinks):
         from twolink.integrate.events.run import solve as solve_events  # with it come the effects of modes
 
         return solve_events(equations, method, times, setting, progress)

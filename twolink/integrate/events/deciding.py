@@ -109,14 +109,14 @@ def _worst(hybrid: Hybrid, modes: Modes, x: Array, t: float, again: set[Key]) ->
     """Give up what breaks its law most; returns it, or None if nothing does."""
     equations = hybrid.beginning(modes, x, t)
     moment = Moment(equations, np.array([t]), equations.start[:, None])
-    a = np.array([float(np.squeeze(value)) for value in moment.accelerations])
+    a = moment.forces.a[:, 0]
     if not np.isfinite(a).all():
         raise AccuracyError("contact or friction allows no motion here: the forces are not determined, or friction "
                             "drives what it should stop (Painleve's paradox)", where=f"t = {t:.9g} s",
                             remedy="less friction, or smooth friction")  # fmt: skip
-    scale = 1.0 + moment.largest_load
+    scale = moment.largest_load
     breaches: list[tuple[float, Key]] = []
-    held = [float(np.squeeze(value)) for value in moment.holding] if modes.locked else []
+    held = {k: float(moment.held(k)[0]) for k in modes.locked}
     for k in modes.locked:
         least, most = hybrid.range(k, x)
         breaches.append((max(held[k] - most, least - held[k]) - ALLOWED * scale, ("joint", k)))
@@ -124,7 +124,7 @@ def _worst(hybrid: Hybrid, modes: Modes, x: Array, t: float, again: set[Key]) ->
     for i, mode in modes.contact.items():
         if mode == "free":
             continue
-        rows = pressing[i] = [float(np.squeeze(r)) for r in moment.multipliers[hybrid.touching(equations, i)]]
+        rows = pressing[i] = [float(row[0]) for row in moment.multipliers[hybrid.touching(equations, i)]]
         breaches.append((-rows[0] - ALLOWED * scale, ("contact", i)))
         if mode == "rolling":
             mu = hybrid.contacts[i].friction

@@ -27,16 +27,16 @@ def guards(hybrid: Hybrid, modes: Modes, moment: Moment, sides: dict[Key, float]
     def add(key: Key, value: Any, *, force: bool = False, side: float | None = 1.0) -> None:
         with np.errstate(all="ignore"):
             first = float(np.squeeze(value(moment)))
-        near = FRESH_FORCE * (1.0 + moment.largest_load) if force else FRESH * size
+        near = FRESH_FORCE * moment.largest_load if force else FRESH * size
         found.append(Guard(key, value, side, fresh=abs(first) <= near, noise=near))
 
     for k in hybrid.lockable:
         if k in modes.locked:
             least, most = hybrid.range(k, x)
             if math.isfinite(most):
-                add(("holds less", k), lambda m, k=k, most=most: most - m.holding[k], force=True)
+                add(("holds less", k), lambda m, k=k, most=most: most - m.held(k), force=True)
             if math.isfinite(least):
-                add(("holds more", k), lambda m, k=k, least=least: m.holding[k] - least, force=True)
+                add(("holds more", k), lambda m, k=k, least=least: m.held(k) - least, force=True)
         elif k in hybrid.friction and modes.slipping.get(k):
             add(("stick", k), lambda m, k=k, sign=modes.slipping[k]: sign * m.v[k])
     for n, stop in enumerate(hybrid.stops):
@@ -60,8 +60,8 @@ def guards(hybrid: Hybrid, modes: Modes, moment: Moment, sides: dict[Key, float]
     for i, watch in hybrid.watches.items():
         if watch.at is None:
             add(("watch", i), lambda m, w=watch: w.distance(m.motion), side=sides.get(("watch", i)))
-    for n in range(len(moment.kinks)):
-        add(("limit", n), lambda m, n=n: m.kinks[n][1], side=sides.get(("limit", n)))
+    for n in range(len(moment.equations.kinks)):
+        add(("limit", n), lambda m, n=n: m.forces.kinks[n], side=sides.get(("limit", n)))
     return found
 
 

@@ -127,7 +127,7 @@ def _last_bounce(hybrid: Hybrid, modes: Modes, x: Array, t: float, key: Key, met
 
 def _acceleration(hybrid: Hybrid, key: Key, met: Met, moment: Moment) -> float:
     """The second derivative of the distance from what is hit."""
-    a = [float(np.squeeze(value)) for value in moment.accelerations]
+    a = moment.forces.a[:, 0]
     if key[0] == "stop":
         return float(met.rows[0] @ a)
     space = moment.equations.space

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import numpy as np
 
-from twolink.dynamics.recursions import newton_euler, poses
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.motion import Motion
 from twolink.integrate.equations import Equations
+from twolink.integrate.events.forces import Forces, forces
 from twolink.integrate.namespaces import Numbers
 from twolink.integrate.state import Array
 
@@ -28,47 +27,26 @@ class Moment:
         return Motion(self.equations.robot.model, self.equations.numbers, self.q, self.v, self.t, Numbers)
 
     @functools.cached_property
-    def _forces(self) -> tuple[list[Any], list[Any], Loads]:
-        with np.errstate(all="ignore"):
-            a, multipliers, loads = self.equations.forces(
-                self.equations.numbers, self.t, self.x, Numbers, self.equations.effects
-            )
-        return [np.asarray(x, dtype=float) for x in a], [np.asarray(x, dtype=float) for x in multipliers], loads
-
-    @property
-    def accelerations(self) -> list[Any]:
-        """v', by degree of freedom."""
-        return self._forces[0]
+    def forces(self) -> Forces:
+        """Accelerations and forces."""
+        return forces(self.equations, self.t, self.x)
 
     @property
     def largest_load(self) -> float:
-        """The largest torque that effects give a joint, N m or N, by which forces are judged."""
-        return max((float(np.abs(tau).max()) for tau in self._forces[2].tau), default=0.0)
+        """The largest torque that effects and inertia give a joint, N m or N, by which forces are judged."""
+        return float(np.abs(self.forces.loads).max(initial=0.0))
 
     @functools.cached_property
-    def kinks(self) -> list[tuple[str, Any]]:
-        """What passes 0 where limits of effort begin to act, with its name."""
-        equations = self.equations
-        rows = list(self.x[equations.moving :])
-        effects = equations.now(equations.effects, rows)
-        return equations.loads(equations.numbers, self.q, self.v, self.t, Numbers, effects).kinks
-
-    @functools.cached_property
-    def multipliers(self) -> dict[int, list[Any]]:
-        """The multipliers of each loop's rows, by the loop's id."""
+    def multipliers(self) -> dict[int, list[Array]]:
+        """The multipliers of each loop's rows (n,), by the loop's id; 0 for rows that were dropped."""
         loops = self.equations.loops
         if loops is None:
             return {}
-        return {id(loop): rows for loop, rows in zip(loops.loops, loops.by_loop(self._forces[1]), strict=True)}
+        none = np.zeros(len(self.t))
+        rows = loops.by_loop(list(self.forces.multipliers))
+        return {id(loop): [none if row is None else row for row in own]
+                for loop, own in zip(loops.loops, rows, strict=True)}  # fmt: skip
 
-    @functools.cached_property
-    def holding(self) -> list[Any]:
-        """The torque of the lock on each degree of freedom: M a + h - tau - B lambda."""
-        equations, mech = self.equations, self.equations.numbers
-        a, multipliers, loads = self._forces
-        needed = newton_euler(mech, poses(mech, self.q, Numbers), self.v, a, loads.wrenches)
-        held = [x - tau for x, tau in zip(needed, loads.tau, strict=True)]
-        if equations.loops is not None:
-            for row, size in zip(equations.loop_pushes(self.x), multipliers, strict=True):
-                held = [x - size * entry for x, entry in zip(held, row, strict=True)]
-        return [np.asarray(x, dtype=float) for x in held]
+    def held(self, k: int) -> Array:
+        """The torque of the lock on a degree of freedom (n,)."""
+        return np.asarray(self.forces.held[self.equations.lockable.index(k)])

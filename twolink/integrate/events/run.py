@@ -100,7 +100,6 @@ class _Run:
         """Solve from now to the next event or stop."""
         middle = 0.5 * (self.t + stop)
         equations = self.hybrid.beginning(self.modes, self.x, middle)
-        equations.prepare()
         self.piece = equations
         steps = step_map(equations, self.method)
         here = Moment(equations, np.array([self.t]), equations.start[:, None])
@@ -133,7 +132,7 @@ class _Run:
         elif kind == "slide":
             moment = self._moment()
             rows = moment.multipliers[self.hybrid.touching(moment.equations, i)]
-            slide(self.modes, i, [float(np.squeeze(row)) for row in rows])
+            slide(self.modes, i, [float(row[0]) for row in rows])
             opened.add(("roll", i))
         elif kind == "release":
             self._let_go(i)
@@ -142,7 +141,7 @@ class _Run:
             self._notice(i)
         elif kind == "limit":
             self.sides[guard.key] = -(guard.side or 1.0)
-            name = self._moment().kinks[i][0]
+            name = self.whole.kinks[i]
             self._note("limit", name, "reached" if guard.side == 1.0 else "left")
             quiet = True
         if not quiet:
