@@ -166,4 +166,7 @@ def _wrong_way(hybrid: Hybrid, modes: Modes, x: Array, a: Array, again: set[Key]
         if slip * a[k] < -ALLOWED * scale or into:
             modes.locked.add(k)
             return ("held", k)
+        if k in hybrid.friction and not slip and abs(a[k]) > ALLOWED * scale:  # loops held it, and do no more
+            modes.slipping[k] = math.copysign(1.0, a[k])
+            return ("held", k)
     return None

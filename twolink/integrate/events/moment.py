@@ -33,8 +33,9 @@ class Moment:
 
     @property
     def largest_load(self) -> float:
-        """The largest torque that effects and inertia give a joint, N m or N, by which forces are judged."""
-        return float(np.abs(self.forces.loads).max(initial=0.0))
+        """The largest torque that effects, friction and inertia give a joint, N m or N, by which forces are judged."""
+        friction = self.x[len(self.x) - len(self.equations.lockable) :]  # what balances it is in the loads, as a sum
+        return float(max(np.abs(part).max(initial=0.0) for part in (self.forces.loads, friction)))
 
     @functools.cached_property
     def multipliers(self) -> dict[int, list[Array]]:

@@ -54,9 +54,11 @@ class _Run:
         self.at_once = 0
         self.told = ""  # what an impact has already said to rest
         self.ended = False
+        self.span = 0.0
         self.piece = equations
 
     def to(self, times: Array) -> Solution:
+        """The samples up to the last of `times`, or to where the run ends or is interrupted."""
         end, self.t = float(times[-1]), float(times[0])
         self.whole.require(self.t, end)
         stops = [*(t for t in self.whole.breaks(end) if t > self.t), end]
@@ -64,31 +66,17 @@ class _Run:
         self._settle()
         self.events.clear()  # how it starts is no event
         self._timed(self.t)
+        self.span = end - self.t
         parts: list[Solution] = []
-        span = end - self.t
-        while self.t < end and not self.ended:
-            stop = next(t for t in stops if t > self.t)
-            inside = times[(times > self.t) & (times <= stop)]
-            extra = not inside.size or inside[-1] < stop
-            grid = np.concatenate([[self.t], inside, [stop] if extra else []])
-            part, hit = self._piece(grid, stop, span)
-            self.at_once = self.at_once + 1 if part.t[-1] - self.t <= SAME * max(1.0, stop) else 0
-            taken = np.isin(part.t, times)
-            taken[0] &= not parts
-            parts.append(replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken],
-                                 pieces=((self.piece, int(taken.sum())),)))  # fmt: skip
-            if part.interrupted:
-                break
-            self.t = stop if hit is None else hit.t
-            self.x = (part.x[:, -1] if hit is None else hit.x)[: self.whole.moving].copy()
-            if hit is not None:
-                self._handle(hit.guard)
-            elif stop < end:
-                self._timed(stop)
-                self._settle()
-            if self.at_once > AT_ONCE or len(self.events) > MOST_EVENTS:
-                raise AccuracyError("events follow each other without end", where=f"t = {self.t:.9g} s",
-                                    remedy="more restitution, smooth friction, or a shorter duration")  # fmt: skip
+        try:
+            while self.t < end and not self.ended:
+                parts.append(self._next(times, next(t for t in stops if t > self.t), first=not parts))
+                if parts[-1].interrupted:
+                    break
+        except KeyboardInterrupt:
+            if not parts:
+                raise
+            parts[-1] = replace(parts[-1], interrupted=True)
         solution = joined(parts)
         if self.ended and solution.t[-1] < self.t:
             solution = replace(solution, t=np.append(solution.t, self.t),
@@ -96,7 +84,31 @@ class _Run:
                                pieces=(*solution.pieces, (self.piece, 1)))  # fmt: skip
         return replace(solution, events=tuple(sorted(self.events, key=lambda e: e.t)))
 
-    def _piece(self, grid: Array, stop: float, span: float) -> tuple[Solution, Hit | None]:
+    def _next(self, times: Array, stop: float, *, first: bool) -> Solution:
+        """The next piece, and what happens at its end."""
+        begin, inside = self.t, times[(times > self.t) & (times <= stop)]
+        extra = not inside.size or inside[-1] < stop
+        part, hit = self._piece(np.concatenate([[begin], inside, [stop] if extra else []]), stop)
+        taken = np.isin(part.t, times)
+        taken[0] &= first
+        kept = replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken],
+                       pieces=((self.piece, int(taken.sum())),))  # fmt: skip
+        if part.interrupted:
+            return kept
+        self.t = stop if hit is None else hit.t
+        self.x = np.array((part.x[:, -1] if hit is None else hit.x)[: self.whole.moving])
+        if hit is not None:
+            self._handle(hit.guard)
+        else:
+            self._timed(stop)
+            self._settle()
+        self.at_once = self.at_once + 1 if self.t - begin <= SAME * max(1.0, self.t) else 0
+        if self.at_once > AT_ONCE or len(self.events) > MOST_EVENTS:
+            raise AccuracyError("events follow each other without end", where=f"t = {self.t:.9g} s",
+                                remedy="more restitution, smooth friction, or a shorter duration")  # fmt: skip
+        return kept
+
+    def _piece(self, grid: Array, stop: float) -> tuple[Solution, Hit | None]:
         """Solve from now to the next event or stop."""
         middle = 0.5 * (self.t + stop)
         equations = self.hybrid.beginning(self.modes, self.x, middle)
@@ -105,7 +117,7 @@ class _Run:
         here = Moment(equations, np.array([self.t]), equations.start[:, None])
         watching = guards(self.hybrid, self.modes, here, self.sides)
         watcher = Watcher(equations, steps, watching, self.t)
-        part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=span)
+        part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=self.span)
         for guard in watching:
             if guard.key[0] in ("release", "watch", "limit") and guard.side is not None:
                 self.sides[guard.key] = guard.side
