@@ -140,7 +140,8 @@ class Robot(RobotModel):
     def _compiles(self, name: str, engine: str, *arguments: Any) -> bool:
         """Whether the compiled function answers: when told to, or for batches of arrays where it pays."""
         if engine == "auto":
-            count = max([x.size // x.shape[-1] for x in arguments if isinstance(x, np.ndarray) and x.size], default=1)
+            arrays = [x for x in arguments if isinstance(x, np.ndarray) and x.ndim and x.size]
+            count = max([x.size // x.shape[-1] for x in arrays], default=1)
             if count < SMALLEST or heyoka() is None:
                 return False
             if self._choice is None:

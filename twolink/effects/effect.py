@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
 from twolink.errors import SceneError, nearest
 
@@ -48,6 +49,13 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         """The times [s] below the duration at which what it does is not smooth."""
         del duration
         return ()
+
+
+def plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as Python's, for what is written down. Raises TypeError for anything else."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise TypeError(f"a {type(value).__name__} cannot be written down")
 
 
 def one_of(name: str, known: Iterable[str], field: str, what: str) -> None:

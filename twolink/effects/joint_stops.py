@@ -29,10 +29,11 @@ class JointStops(Switch, frozen=True):
         if self.limits != "urdf":
             check_joints(self.limits, robot, "limits", coordinates=True)
             for joint, ends in self.limits.items():
-                if len(ends) != 2 or not all(isinstance(x, (int, float)) for x in ends) or not ends[0] < ends[1]:
+                pair = isinstance(ends, Sequence) and len(ends) == 2 and all(isinstance(x, (int, float)) for x in ends)
+                if not pair or not ends[0] < ends[1]:
                     raise SceneError(f"expected (lower, upper), got {ends!r}", where=f"limits.{joint}",
                                      remedy="such as (-1.0, 1.0); inf for no stop")  # fmt: skip
-        if not self.stops(robot):
+        if not any(math.isfinite(end) for ends in self.stops(robot).values() for end in ends):
             raise SceneError("no joint has a stop", where="limits", remedy="give limits by joint")
 
     def lockable(self, robot: Robot) -> Sequence[int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import itertools
-import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -21,6 +20,7 @@ from twolink.dynamics.mechanism import Mechanism, mechanism
 from twolink.dynamics.recursions import composite_bodies, newton_euler, poses
 from twolink.dynamics.spatial import minus, plus, times
 from twolink.effects import Effect
+from twolink.effects.effect import plain
 from twolink.effects.inputs import Slot, tables_of, with_pieces
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Loads, Motion
@@ -321,7 +321,10 @@ class Equations:
     @functools.cached_property
     def _content(self) -> str:
         everything = (*self.effects, *(self.loops.loops if self.loops else ()))
-        effects = [f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e)!r}" for e in everything]
+        effects = [
+            f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
+            for e in everything
+        ]
         kept = self.loops.kept if self.loops else []
         return cache.key(self.robot.model, ("equations", *effects, f"{kept} {self.lockable}", "|", *self.parameters))
 
@@ -343,11 +346,9 @@ def _at_first(scene: Scene) -> Scene:
     return scene.with_effects(effects)
 
 
-_made: weakref.WeakKeyDictionary[Scene, Equations] = weakref.WeakKeyDictionary()
-
-
 def equations_of(scene: Scene) -> Equations:
     """The equations of a scene, kept as long as the scene."""
-    if scene not in _made:
-        _made[scene] = Equations(scene)
-    return _made[scene]
+    known: Equations | None = vars(scene).get("_equations")
+    if known is None:
+        known = vars(scene)["_equations"] = Equations(scene)
+    return known

@@ -148,6 +148,24 @@ def _on_manifold(equations: Equations, x: Array) -> Array:
     return x
 
 
+def _lock_some(equations: Equations, x: Array) -> None:
+    """In each state but the first lock some joint, if the loops leave it a choice."""
+    first = equations.space.size - len(equations.locked)
+    x[first : first + len(equations.lockable)] = 0.0
+    for column in range(1, x.shape[1]):
+        for i in range(len(equations.lockable)):
+            if (i + column) % 2:
+                continue
+            if equations.loops is not None:
+                jacobian = equations.loops.numbers(x[: equations.space.nq, column], equations.loops.kept)
+                free = [1.0 - x[first + j, column] for j in range(len(equations.lockable))]
+                for j, dof in enumerate(equations.lockable):
+                    jacobian[:, dof] *= free[j] if j != i else 0.0
+                if np.linalg.matrix_rank(jacobian, tol=1e-3) < len(jacobian):
+                    continue
+            x[first + i, column] = 1.0
+
+
 def certify(equations: Equations, method: Method, portable: StepMap, compiled: StepMap) -> None:
     """Compare one step of both maps, from the start and from random states around it.
 
@@ -156,9 +174,8 @@ def certify(equations: Equations, method: Method, portable: StepMap, compiled: S
     size = equations.space.size
     x = np.repeat(equations.start[:, None], STATES, axis=1)
     x[:, 1:] += np.random.default_rng(1).uniform(-1, 1, (size, STATES - 1))
-    locks, first = len(equations.lockable), size - len(equations.locked)
-    x[first : first + locks, 1:] = x[first : first + locks, 1:] > equations.start[first : first + locks, None]  # 0 or 1
     x = _on_manifold(equations, x)
+    _lock_some(equations, x)
     h = 0.05 / (1.0 + np.abs(equations.rate(0.0, x)).max(axis=0, initial=0.0))
     values = [nominal(equations.robot.model, name) for name in equations.parameters]
     state = portable.initial(x, 0.0, h, h, np.inf, np.array(values)[:, None] if values else None)

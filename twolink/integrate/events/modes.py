@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,9 +80,9 @@ class Hybrid:
     @classmethod
     def of(cls, equations: Equations) -> Hybrid:
         """The switches of the scene that equations are of, found once."""
-        known = _made.get(equations.scene)
+        known: Hybrid | None = vars(equations.scene).get("_hybrid")
         if known is None:
-            known = _made[equations.scene] = cls(equations.scene)
+            known = vars(equations.scene)["_hybrid"] = cls(equations.scene)
         return known
 
     def first(self) -> Modes:
@@ -132,6 +131,3 @@ class Hybrid:
         static = self.friction.get(k, (0.0, 0.0))[0]
         at = {stop.side for stop in self.standing(k, q)}
         return (-math.inf if -1.0 in at else -static), (math.inf if 1.0 in at else static)
-
-
-_made: weakref.WeakKeyDictionary[Scene, Hybrid] = weakref.WeakKeyDictionary()

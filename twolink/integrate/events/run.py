@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.events.deciding import Key, decide, slide, unlock
 from twolink.integrate.events.event import Event
 from twolink.integrate.events.guarding import guards
-from twolink.integrate.events.impacts import collide
+from twolink.integrate.events.impacts import collide, snapped
 from twolink.integrate.events.locating import Guard, Hit, Watcher
 from twolink.integrate.events.modes import Hybrid
 from twolink.integrate.events.moment import Moment
@@ -22,7 +23,7 @@ from twolink.integrate.march import march
 from twolink.integrate.methods import Method
 from twolink.integrate.solution import Progress, Solution, joined
 from twolink.integrate.state import Array
-from twolink.integrate.step_map import step_map
+from twolink.integrate.step_map import StepMap, step_map
 
 AT_ONCE = 200  # events at one time
 SAME = 1e-13  # relative: times that are one
@@ -52,7 +53,8 @@ class _Run:
         self.sides: dict[Key, float] = {}
         self.small = max(SMALL_BOUNCE * setting, LEAST_BOUNCE) if method.adaptive else LEAST_BOUNCE
         self.at_once = 0
-        self.told = ""  # what an impact has already said to rest
+        self.opened: set[Key] = set()  # what events of this instant have let go
+        self.told: set[str] = set()  # what an impact has already said to rest
         self.ended = False
         self.span = 0.0
         self.piece = equations
@@ -62,10 +64,11 @@ class _Run:
         end, self.t = float(times[-1]), float(times[0])
         self.whole.require(self.t, end)
         stops = [*(t for t in self.whole.breaks(end) if t > self.t), end]
-        self._require_start()
+        self._require_room("the start")
         self._settle()
         self.events.clear()  # how it starts is no event
         self._timed(self.t)
+        self._settle()
         self.span = end - self.t
         parts: list[Solution] = []
         try:
@@ -79,9 +82,7 @@ class _Run:
             parts[-1] = replace(parts[-1], interrupted=True)
         solution = joined(parts)
         if self.ended and solution.t[-1] < self.t:
-            solution = replace(solution, t=np.append(solution.t, self.t),
-                               x=np.concatenate([solution.x, self.x[:, None]], axis=1),
-                               pieces=(*solution.pieces, (self.piece, 1)))  # fmt: skip
+            solution = _with(solution, self.t, self.x)
         return replace(solution, events=tuple(sorted(self.events, key=lambda e: e.t)))
 
     def _next(self, times: Array, stop: float, *, first: bool) -> Solution:
@@ -95,14 +96,21 @@ class _Run:
                        pieces=((self.piece, int(taken.sum())),))  # fmt: skip
         if part.interrupted:
             return kept
+        if hit is not None and not extra and stop - hit.t <= SAME * max(1.0, stop) and kept.t[-1:] != stop:
+            kept = _with(kept, stop, hit.x[: self.whole.moving])
         self.t = stop if hit is None else hit.t
         self.x = np.array((part.x[:, -1] if hit is None else hit.x)[: self.whole.moving])
+        if stop - self.t <= SAME * max(1.0, stop):
+            self.t = stop
+        if self.t - begin > SAME * max(1.0, self.t):
+            self.at_once = 0
+            self.opened.clear()
+        self.at_once += 1
         if hit is not None:
             self._handle(hit.guard)
-        else:
+        if self.t == stop:
             self._timed(stop)
-            self._settle()
-        self.at_once = self.at_once + 1 if self.t - begin <= SAME * max(1.0, self.t) else 0
+            self._settle(frozenset(self.opened))
         if self.at_once > AT_ONCE or len(self.events) > MOST_EVENTS:
             raise AccuracyError("events follow each other without end", where=f"t = {self.t:.9g} s",
                                 remedy="more restitution, smooth friction, or a shorter duration")  # fmt: skip
@@ -118,25 +126,45 @@ class _Run:
         watching = guards(self.hybrid, self.modes, here, self.sides)
         watcher = Watcher(equations, steps, watching, self.t)
         part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=self.span)
+        if part.hit is not None and not self.method.adaptive:
+            part = self._resolved(part, steps, watcher, grid)
         for guard in watching:
             if guard.key[0] in ("release", "watch", "limit") and guard.side is not None:
                 self.sides[guard.key] = guard.side
         return part, part.hit
 
+    def _resolved(self, part: Solution, steps: StepMap, watcher: Watcher, grid: Array) -> Solution:
+        """A piece of a few steps of fixed size again in more: else half the step would take the same ones.
+
+        Their number grows with the root of the run's, so that a finer run is finer here too.
+        """
+        length = float(part.hit.t) - float(grid[0])
+        count = max(4.0, math.sqrt(self.span / self.setting))
+        while part.hit is not None and 0.0 < length < count * self.setting:
+            end = float(grid[0]) + 2.0 * length
+            shorter = np.append(grid[grid < end], end) if end < grid[-1] else grid
+            again = march(steps, shorter, length / count, self.progress, watcher=watcher)
+            if again.hit is not None or end >= grid[-1]:
+                return again
+            length *= 2.0  # the event is later than the few steps said
+        return part
+
     def _handle(self, guard: Guard) -> None:
         kind, i = guard.key
-        opened: set[Key] = set()
+        opened = self.opened
         quiet, before = False, (set(self.modes.locked), dict(self.modes.contact))
         if kind in ("holds less", "holds more"):
             unlock(self.hybrid, self.modes, i, 1.0 if kind == "holds less" else -1.0, self.x)
             opened.add(("joint", i))
         elif kind == "stick":
             self.x[self.nq + i] = 0.0
+            opened.discard(("joint", i))
         elif kind == "stop":
             stop = self.hybrid.stops[i]
             self.x[stop.entry] = stop.position
             self._collide(("stop", i))
         elif kind == "impact":
+            self.x[: self.nq] = snapped(self.hybrid, self.modes, self.x, self.t, i)
             self._collide(("contact", i))
         elif kind == "leave":
             self.modes.contact[i] = "free"
@@ -150,6 +178,8 @@ class _Run:
             self._let_go(i)
         elif kind == "watch":
             self.sides[guard.key] = -(guard.side or 1.0)
+            if self.hybrid.watches[i].then is not None:
+                del self.sides[guard.key]  # it may be on any side then
             self._notice(i)
         elif kind == "limit":
             self.sides[guard.key] = -(guard.side or 1.0)
@@ -172,7 +202,7 @@ class _Run:
             name = self.hybrid.names[k]
             if k in self.modes.locked:
                 stopped = self.hybrid.standing(k, self.x)
-                if not (stopped and self.told == name):
+                if not (stopped and name in self.told):
                     self._note("rest" if stopped else "stick", name)
             else:
                 self._note("slip" if k in self.hybrid.friction else "leave", name)
@@ -180,9 +210,9 @@ class _Run:
         for i, mode in self.modes.contact.items():
             if mode != before[1][i]:
                 frictionless = mode == "sliding" and not self.hybrid.contacts[i].friction
-                if not (frictionless and self.told == self.hybrid.contacts[i].frame):
+                if not (frictionless and self.hybrid.contacts[i].frame in self.told):
                     self._note("rest" if frictionless else kinds[mode], self.hybrid.contacts[i].frame)
-        self.told = ""
+        self.told.clear()
 
     def _moment(self) -> Moment:
         equations = self.hybrid.beginning(self.modes, self.x, self.t)
@@ -197,11 +227,12 @@ class _Run:
         if found is None:
             return
         self.x[self.nq :] = found.v
-        self._note("impact", found.name, f"at {found.speed:.6g}", found.lost)
-        if found.rest is not None:
-            why = "after bounces too small to follow, summed in closed form"
-            self._note("rest", found.name, why, t=self.t + found.rest)
-            self.told = found.name
+        for name, speed, lost, rest in found.met:
+            self._note("impact", name, f"at {speed:.6g}", lost)
+            if rest is not None:
+                why = "after bounces too small to follow, summed in closed form"
+                self._note("rest", name, why, t=self.t + rest)
+                self.told.add(name)
 
     def _timed(self, t: float) -> None:
         """What happens at a time that is given."""
@@ -231,23 +262,31 @@ class _Run:
         if watch.then is not None:
             given = watch.then(self.x[: self.nq].copy(), self.x[self.nq :].copy())
             self.x = _checked(given, self.nq, self.whole.space.nv, watch.name)
+            self._require_room(f"`then` of {watch.name!r}")
 
-    def _require_start(self) -> None:
-        """Require a start within stops and above planes."""
+    def _require_room(self, who: str) -> None:
+        """Require a state within stops and above planes; one that is beyond by a rounding is moved onto them."""
         for stop in self.hybrid.stops:
             room = stop.side * (self.x[stop.entry] - stop.position)
             if room < -BEYOND:
-                raise SceneError(f"joint {stop.joint!r} starts {-room:.3g} beyond its stop at {stop.position:g}",
-                                 where="q", remedy="start it within its limits")  # fmt: skip
+                raise SceneError(f"{who} has joint {stop.joint!r} {-room:.3g} beyond its stop at {stop.position:g}",
+                                 where="q", remedy="keep it within its limits")  # fmt: skip
             if abs(room) <= BEYOND:
                 self.x[stop.entry] = stop.position
-        if self.hybrid.contacts:
-            moment = self._moment()
-            for contact in self.hybrid.contacts.values():
-                gap = float(np.squeeze(contact.gap(moment.motion)))
-                if gap < -BEYOND:
-                    raise SceneError(f"{contact.frame!r} starts {-gap:.3g} m below its plane", where="q",
-                                     remedy="start it above")  # fmt: skip
+        for i, contact in self.hybrid.contacts.items():
+            gap = float(np.squeeze(contact.gap(self._moment().motion)))
+            if gap < -BEYOND:
+                raise SceneError(f"{who} has {contact.frame!r} {-gap:.3g} m below its plane", where="q",
+                                 remedy="keep it above")  # fmt: skip
+            if abs(gap) <= BEYOND:
+                self.x[: self.nq] = snapped(self.hybrid, self.modes, self.x, self.t, i)
+
+
+def _with(part: Solution, t: float, x: Array) -> Solution:
+    """A solution with a sample more, of its last piece."""
+    *before, (equations, count) = part.pieces
+    return replace(part, t=np.append(part.t, t), x=np.concatenate([part.x, x[:, None]], axis=1),
+                   pieces=(*before, (equations, count + 1)))  # fmt: skip
 
 
 def _checked(given: Any, nq: int, nv: int, name: str) -> Array:

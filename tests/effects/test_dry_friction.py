@@ -1,0 +1,241 @@
+"""Dry friction that sticks: closed forms, and a second integration piece by piece on equations derived by hand."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import twolink as tl
+from tests.effects.bodies import G, kinds, slider, sliders, times
+from tests.effects.cases import E, robot
+
+
+def spring_and_friction(t: np.ndarray, amplitude: float, w: float, shift: float) -> np.ndarray:
+    """x of a mass on a spring with friction, shift = c / k: half a cosine about +-shift, until |x| <= shift."""
+    x, start, out = amplitude, 0.0, np.empty_like(t)
+    while abs(x) > shift:
+        middle = np.copysign(shift, x)
+        inside = t >= start
+        out[inside] = middle + (x - middle) * np.cos(w * (t[inside] - start))
+        x, start = 2 * middle - x, start + np.pi / w
+    out[t >= start] = x
+    return out
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
+def test_mass_on_a_spring_loses_2c_over_k_a_half_cycle_and_sticks(accuracy: float) -> None:
+    scene = tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 100.0}), E.DryFriction({"x": 3.0})])
+    run = tl.simulate(scene, 8.0, accuracy)
+    off = np.abs(run.q[:, 0] - spring_and_friction(run.t, 1.0, 10.0, 0.03))
+    assert np.all(off <= run.error + 1e-15)
+    assert run.error[-1] <= accuracy
+    stuck = run.t > 17 * np.pi / 10 + 1e-9
+    assert np.all(run.v[stuck] == 0)
+    assert np.ptp(run.q[stuck]) < 1e-14
+    assert kinds(run)[-1] == "stick"
+    assert times(run, "stick") == pytest.approx([17 * np.pi / 10], abs=10 * accuracy)
+
+
+def test_a_sliding_block_stops_for_good() -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=[E.DryFriction({"x": 3.0})]), 2.0, 1e-9)
+    assert np.abs(run.q[:, 0] - np.where(run.t < 2 / 3, 2 * run.t - 1.5 * run.t**2, 2 / 3)).max() < 1e-12
+    assert kinds(run) == ["stick"]
+
+
+def test_static_friction_above_kinetic_holds_until_the_ramp_exceeds_it() -> None:
+    effects = [E.DryFriction({"x": 3.0}, {"x": 5.0}), E.Torque({"x": E.Polynomial((0.0, 2.0))})]
+    run = tl.simulate(tl.Scene(slider(), effects=effects), 4.0, 1e-9)
+    t = np.fmax(run.t, 2.5)
+    expected = (t**3 - 2.5**3) / 3 - 2.5**2 * (t - 2.5) - 1.5 * (t - 2.5) ** 2
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
+    assert times(run, "slip") == pytest.approx([2.5], abs=1e-12)
+
+
+@pytest.mark.parametrize(("load", "static"), [(2.999, 3.0), (3.0, 3.0), (5.0, 5.0), (0.0, 3.0)])
+def test_what_is_not_above_static_friction_moves_nothing(load: float, static: float) -> None:
+    """The very edge included: it is not more than s."""
+    scene = tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}, {"x": static}), E.Torque({"x": load})])
+    run = tl.simulate(scene, 3.0, 1e-9)
+    assert np.all(run.q == 0)
+    assert not run.events
+
+
+def test_a_load_equal_to_kinetic_friction_keeps_the_speed() -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.DryFriction({"x": 3.0}), E.Torque({"x": 3.0})]), 3.0, 1e-9)
+    assert np.abs(run.q[:, 0] - run.t).max() < 1e-12
+
+
+def test_a_step_of_the_load_between_samples_of_a_table() -> None:
+    """Held below 3 N, pulled by 4 N from t = 1, and braked from t = 2: q = 1/2, v = 1, stops after 1/3 s at 2/3 m."""
+    table = E.Sampled((0.0, 1.0, 2.0, 4.0), (2.9, 4.0, 0.0, 0.0), interpolation="hold")
+    scene = tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), E.Torque({"x": table})])
+    run = tl.simulate(scene, 4.0, 1e-9)
+    assert run.q[-1, 0] == pytest.approx(2 / 3, abs=1e-12)
+    assert [(e.kind, round(e.t, 12)) for e in run.events] == [("slip", 1.0), ("stick", round(7 / 3, 12))]
+
+
+def driven(duration: float, size: float, w: float, c: float) -> list[tuple[float, float, float]]:
+    """(start, x, sign) of the slips of 1 kg driven by size sin(w t) against friction c, each to its stop."""
+    t, x, found = 0.0, 0.0, []
+    while t < duration:
+        force = size * np.sin(w * t)
+        if abs(force) <= c:  # held: until the drive exceeds c
+            edge = np.arcsin(c / size)
+            candidates = [(n * np.pi + edge) / w for n in range(int(w * t / np.pi) - 1, int(w * t / np.pi) + 3)]
+            t = min(a for a in candidates if a > t + 1e-12)
+            if t >= duration:
+                break
+        sign = np.sign(np.sin(w * t))
+        found.append((t, x, sign))
+        speed = lambda s, t=t, sign=sign: size / w * (np.cos(w * t) - np.cos(w * s)) - sign * c * (s - t)  # noqa: E731
+        grid = t + np.linspace(1e-3, 2 * np.pi / w, 400)
+        after = int(np.argmax(sign * speed(grid) <= 0))
+        stop = brentq(speed, grid[after - 1], grid[after], xtol=1e-15)
+        x += place(stop, t, sign, size, w, c)
+        t = stop
+    return found
+
+
+def place(s: float, t: float, sign: float, size: float, w: float, c: float) -> float:
+    """How far a slip that started at t has come at s."""
+    return (size / w * np.cos(w * t) * (s - t) - size / w**2 * (np.sin(w * s) - np.sin(w * t))
+            - sign * c * (s - t) ** 2 / 2)  # fmt: skip
+
+
+def test_a_hundred_seconds_of_driven_stick_slip() -> None:
+    size, w, c = 5.0, 3.0, 3.0
+    effects = [E.DryFriction({"x": c}), E.Torque({"x": E.Sine(size, w)})]
+    run = tl.simulate(tl.Scene(slider(), effects=effects), 100.0, 1e-8, samples=20)
+    slips = driven(100.0, size, w, c)
+    assert len(slips) > 90
+    start, x, sign = slips[-1]
+    assert len(times(run, "slip")) == len(slips)
+    assert times(run, "slip") == pytest.approx([s for s, _, _ in slips], abs=1e-8)
+    at = np.searchsorted(run.t, start) + 2
+    moved = place(run.t[at], start, sign, size, w, c)
+    assert abs(run.q[at, 0] - x - moved) <= run.error[at]
+
+
+def arm_pieces(q: list[float], v: list[float], c: np.ndarray, s: np.ndarray, end: float) -> tuple[np.ndarray, list]:
+    """(state at the end, events) of the bundled arm with friction: Lagrange's equations by solve_ivp with events."""
+
+    def accelerate(x: np.ndarray, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(a, the torques that hold those of slip 0)."""
+        q1, q2, v1, v2 = x
+        m = np.array([[7 / 3 + np.cos(q2), 1 / 3 + np.cos(q2) / 2], [1 / 3 + np.cos(q2) / 2, 1 / 3]])
+        h = np.array([-np.sin(q2) * (v1 * v2 + v2**2 / 2) + G * (2.5 * np.cos(q1) + np.cos(q1 + q2) / 2),
+                      np.sin(q2) * v1**2 / 2 + G * np.cos(q1 + q2) / 2])  # fmt: skip
+        free = slip != 0
+        a, tau = np.zeros(2), -slip * c
+        if free.any():
+            a[free] = np.linalg.solve(m[np.ix_(free, free)], (tau - h)[free])
+        return a, np.where(free, 0.0, m @ a + h)
+
+    def settle(x: np.ndarray, slip: np.ndarray) -> np.ndarray:
+        """Hold what is at rest, but for what needs more than s, the worst first."""
+        slip = np.where(x[2:] == 0, 0.0, slip)
+        while True:
+            held = accelerate(x, slip)[1]
+            over = np.where(slip == 0, np.abs(held) - s, -1.0)
+            worst = int(np.argmax(over))
+            if over[worst] <= 1e-10:
+                return slip
+            slip[worst] = -np.sign(held[worst])
+
+    x, t, slip, noted = np.array([*q, *v]), 0.0, np.sign(v), []
+    slip = settle(x, slip)
+    while t < end:
+        watch = []
+        for k in range(2):
+
+            def event(_t: float, x: np.ndarray, k: int = k, slip: np.ndarray = slip) -> float:
+                return slip[k] * x[2 + k] if slip[k] else s[k] - abs(accelerate(x, slip)[1][k])
+
+            event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+            watch.append(event)
+        found = solve_ivp(lambda _t, x, slip=slip: np.concatenate([x[2:], accelerate(x, slip)[0]]), (t, end), x,
+                          "DOP853", events=watch, rtol=1e-12, atol=1e-13)  # fmt: skip
+        t, x = found.t[-1], found.y[:, -1].copy()
+        hit = [k for k in range(2) if found.t_events[k].size]
+        if not hit:
+            break
+        k = hit[0]
+        before = slip.copy()
+        if slip[k]:
+            x[2 + k] = 0.0
+            slip = settle(x, slip)
+        else:
+            slip[k] = -np.sign(accelerate(x, slip)[1][k])
+        if (before[k] == 0) != (slip[k] == 0):
+            noted.append((t, "stick" if slip[k] == 0 else "slip", k))
+    return x, noted
+
+
+def test_both_joints_of_the_arm_stick_slip_and_reverse() -> None:
+    c, s = np.array([2.0, 0.5]), np.array([4.0, 1.5])
+    names = ("shoulder", "elbow")
+    effect = E.DryFriction(dict(zip(names, c, strict=True)), dict(zip(names, s, strict=True)))
+    start = [0.9, 0.4], [1.0, 0.0]
+    x, noted = arm_pieces(*start, c, s, 12.0)
+    run = tl.simulate(tl.Scene(robot("arm"), *start, effects=[E.Gravity(), effect]), 12.0, 1e-8)
+    assert np.abs(run.q[-1] - x[:2]).max() < 1e-8
+    ours = [(e.kind, e.what) for e in run.events if e.kind in ("stick", "slip")]
+    assert ours == [(kind, names[k]) for _, kind, k in noted]
+    assert len(ours) >= 4
+    told = [e.t for e in run.events if e.kind in ("stick", "slip")]
+    assert told == pytest.approx([t for t, _, _ in noted], abs=1e-6)
+
+
+def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None:
+    """A slider-crank in gravity with friction on its slide: E falls by c times the way, and it ends at rest."""
+    given = tl.load_scene("crankshaft")
+    start = {"crank_joint": 8.0, "rod_joint": -8.0 * (1 + 0.1 / 0.3)}
+    effects = [E.Gravity((0.0, -9.81, 0.0)), given.effects[0], E.DryFriction({"slide": 0.8}, {"slide": 1.1})]
+    scene = tl.Scene(given.base, given.q, [start.get(n, 0.0) for n in given.robot.joint_names], effects)
+    run = tl.simulate(scene, 2.0, 1e-9, samples=4000)
+    slide = np.asarray(run.columns()["q.slide"])
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(slide)))])
+    assert way[-1] > 0.2
+    turns = 4 * np.abs(np.diff(slide)).max() * 0.8  # a reversal between two samples hides some way
+    assert np.abs(run.energy[0] - run.energy - 0.8 * way).max() < turns
+
+
+def test_one_of_two_coupled_joints_with_friction() -> None:
+    """1 kg and 2 kg move as one: 3 x'' = t - 2 from t = 2 on; the friction of a joint that does not move on its own."""
+    effects = [E.Coupling("one", "two", 1.0), E.DryFriction({"two": 2.0}), E.Torque({"one": E.Polynomial((0.0, 1.0))})]
+    run = tl.simulate(tl.Scene(sliders(), effects=effects), 4.0, 1e-9)
+    expected = np.fmax(run.t - 2, 0) ** 3 / 18
+    assert np.abs(run.q - expected[:, None]).max() < 1e-9
+    assert times(run, "slip") == pytest.approx([2.0], abs=1e-9)
+
+
+def test_friction_of_nothing_is_no_friction() -> None:
+    effects = [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})]
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 10.0, 1e-9)
+    assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
+
+
+def test_two_frictions_in_one_joint_add_up() -> None:
+    effects = [E.DryFriction({"x": 1.0}), E.DryFriction({"x": 2.0})]
+    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 2.0, 1e-9)
+    assert run.q[-1, 0] == pytest.approx(2 / 3, abs=1e-12)
+
+
+BAD = [
+    (E.DryFriction({"elbw": 1.0}), "kinetic", "did you mean 'elbow'"),
+    (E.DryFriction({}), "kinetic", "names no joint"),
+    (E.DryFriction({"elbow": -1.0}), "kinetic.elbow", "at least 0"),
+    (E.DryFriction({"elbow": float("nan")}), "kinetic.elbow", "finite"),
+    (E.DryFriction({"elbow": 1.0}, {"shoulder": 2.0}), "static", "kinetic friction"),
+    (E.DryFriction({"elbow": 1.0}, {"elbow": 0.5}), "static.elbow", "below the kinetic"),
+    (E.DryFriction({"elbow": 1.0}, {"elbow": float("inf")}), "static.elbow", "finite"),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "part"), BAD)
+def test_refusals(effect: object, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[effect])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy

@@ -1,0 +1,171 @@
+"""Stops of joints: closed forms, and the balance of momentum and energy at impacts."""
+
+import math
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import kinds, slider, sliders, times
+from tests.effects.cases import E, robot
+
+STOP = {"x": (-1.0, 1.0)}
+
+
+def test_bounces_between_two_stops_are_a_triangle_wave() -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[0.7], effects=[E.JointStops(STOP, restitution=1.0)]), 30.0, 1e-9)
+    way = 0.7 * run.t + 1.0
+    assert np.abs(run.q[:, 0] - (1.0 - np.abs(way % 4.0 - 2.0))).max() < 1e-9
+    assert len(times(run, "impact")) == 10
+
+
+def test_without_restitution_and_without_load_it_stays_at_the_stop() -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.JointStops(STOP)]), 3.0, 1e-9)
+    assert np.abs(run.q[:, 0] - np.fmin(run.t, 1.0)).max() < 1e-12
+    assert run.events[0].energy == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_starting_at_the_stop_at_rest_it_stays(restitution: float) -> None:
+    for load in (0.0, 2.0):
+        effects = [E.JointStops(STOP, restitution=restitution), E.Torque({"x": load})]
+        run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, 1e-9)
+        assert np.all(run.q == 1.0)
+        assert np.all(run.v == 0.0)
+
+
+def test_resting_under_load_and_leaving_when_the_load_reverses() -> None:
+    """Pressed by 1 - t: at the stop till t = 1, then -(t - 1)^3 / 6."""
+    effects = [E.JointStops(STOP, restitution=0.5), E.Torque({"x": E.Polynomial((1.0, -1.0))})]
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 2.5, 1e-9)
+    assert np.abs(run.q[:, 0] - 1 + np.fmax(run.t - 1, 0) ** 3 / 6).max() < 1e-12
+    assert [(e.kind, e.t) for e in run.events] == [("leave", pytest.approx(1.0, abs=1e-12))]
+
+
+@pytest.mark.parametrize("room", [0.0, 1e-9, -1e-9])
+def test_a_grazing_touch(room: float) -> None:
+    """An oscillation of amplitude 1 between stops there, but for 1e-9: each touch before the end skips 2 acos(stop)."""
+    effects = [E.JointSpring({"x": 4.0}), E.JointStops({"x": (-1.0 - room, 1.0 + room)}, restitution=1.0)]
+    run = tl.simulate(tl.Scene(slider(), v=[2.0], effects=effects), 20.0, 1e-6)
+    half = math.pi / 2 - math.acos(min(1.0, 1.0 + room))
+    touches = np.floor((2 * run.t + half) / (2 * half))
+    expected = (-1) ** touches * np.sin(2 * run.t - touches * 2 * half)
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-6
+    assert room or not times(run, "rest").size
+
+
+def test_two_stops_hit_at_the_same_instant() -> None:
+    both = {"one": (-1.0, 1.0), "two": (-1.0, 1.0)}
+    for load, e in ((0.0, 0.5), (3.0, 0.0)):
+        effects = [E.JointStops(both, restitution=e), E.Torque({"one": load, "two": 2 * load})]
+        run = tl.simulate(tl.Scene(sliders(), v=[1.0, 1.0], effects=effects), 2.0, 1e-9)
+        hit = times(run, "impact")
+        assert hit[:2] == pytest.approx([1.0, 1.0] if not load else [(math.sqrt(7) - 1) / 3] * 2, abs=1e-12)
+        assert run.q[-1] == pytest.approx([0.5, 0.5] if not load else [1.0, 1.0], abs=1e-9)
+
+
+def test_friction_and_a_stop_in_the_same_joint() -> None:
+    """From 3 m/s against 1 N: sqrt(7) at the stop, half of it back, at rest after 7/8 m."""
+    effects = [E.JointStops(STOP, restitution=0.5), E.DryFriction({"x": 1.0})]
+    run = tl.simulate(tl.Scene(slider(), v=[3.0], effects=effects), 4.0, 1e-9)
+    assert run.q[-1, 0] == pytest.approx(1 - 7 / 8, abs=1e-12)
+    assert times(run, "impact") == pytest.approx([3 - math.sqrt(7)], abs=1e-12)
+    assert times(run, "stick") == pytest.approx([3 - math.sqrt(7) / 2], abs=1e-12)
+
+
+def test_friction_holds_at_the_stop_until_the_load_away_exceeds_it() -> None:
+    """Pressed by 1 - t with friction 2: held until t = 3, then -(t - 3)^3 / 6 as it loads by t - 1 - 2."""
+    effects = [E.JointStops(STOP), E.DryFriction({"x": 2.0}), E.Torque({"x": E.Polynomial((1.0, -1.0))})]
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 4.0, 1e-9)
+    assert np.abs(run.q[:, 0] - 1 + np.fmax(run.t - 3, 0) ** 3 / 6).max() < 1e-9
+
+
+@pytest.mark.parametrize("e", [0.0, 0.6, 1.0])
+def test_the_balance_of_momentum_and_energy_at_the_elbows_stop(e: float) -> None:
+    """M dv = (0, p), v_2 -> -e v_2: by the arm's own mass matrix, with p from the second row of its inverse."""
+    arm = robot("arm")
+    effects = [E.Gravity(), E.JointStops({"elbow": (-1.0, 1.0)}, restitution=e)]
+    start = [0.3, 0.4], [0.5, 3.0]
+    hit = tl.simulate(tl.Scene(arm, *start, effects=effects), 0.4, 1e-10).events[0]
+    before = tl.simulate(tl.Scene(arm, *start, effects=[E.Gravity()]), hit.t, 1e-11)
+    after = tl.simulate(tl.Scene(arm, *start, effects=effects), hit.t + 1e-7, 1e-10)
+    mass = arm.mass_matrix(before.q[-1])
+    column = np.linalg.inv(mass)[:, 1]
+    expected = before.v[-1] - column * (1 + e) * before.v[-1, 1] / column[1]
+    assert hit.kind == "impact"
+    assert before.q[-1, 1] == pytest.approx(1.0, abs=1e-9)
+    assert after.v[-1] == pytest.approx(expected, abs=1e-5)
+    lost = (before.v[-1] @ mass @ before.v[-1] - expected @ mass @ expected) / 2
+    assert hit.energy == pytest.approx(lost, abs=1e-8)
+
+
+def test_an_impact_in_a_closed_loop_moves_everything_that_hangs_together() -> None:
+    """1 kg and 2 kg coupled: the stop of one of them turns both round; 3 kg lose (1 - e^2) of their energy."""
+    effects = [E.Coupling("one", "two", 1.0), E.JointStops({"two": (-1.0, 1.0)}, restitution=0.5)]
+    run = tl.simulate(tl.Scene(sliders(), v=[2.0, 2.0], effects=effects), 1.2, 1e-9)
+    expected = np.where(run.t < 0.5, 2 * run.t, 1.5 - run.t)
+    assert np.abs(run.q - expected[:, None]).max() < 1e-9
+    assert run.events[0].energy == pytest.approx(0.5 * 3 * 4 * 0.75, abs=1e-9)
+
+
+def test_a_loop_rests_at_a_stop_under_load_and_leaves() -> None:
+    effects = [E.Coupling("one", "two", 1.0), E.JointStops({"two": (-1.0, 1.0)}),
+               E.Torque({"one": E.Polynomial((1.0, -1.0))})]  # fmt: skip
+    run = tl.simulate(tl.Scene(sliders(), [1.0, 1.0], effects=effects), 2.0, 1e-9)
+    assert np.abs(run.q - 1 + (np.fmax(run.t - 1, 0) ** 3 / 18)[:, None]).max() < 1e-9
+
+
+def test_an_arm_between_elastic_stops_is_chaotic_and_keeps_its_energy() -> None:
+    arm = robot("arm")
+    effects = [E.Gravity(), E.JointStops({"shoulder": (-2.5, 0.5), "elbow": (-1.0, 1.0)}, restitution=1.0)]
+    scene = tl.Scene(arm, [0.3, 0.4], effects=effects)
+    run = tl.simulate(scene, 3.0, 1e-6)
+    assert len(times(run, "impact")) >= 6
+    assert np.ptp(run.energy) < 1e-5
+    assert np.all(run.q[:, 1] >= -1 - 1e-12)
+    assert np.all(run.q[:, 1] <= 1 + 1e-12)
+    finer = tl.simulate(scene, 3.0, 1e-8)
+    assert np.all(np.abs(run.q - finer.q).max(axis=1) <= run.error + finer.error)
+    again = tl.simulate(tl.Scene(arm, [0.3, 0.4], effects=effects), 3.0, 1e-6)
+    assert np.array_equal(run.q, again.q)
+    assert run.events == again.events
+
+
+def test_the_stops_of_the_urdf() -> None:
+    """The slider's joint ends at +-100 m."""
+    run = tl.simulate(tl.Scene(slider(), [99.0], [1.0], effects=[E.JointStops(restitution=1.0)]), 2.0, 1e-9)
+    assert run.q[-1, 0] == pytest.approx(99.0, abs=1e-9)
+    assert kinds(run) == ["impact"]
+
+
+@pytest.mark.parametrize(("q", "way"), [(1.1, "upper"), (-1.0 - 1e-6, "lower")])
+def test_a_start_beyond_a_stop_is_refused(q: float, way: str) -> None:
+    with pytest.raises(tl.errors.SceneError, match="beyond its stop at") as caught:
+        tl.simulate(tl.Scene(slider(), [q], effects=[E.JointStops(STOP)]), 1.0)
+    assert caught.value.where == "q"
+    assert ("1" if way == "upper" else "-1") in str(caught.value)
+
+
+BAD = [
+    (E.JointStops({"elbw": (-1.0, 1.0)}), "limits", "did you mean 'elbow'"),
+    (E.JointStops({"elbow": (1.0, -1.0)}), "limits.elbow", "expected (lower, upper)"),
+    (E.JointStops({"elbow": (1.0, 1.0)}), "limits.elbow", "expected (lower, upper)"),
+    (E.JointStops({"elbow": (float("nan"), 1.0)}), "limits.elbow", "expected (lower, upper)"),
+    (E.JointStops({"elbow": (1.0,)}), "limits.elbow", "expected (lower, upper)"),
+    (E.JointStops({"elbow": 3.0}), "limits.elbow", "expected (lower, upper)"),
+    (E.JointStops({"elbow": (0.0, 1.0)}, restitution=1.1), "restitution", "from 0 to 1"),
+    (E.JointStops({"elbow": (0.0, 1.0)}, restitution=-0.1), "restitution", "at least 0"),
+    (E.JointStops({"elbow": (0.0, 1.0)}, restitution=float("nan")), "restitution", "finite"),
+    (E.JointStops({}), "limits", "no joint"),
+    (E.JointStops({"elbow": (-math.inf, math.inf)}), "limits", "stop"),
+    (E.JointStops("URDF"), "limits", "expected values by joint"),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "part"), BAD)
+def test_refusals(effect: object, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[effect])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy

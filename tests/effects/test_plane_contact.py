@@ -1,0 +1,241 @@
+"""Contact with a plane: bouncing, sliding, rolling, sticking, tipping and leaving, against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import twolink as tl
+from tests.effects.bodies import G, ball, bouncing, kinds, planar, times
+from tests.effects.cases import E, robot
+
+R = 0.1
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
+def test_a_bouncing_point_comes_to_rest_when_the_series_ends(accuracy: float) -> None:
+    scene = tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=0.5)])
+    run = tl.simulate(scene, 2.0, accuracy)
+    assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.5)) <= run.error)
+    assert run.error[-1] <= accuracy
+    assert times(run, "rest")[0] == pytest.approx(3 * math.sqrt(2 / G), abs=1e-9 if accuracy == 1e-9 else 1e-2)
+    assert sum(e.energy for e in run.events) == pytest.approx(G, abs=10 * accuracy)
+
+
+def test_an_elastic_ball_bounces_for_ever() -> None:
+    scene = tl.Scene(planar(), [0, 10.0, 0], effects=[E.Gravity(), E.PlaneContact("body", restitution=1.0)])
+    run = tl.simulate(scene, 200.0, 1e-6, samples=10)
+    assert len(times(run, "impact")) == 70
+    assert np.all(np.abs(run.q[:, 1] - bouncing(run.t, 10.0, 1.0)) <= run.error + 1e-15)
+    assert np.ptp(run.energy) < 1e-6
+
+
+def test_far_from_the_origin() -> None:
+    """A plane at 10 km: its rounding is no event."""
+    effects = [E.Gravity(), E.PlaneContact("body", height=1e4, restitution=1.0)]
+    run = tl.simulate(tl.Scene(planar(), [0, 1e4 + 10, 0], effects=effects), 20.0, 1e-6)
+    assert np.abs(run.q[:, 1] - 1e4 - bouncing(run.t, 10.0, 1.0)).max() < 1e-6
+
+
+def test_without_restitution_it_stays_down() -> None:
+    scene = tl.Scene(planar(), [0, 1.0, 0], [0.5, 0, 0], [E.Gravity(), E.PlaneContact("body")])
+    run = tl.simulate(scene, 1.0, 1e-9)
+    assert np.abs(run.q[:, 1] - bouncing(run.t, 1.0, 0.0)).max() < 1e-9
+    assert np.abs(run.q[:, 0] - 0.5 * run.t).max() < 1e-9
+    assert kinds(run) == ["impact", "rest"]
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2])
+def test_without_gravity_nothing_presses_and_nothing_rubs(friction: float) -> None:
+    effects = [E.PlaneContact("body", friction=friction)]
+    run = tl.simulate(tl.Scene(planar(), v=[0.5, 0, 0], effects=effects), 2.0, 1e-9)
+    assert np.abs(run.q - np.outer(run.t, [0.5, 0, 0])).max() < 1e-12
+    hit = tl.simulate(tl.Scene(planar(), [0, 1, 0], [0.5, -1, 0], effects), 3.0, 1e-9)
+    assert hit.q[-1] == pytest.approx([1.5 - 2 * friction, 0, 0], abs=1e-9)  # the impact rubs: mu times 1 N s
+
+
+def test_a_bounce_off_an_inclined_plane() -> None:
+    """The reflection of the velocity at the normal; and then a flight."""
+    angle, fall = 0.4, math.sqrt(2 / G)
+    n = np.array([-math.sin(angle), math.cos(angle)])
+    effects = [E.Gravity(), E.PlaneContact("body", normal=(float(n[0]) * 3, 0.0, float(n[1]) * 3), restitution=1.0)]
+    run = tl.simulate(tl.Scene(planar(), [0, 1.0, 0], effects=effects), fall + 0.3, 1e-9)
+    v = np.array([0.0, -G * fall])
+    v -= 2 * (v @ n) * n
+    assert run.q[-1, :2] == pytest.approx([0.3 * v[0], 0.3 * v[1] - 0.5 * G * 0.09], abs=1e-9)
+
+
+def test_the_impact_of_a_rod_with_friction_keeps_momentum() -> None:
+    """A leaning rod hits with its end: M dv = J^T p, p in the cone, the end rebounds with e."""
+    body, angle, e, mu = planar(), 0.7, 0.5, 0.15
+    arm = 0.5 * np.array([math.cos(angle), math.sin(angle)])
+    contact = E.PlaneContact("body", point=(-0.5, 0.0, 0.0), restitution=e, friction=mu)
+    height = float(arm[1])
+    effects = [E.Gravity(), contact]
+    run = tl.simulate(tl.Scene(body, [0, height, angle], [4.0, -2.0, 0.3], effects), 1e-7, 1e-10, samples=1e7)
+    hit = run.events[0]
+    before, after = np.array([4.0, -2.0, 0.3]), run.v[-1]
+    # The end is at (x, z) - arm: its velocity is (vx + arm_z w, vz - arm_x w).
+    tangent, normal = np.array([1, 0, arm[1]]), np.array([0, 1, -arm[0]])
+    mass = np.diag([1.0, 1.0, 0.1])
+    p = mass @ (after - before)
+    assert hit.kind == "impact"
+    assert normal @ after == pytest.approx(-e * (normal @ before), abs=1e-5)
+    assert p[2] == pytest.approx(p[0] * tangent[2] + p[1] * normal[2], abs=1e-5)
+    assert p[0] == pytest.approx(-mu * p[1], abs=1e-5)  # it slides on
+    assert tangent @ after > 0
+    assert hit.energy == pytest.approx((before @ mass @ before - after @ mass @ after) / 2, abs=1e-5)
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
+def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
+    """At t = 2 v0 / (7 mu g), with 5/7 of its speed."""
+    mu, v0 = 0.2, 3.0
+    effects = [E.Gravity(), E.PlaneContact("ball", radius=R, friction=mu)]
+    run = tl.simulate(tl.Scene(ball(), [0, 0, R, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects), 1.0, accuracy)
+    rolls = 2 * v0 / (7 * mu * G)
+    sliding, late = np.fmin(run.t, rolls), np.fmax(run.t - rolls, 0)
+    x = v0 * sliding - mu * G * sliding**2 / 2 + 5 / 7 * v0 * late
+    assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
+    assert times(run, "roll") == pytest.approx([rolls], abs=accuracy)
+    assert run.v[-1, 4] == pytest.approx(5 / 7 * v0 / R, abs=100 * accuracy)
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_a_ball_rolls_down_an_incline_if_friction_is_two_sevenths_of_its_tangent(share: float) -> None:
+    angle = 0.5
+    n, mu = np.array([-math.sin(angle), 0.0, math.cos(angle)]), share * 2 / 7 * math.tan(angle)
+    effects = [E.Gravity(), E.PlaneContact("ball", radius=R, normal=tuple(map(float, n)), friction=mu)]
+    run = tl.simulate(tl.Scene(ball(), [*(R * n), 0, 0, 0, 1], effects=effects), 1.0, 1e-9, samples=20)
+    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
+    slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
+    assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
+
+
+@pytest.mark.parametrize("share", [0.98, 1.02])
+def test_a_block_on_two_feet_slides_if_the_slope_exceeds_its_friction(share: float) -> None:
+    """How the feet share the friction is not determined; whether the block slides is, and how."""
+    angle = 0.3
+    n, mu = (-math.sin(angle), 0.0, math.cos(angle)), share * math.tan(angle)
+    feet = [E.PlaneContact("body", point=(x, 0.0, -0.1), normal=n, height=-0.1, friction=mu) for x in (0.5, -0.5)]
+    run = tl.simulate(tl.Scene(planar(), [0, 0, angle], effects=[E.Gravity(), *feet]), 1.0, 1e-9, samples=20)
+    slope = max(0.0, math.sin(angle) - mu * math.cos(angle))
+    expected = -slope * G * run.t**2 / 2
+    assert np.abs(run.q[:, 0] - expected * math.cos(angle)).max() < 1e-9
+    assert np.abs(run.q[:, 2] - angle).max() < 1e-9
+
+
+def test_a_block_beyond_the_edge_of_its_feet_tips() -> None:
+    """Feet at 0.1 and 0.5 to one side: it turns about the nearer as a pendulum, and lifts the other at once."""
+    feet = [E.PlaneContact("body", point=(x, 0.0, -0.1), friction=5.0) for x in (0.5, 0.1)]
+    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], effects=[E.Gravity(), *feet]), 0.25, 1e-9)
+    angle, lever = run.q[:, 2], 0.1 * math.sqrt(2)
+    inertia = 0.1 + lever**2
+    height = 0.1 * np.cos(angle) - 0.1 * np.sin(angle)  # of the centre over the foot, at (-0.1, 0.1) from it
+    assert np.abs(inertia * run.v[:, 2] ** 2 / 2 - G * (0.1 - height)).max() < 1e-8
+    assert angle[-1] > 0.1
+    assert np.abs(run.q[:, 1] - height).max() < 1e-9
+
+
+def falling_rod(theta: float, first: float) -> tuple[float, float, float]:
+    """(theta'^2, F, N) of a rod of 1 kg and 1 m that falls about its foot from rest at `first` off the vertical."""
+    square, turn = 3 * G * (math.cos(first) - math.cos(theta)), 1.5 * G * math.sin(theta)
+    force = 0.5 * (turn * math.cos(theta) - square * math.sin(theta))
+    return square, force, G - 0.5 * (turn * math.sin(theta) + square * math.cos(theta))
+
+
+def test_a_falling_rod_slips_when_its_foot_needs_more_than_friction() -> None:
+    """It sticks till F = mu N, after t = int d theta / theta'."""
+    first, mu = 0.2, 0.3
+    slips = brentq(lambda a: falling_rod(a, first)[1] - mu * falling_rod(a, first)[2], 0.3, 0.7, xtol=1e-15)
+    # From rest theta' is 0: with theta = first + u^2 the integrand is smooth.
+    when = quad(lambda u: 2 * u / math.sqrt(falling_rod(first + u * u, first)[0]), 1e-9, math.sqrt(slips - first),
+                epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
+    foot = E.PlaneContact("body", point=(-0.5, 0.0, 0.0), friction=mu)
+    start = [0.5 * math.sin(first), 0.5 * math.cos(first), math.pi / 2 - first]
+    run = tl.simulate(tl.Scene(planar(1 / 12), start, effects=[E.Gravity(), foot]), when + 0.05, 1e-9)
+    slide = times(run, "slide")
+    assert slide == pytest.approx([when], abs=2e-8)
+    held = run.t < when
+    assert np.abs(run.q[held, 0] - 0.5 * np.cos(run.q[held, 2])).max() < 1e-9
+    assert run.q[-1, 0] - 0.5 * math.cos(run.q[-1, 2]) < -1e-5  # backwards
+
+
+def test_a_rod_falling_without_friction_keeps_its_centre_over_the_same_point() -> None:
+    foot = E.PlaneContact("body", point=(-0.5, 0.0, 0.0))
+    run = tl.simulate(tl.Scene(planar(1 / 12), [0, 0.5 * math.sin(1.3), 1.3], effects=[E.Gravity(), foot]), 0.5, 1e-9)
+    assert np.abs(run.q[:, 0]).max() < 1e-12
+    assert np.abs(run.q[:, 1] - 0.5 * np.sin(run.q[:, 2])).max() < 1e-9
+    assert np.ptp(run.energy) < 1e-8
+
+
+def test_what_is_lifted_leaves() -> None:
+    """Pulled up by m g t: off at t = 1, then g (t - 1)^3 / 6."""
+    effects = [E.Gravity(), E.FrameWrench("body", (0.0, 0.0, E.Polynomial((0.0, G)))), E.PlaneContact("body")]
+    run = tl.simulate(tl.Scene(planar(), effects=effects), 2.0, 1e-9)
+    assert np.abs(run.q[:, 1] - G * np.fmax(run.t - 1, 0) ** 3 / 6).max() < 1e-9
+    assert [(e.kind, e.t) for e in run.events] == [("leave", pytest.approx(1.0, abs=1e-9))]
+
+
+def test_the_same_contact_twice_is_one_contact() -> None:
+    contact = E.PlaneContact("body", friction=0.2)
+    run = tl.simulate(tl.Scene(planar(), v=[1.0, 0, 0], effects=[E.Gravity(), contact, contact]), 1.0, 1e-9)
+    assert run.q[-1, 0] == pytest.approx(1 / (2 * 0.2 * G), abs=1e-9)
+
+
+def test_a_box_on_four_feet_rests() -> None:
+    """One more than determines their forces."""
+    feet = [E.PlaneContact("ball", point=(x, y, -R)) for x in (0.5, -0.5) for y in (0.5, -0.5)]
+    run = tl.simulate(tl.Scene(ball(), [0, 0, R, 0, 0, 0, 1], effects=[E.Gravity(), *feet]), 1.0, 1e-9, samples=10)
+    assert np.abs(run.q - run.q[0]).max() < 1e-12
+    assert not run.events
+
+
+@pytest.mark.parametrize(("friction", "speed"), [(0.5, -2.0), (1.2, -2.0), (2.0, -2.0), (2.0, 2.0)])
+def test_painleves_rod_has_an_answer_or_a_named_error(friction: float, speed: float) -> None:
+    """No normal force stops the end where friction turns the rod into the ground: said so. Else energy falls."""
+    lean = 1.0
+    foot = E.PlaneContact("body", point=(-1.0, 0.0, 0.0), friction=friction)
+    start = [0, math.sin(lean), lean]
+    scene = tl.Scene(planar(1 / 3), start, [speed, 0, 0], [E.Gravity(), foot])
+    # The end's acceleration along z is N (1 + 3 cos a (cos a + s mu sin a)) - g, s the sign of sliding.
+    bracket = 1 + 3 * math.cos(lean) * (math.cos(lean) + math.copysign(friction, speed) * math.sin(lean))
+    if bracket < 0:
+        with pytest.raises(tl.errors.AccuracyError, match="Painlev"):
+            tl.simulate(scene, 0.2, 1e-6)
+        return
+    run = tl.simulate(scene, 0.2, 1e-6)
+    assert np.isfinite(run.q).all()
+    assert np.all(np.diff(run.energy) < 1e-9)
+    assert np.abs(run.q[:, 1] - np.sin(run.q[:, 2])).max() < 1e-6
+
+
+def test_a_start_below_the_plane_is_refused() -> None:
+    with pytest.raises(tl.errors.SceneError, match="below its plane") as caught:
+        tl.simulate(tl.Scene(planar(), [0, -1e-6, 0], effects=[E.Gravity(), E.PlaneContact("body")]), 1.0)
+    assert caught.value.where == "q"
+
+
+BAD = [
+    (E.PlaneContact("tp"), "frame", "did you mean 'tip'"),
+    (E.PlaneContact("base"), "frame", "does not move"),
+    (E.PlaneContact("tip", normal=(0.0, 0.0, 0.0)), "normal", "expected a direction"),
+    (E.PlaneContact("tip", normal=(0.0, 1.0)), "normal", "three"),
+    (E.PlaneContact("tip", radius=-1.0), "radius", "at least 0"),
+    (E.PlaneContact("tip", friction=-1.0), "friction", "at least 0"),
+    (E.PlaneContact("tip", friction=float("nan")), "friction", "finite"),
+    (E.PlaneContact("tip", height=float("inf")), "height", "finite"),
+    (E.PlaneContact("tip", restitution=2.0), "restitution", "from 0 to 1"),
+    (E.PlaneContact("tip", point=(0.0, float("nan"), 0.0)), "point", "finite"),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "part"), BAD)
+def test_refusals(effect: object, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[effect])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy

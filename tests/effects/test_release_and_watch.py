@@ -1,0 +1,186 @@
+"""What is let go, and events of the user's own."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import G, kinds, planar, slider, times
+from tests.effects.cases import E, robot
+
+THROWER = """<robot name="thrower"><link name="ground"/><link name="arm"><inertial><origin xyz="0.5 0 0"/>
+<mass value="2"/><inertia ixx="0.01" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="swing" type="revolute"><parent link="ground"/><child link="arm"/><axis xyz="0 -1 0"/>
+<limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="ball"><inertial><mass value="0.5"/>
+<inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="flight" type="floating"><parent link="ground"/><child link="ball"/></joint></robot>"""
+
+
+def thrower() -> tuple[tl.Robot, dict[str, int]]:
+    body = tl.load_robot(THROWER)
+    return body, {joint.name: joint.q.start for joint in body.joints}
+
+
+@pytest.mark.parametrize("how", ["time", "condition"])
+def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
+    """Until then an arm with the ball at its end; from then on, at 1e-10, the parabola from where it was let go."""
+    body, at = thrower()
+    q = body.neutral.copy()
+    q[at["flight"]] = 1.0
+    held = E.WeldLoop(a="arm", b="ball", point_a=(1.0, 0.0, 0.0))
+    told = {"at": 0.25} if how == "time" else {"when": E.JointReaches("swing", 0.4)}
+    v = np.zeros(body.nv)
+    dofs = {joint.name: joint.v.start for joint in body.joints}
+    swing = dofs["swing"]
+    v[[swing, dofs["flight"] + 2, dofs["flight"] + 4]] = 4.0, 4.0, -4.0
+    scene = tl.Scene(body, q, v, [E.Gravity(), E.Release(held, **told)])
+    run = tl.simulate(scene, 1.0, 1e-11)
+    angle = run.q[:, at["swing"]]
+    # Energy till then: one body of I = 0.2 + 2 / 4 + 0.5 + 0.001, moment of weight (1 + 0.5) g.
+    t = times(run, "release")[0]
+    inertia, before = 0.2 + 0.5 + 0.5 + 0.001, run.t < t
+    energy = inertia * run.v[before, swing] ** 2 / 2 + 1.5 * G * np.sin(angle[before])
+    assert np.ptp(energy) < 1e-9
+    place = run.q[:, at["flight"] : at["flight"] + 3]
+    assert np.abs(place[before] - np.stack([np.cos(angle), 0 * angle, np.sin(angle)], 1)[before]).max() < 1e-10
+    late = np.flatnonzero(run.t >= t)[[0, -1]]
+    first, last = place[late]
+    for i in range(late[0], late[-1]):  # the parabola through the first and the last place
+        s, whole = run.t[i] - run.t[late[0]], run.t[late[1]] - run.t[late[0]]
+        fall = np.array([0.0, 0.0, G / 2]) * s * (whole - s)
+        assert np.abs(place[i] - (first + (last - first) * s / whole + fall)).max() < 1e-10
+    if how == "time":
+        assert t == 0.25
+    else:
+        reached = tl.simulate(scene, t, 1e-11).q[-1, at["swing"]]
+        assert reached == pytest.approx(0.4, abs=1e-10)
+
+
+@pytest.mark.parametrize("when", [{"at": 0.7}, {"when": E.JointReaches("x", 0.0)}])
+def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> None:
+    """1 + 3 kg on 16 N/m: w = 2; then 1 kg: w = 4, from the place and the velocity it had."""
+    load = E.Release(E.Payload("x_link", 3.0), **when)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 16.0}), load]), 3.0, 1e-9)
+    t1 = when.get("at", math.pi / 4)
+    late = run.t - t1
+    x1, v1 = math.cos(2 * t1), -2 * math.sin(2 * t1)
+    expected = np.where(late < 0, np.cos(2 * run.t), x1 * np.cos(4 * late) + v1 / 4 * np.sin(4 * late))
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
+    assert kinds(run) == ["release"]
+    assert times(run, "release") == pytest.approx([t1], abs=1e-10)
+
+
+def test_a_release_at_the_beginning_never_held() -> None:
+    effects = [E.Release(E.JointSpring({"x": 16.0}), at=0.0)]
+    run = tl.simulate(tl.Scene(slider(), [1.0], [1.0], effects), 1.0, 1e-9)
+    assert np.abs(run.q[:, 0] - 1 - run.t).max() < 1e-12
+
+
+def test_watching_a_time_a_condition_and_a_function() -> None:
+    def kinetic(motion: object) -> object:
+        return motion.v[0] * motion.v[0] / 2 - 0.5  # type: ignore[attr-defined]
+
+    effects = [
+        E.JointSpring({"x": 4.0}),
+        E.Watch("noon", at=0.3),
+        E.Watch("middle", when=E.JointReaches("x", 0.0)),
+        E.Watch("turn", when=E.JointReaches("x", 0.0, of="velocity")),
+        E.Watch("right", when=E.FrameReaches("x_link", 0.5, direction=(2.0, 0.0, 0.0))),
+        E.Watch("energy", function=kinetic),
+    ]
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, 1e-9)
+    found = {
+        name: [e.t for e in run.events if e.what == name] for name in ("noon", "middle", "turn", "right", "energy")
+    }
+    pi = math.pi
+    assert found["noon"] == [0.3]
+    assert found["middle"] == pytest.approx([pi / 4, 3 * pi / 4], abs=1e-9)
+    assert found["turn"] == pytest.approx([pi / 2], abs=1e-9)
+    assert found["right"] == pytest.approx([pi / 6, 5 * pi / 6], abs=1e-9)
+    expected = sorted(t for n in range(3) for t in (n * pi / 2 + pi / 12, n * pi / 2 - pi / 12) if 0 < t < 3)
+    assert found["energy"] == pytest.approx(expected, abs=1e-9)  # |sin 2 t| = 1/2
+    assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
+
+
+@pytest.mark.parametrize("told", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
+def test_a_watch_that_stops_ends_the_run_there(told: dict) -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **told)]), 5.0, 1e-9)
+    assert run.t[-1] == pytest.approx(0.333, abs=1e-12)
+    assert run.q[-1, 0] == pytest.approx(0.333, abs=1e-12)
+    assert len(run.t) == len(run.q) == len(run.v) == len(run.error)
+    assert np.all(np.diff(run.t) > 0)
+
+
+@pytest.mark.parametrize("at", [0.5, 1.0])
+def test_then_gives_a_kick(at: float) -> None:
+    """A block at rest in friction is given 2 m/s: it slides 2/3 m."""
+    kick = E.Watch("kick", at=at, then=lambda q, v: (q, v + 2.0))
+    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), kick]), 3.0, 1e-9)
+    late = np.clip(run.t - at, 0, 2 / 3)
+    assert np.abs(run.q[:, 0] - 2 * late + 1.5 * late**2).max() < 1e-9
+
+
+@pytest.mark.parametrize("given", [lambda q, v: None, lambda q, v: (q, v * np.nan), lambda q, v: (q[:0], v)])  # noqa: ARG005
+def test_then_must_give_a_state(given: object) -> None:
+    scene = tl.Scene(slider(), v=[1.0], effects=[E.Watch("bad", at=0.5, then=given)])
+    with pytest.raises(tl.errors.SceneError, match="`then` of 'bad' gave no state"):
+        tl.simulate(scene, 1.0)
+
+
+@pytest.mark.parametrize("effect", [
+    E.DryFriction({"elbow": 1.0}, {"elbow": 2.0}),
+    E.JointStops({"elbow": (-1.0, math.inf), "shoulder": (-0.5, 0.5)}, 0.25),
+    E.JointStops({"elbow": (-1.5, 1.5)}),
+    E.PlaneContact("tip", (0.1, 0.0, 0.0), 0.05, (0.0, 1.0, 2.0), -3.0, 0.5, 0.25),
+    E.Release(E.Payload("tip", 2.0), at=0.5),
+    E.Release(E.FrameWrench("tip", (0.0, 0.0, 3.0)), when=E.FrameReaches("tip", -0.1, of="velocity")),
+    E.Watch("high", when=E.JointReaches("elbow", 0.3), stop=True),
+    E.Watch("late", at=0.1),
+])  # fmt: skip
+def test_scenes_with_events_are_kept_in_files_and_explained(tmp_path: Path, effect: object) -> None:
+    scene = tl.Scene(robot("arm"), [0.0, 0.0], effects=[E.Gravity(), effect], duration=0.2)
+    again = tl.load_scene(scene.save(tmp_path / "scene.toml"))
+    assert again.effects == scene.effects
+    first, second = (tl.simulate(s, accuracy=1e-6) for s in (scene, again))
+    assert np.array_equal(first.q, second.q)
+    assert first.events == second.events
+    assert type(effect).__name__ in str(tl.explain(scene))
+
+
+BAD = [
+    (E.Release(E.Payload("tip", -1.0), at=1.0), "of.mass", "at least 0"),
+    (E.Release(E.Payload("tip", 1.0)), "at", "neither"),
+    (E.Release(E.Payload("tip", 1.0), at=1.0, when=E.JointReaches("elbow", 1.0)), "at", "both"),
+    (E.Release(E.Payload("tip", 1.0), at=-1.0), "at", "at least 0"),
+    (E.Release(E.Payload("tip", 1.0), when=E.JointReaches("elbw", 1.0)), "when.joint", "did you mean 'elbow'"),
+    (E.Release(E.DryFriction({"elbow": 1.0}), at=1.0), "of", "cannot be let go"),
+    (E.Release(3.0, at=1.0), "of", "cannot be let go"),
+    (E.Watch("a"), "at", "neither"),
+    (E.Watch("a", at=float("nan")), "at", "finite"),
+    (E.Watch("a", when=E.JointReaches("elbow", float("nan"))), "when.value", "finite"),
+    (E.Watch("a", when=E.JointReaches("elbow", 1.0, of="speed")), "when.of", "unknown"),
+    (E.Watch("a", when=E.FrameReaches("tp", 1.0)), "when.frame", "did you mean 'tip'"),
+    (E.Watch("a", when=E.FrameReaches("tip", 1.0, direction=(0.0, 0.0, 0.0))), "when.direction", "direction"),
+    (E.Watch("a", function=3.0), "function", "expected a function"),
+    (E.Watch("a", function=abs, at=1.0), "function", "beside"),
+    (E.Watch("a", at=1.0, then=3.0), "then", "expected a function"),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "part"), BAD)
+def test_refusals(effect: object, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[effect])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_a_release_and_an_impact() -> None:
+    """Held up by a force until t = 0.5; then it falls 1 m and stays down."""
+    up = E.Release(E.FrameWrench("body", (0.0, 0.0, G)), at=0.5)
+    run = tl.simulate(tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), up, E.PlaneContact("body")]), 2.0, 1e-9)
+    assert kinds(run) == ["release", "impact", "rest"]
+    assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)
