@@ -78,11 +78,11 @@ def _from_text(text: str, label: str, folder: Path | None) -> Scene:
         raise _schema_error(error, label, {"": SceneFile, "robot": RobotEntry}) from None
     except (ValueError, RecursionError) as error:
         raise SceneError(f"not TOML: {error}", where=label, remedy="check that line") from None
-    effects = [_effect(table, f"effects[{i}]", label) for i, table in enumerate(content.effects)]
+    effects = [effect_from(table, f"effects[{i}]", label) for i, table in enumerate(content.effects)]
     try:
         robot = _robot(content.robot, folder)
-        q = _by_joint(robot, content.q, robot.neutral, "q")
-        v = _by_joint(robot, content.v, np.zeros(robot.nv), "v")
+        q = state_by_joint(robot, content.q, robot.neutral, "q")
+        v = state_by_joint(robot, content.v, np.zeros(robot.nv), "v")
         return Scene(robot, q, v, effects, content.duration, content.title)
     except TwolinkError as error:
         where = f"{label}: {error.where}" if error.where else label
@@ -101,7 +101,7 @@ def _beside(given: Any, folder: Path | None) -> Any:
     return table
 
 
-def _effect(table: dict[str, Any], path: str, label: str) -> Effect:
+def effect_from(table: dict[str, Any], path: str, label: str) -> Effect:
     """An effect from its table; its class is imported for it."""
     kind = table.get("type")
     if kind is None:
@@ -110,7 +110,7 @@ def _effect(table: dict[str, Any], path: str, label: str) -> Effect:
         raise SceneError(f"there is no effect {kind!r}", where=f"{label}: {path}", remedy=nearest(str(kind), TYPES))
     made = effect_class(kind)
     if kind == "release" and isinstance(table.get("of"), dict):
-        table = table | {"of": _effect(table["of"], f"{path}.of", label)}
+        table = table | {"of": effect_from(table["of"], f"{path}.of", label)}
     try:
         return msgspec.convert(table, made)
     except msgspec.ValidationError as error:
@@ -141,7 +141,7 @@ def _robot(entry: str | RobotEntry, folder: Path | None) -> Robot:
     return load_robot(source, root=entry.root, lock=entry.lock)
 
 
-def _by_joint(robot: Robot, values: Values, start: np.ndarray, name: str) -> np.ndarray:
+def state_by_joint(robot: Robot, values: Values, start: np.ndarray, name: str) -> np.ndarray:
     """A state vector from values by joint name; a continuous joint's q may be given as an angle."""
     state = np.array(start)
     for joint_name, value in values.items():

@@ -13,6 +13,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects import TYPES, Effect, effect_class
+from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.files import write_whole
 from twolink.identity import robot_notes
@@ -74,7 +75,7 @@ def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) 
 
 def _table(effect: Effect) -> Any:
     try:
-        return msgspec.to_builtins(effect)
+        return msgspec.to_builtins(effect, enc_hook=plain)
     except TypeError:
         raise SceneError("functions cannot be written to a file", where=type(effect).__name__,
                          remedy="give a condition, or leave the effect out") from None  # fmt: skip

@@ -1,0 +1,23 @@
+"""One running service for the tests that need no special one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.service.serving import Served, serving
+
+
+@pytest.fixture(scope="session")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    quotas = ("--quota", "load_seconds=60", "--quota", "disk_mb=600")
+    with serving(tmp_path_factory.mktemp("service"), *quotas) as running:
+        yield running
+
+
+@pytest.fixture
+def http(served: Served) -> Iterator[httpx.Client]:
+    with served.client() as client:
+        yield client

@@ -1,0 +1,116 @@
+"""The service's page in the tests' browser: what a person does with it, by mouse, keyboard and files."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.show.browser import Browser
+
+READY = "document.documentElement?.dataset.ready && document.getElementById('expected')"
+
+
+class Page:
+    """The page of a service at `url`, open in a browser."""
+
+    def __init__(self, browser: Browser, url: str) -> None:
+        self.browser, self.url = browser, url
+
+    def open(self, where: str = "", *, until: str = READY) -> None:
+        """Load the page afresh and wait until it can be used."""
+        self.browser.call("Page.navigate", url="about:blank")
+        self.browser.call("Page.navigate", url=f"{self.url}/{where}")
+        self.browser.wait_for(until)
+
+    def evaluate(self, expression: str) -> Any:
+        return self.browser.evaluate(expression)
+
+    def wait_for(self, condition: str, limit: float = 60.0) -> None:
+        self.browser.wait_for(condition, limit)
+
+    def text(self, selector: str) -> str:
+        """What can be read there; "" when there is no such element or it is hidden."""
+        found = self.evaluate(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
+        return str(found)
+
+    def box(self, selector: str) -> tuple[float, float, float, float]:
+        """left, top, width, height, after scrolling there."""
+        script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)});
+            e.scrollIntoView({{block: 'center', behavior: 'instant'}});
+            const r = e.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; }})()"""
+        left, top, width, height = self.evaluate(script)
+        return left, top, width, height
+
+    def mouse(self, kind: str, x: float, y: float, clicks: int = 1) -> None:
+        button = {"button": "left", "buttons": 0 if kind == "mouseReleased" else 1, "clickCount": clicks}
+        moving = {"button": "none", "buttons": 0}
+        self.browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **(button if "Mov" not in kind else moving))
+
+    def click(self, selector: str) -> None:
+        left, top, width, height = self.box(selector)
+        self.mouse("mousePressed", left + width / 2, top + height / 2)
+        self.mouse("mouseReleased", left + width / 2, top + height / 2)
+
+    def press(self, key: str, code: int, text: str = "") -> None:
+        facts: dict[str, object] = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+        self.browser.call("Input.dispatchKeyEvent", type="keyDown", **facts, **({"text": text} if text else {}))
+        self.browser.call("Input.dispatchKeyEvent", type="keyUp", **facts)
+
+    def tab(self) -> str:
+        """Press the tabulator; the id of what has the focus then."""
+        self.press("Tab", 9)
+        return str(self.evaluate("document.activeElement.id"))
+
+    def choose(self, selector: str, value: str) -> None:
+        script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)}); e.value = {json.dumps(value)};
+            e.dispatchEvent(new Event('input', {{bubbles: true}}));
+            e.dispatchEvent(new Event('change', {{bubbles: true}})); return e.value; }})()"""
+        assert self.evaluate(script) == value
+
+    def upload(self, path: Path) -> None:
+        """Give the file input a file, as its dialog does."""
+        found = self.browser.call("Runtime.evaluate", expression="document.getElementById('file')")
+        self.browser.call("DOM.setFileInputFiles", files=[str(path)], objectId=found["result"]["objectId"])
+
+    def drop(self, name: str, content: str) -> None:
+        """Drop a file on the window."""
+        self.evaluate(f"""(() => {{ const data = new DataTransfer();
+            data.items.add(new File([{json.dumps(content)}], {json.dumps(name)}));
+            for (const kind of ['dragenter', 'dragover', 'drop'])
+              window.dispatchEvent(new DragEvent(kind, {{dataTransfer: data, cancelable: true}})); }})()""")
+
+    def run(self, limit: float = 90.0) -> None:
+        """Press Run and wait for the curves."""
+        self.click("#run-button")
+        self.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden", limit)
+
+    def colours(self, plot: int) -> int:
+        """How many different pixels a plot has: 1 is a blank one."""
+        counted = self.evaluate(f"""(() => {{ const canvas = document.querySelectorAll('#plots canvas')[{plot}];
+            const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+            return new Set(new Uint32Array(data.buffer)).size; }})()""")
+        return int(counted)
+
+    def robot(self) -> np.ndarray:
+        """The picture of the robot, (height, width, 3)."""
+        left, top, width, height = (round(x) for x in self.box("#pane"))
+        return self.browser.screenshot()[max(top, 0) : top + height, left : left + width]
+
+    def plays(self) -> bool:
+        """Whether the picture of the robot changes."""
+        first = self.robot()
+        time.sleep(0.4)
+        return bool((self.robot() != first).any(axis=-1).sum() > 200)
+
+    def outside(self) -> list[str]:
+        """What was asked of others than the service."""
+        own = (f"{self.url}/", f"blob:{self.url}/", "data:", "about:")
+        return [url for url in self.browser.requests if not url.startswith(own)]
+
+    def faults(self) -> list[str]:
+        """JavaScript errors; not the refusals of the service, which browsers put down as errors too."""
+        return [error for error in self.browser.errors if '"source": "network"' not in error]

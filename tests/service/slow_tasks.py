@@ -1,0 +1,49 @@
+"""Tasks that misbehave, for tests of worker processes."""
+
+import ctypes
+import os
+import sys
+import time
+from typing import Any
+
+from twolink.errors import RobotError
+
+
+def crash(**_: Any) -> None:
+    ctypes.string_at(0)
+
+
+def leave(**_: Any) -> None:
+    os._exit(3)
+
+
+def sleep(*, nap: float, tell: Any, **_: Any) -> int:
+    tell(os.getpid())
+    time.sleep(nap)
+    return os.getpid()
+
+
+def hoard(**_: Any) -> int:
+    return len(bytearray(10**12))
+
+
+def chatter(**_: Any) -> str:
+    print("noise on stdout", flush=True)
+    sys.stderr.write("noise on stderr\n")
+    os.write(1, b"more noise\n")
+    return "heard"
+
+
+def large(**_: Any) -> bytes:
+    return bytes(20_000_000)
+
+
+def refuse(**_: Any) -> None:
+    raise RobotError("it broke", where="there", remedy="mend it")
+
+
+def fail(**_: Any) -> None:
+    raise KeyError("secret detail")
+
+
+TASKS = {f.__name__: f for f in (crash, leave, sleep, hoard, chatter, large, refuse, fail)}

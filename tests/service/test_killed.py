@@ -1,0 +1,107 @@
+"""kill -9: of a worker in mid-load, and of the service in mid-job. Nothing finished is lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import httpx
+
+from tests.service.serving import Served, serving
+from tests.service.test_jobs import SLOW, SWING, ended
+from tests.service.urdfs import INERTIAL, pendulum
+
+
+def large_robot(count: int, name: str) -> str:
+    """A robot whose reading takes a while."""
+    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(count))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="l{(i - 1) // 2}"/><child link="l{i}"/></joint>'
+        for i in range(1, count)
+    )
+    return f'<robot name="{name}">{links}{joints}</robot>'
+
+
+def test_a_worker_killed_in_mid_load_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
+    with serving(tmp_path / "data") as served, served.client() as http:
+        deadline, answers = time.monotonic() + 60, []
+        while not any(answer.status_code == 422 for answer in answers) and time.monotonic() < deadline:
+            text = large_robot(3000, f"r{len(answers)}")
+            request = threading.Thread(target=lambda text=text: answers.append(http.post("/v1/robots", content=text)))
+            request.start()
+            time.sleep(0.15)
+            kill_workers(served)
+            request.join()
+        died = next(answer for answer in answers if answer.status_code == 422)
+        assert died.json()["type"] == "urn:twolink:worker-died"
+        assert http.post("/v1/robots", content=pendulum()).status_code == 201
+        assert http.get("/health").json()["status"] == "ok"
+        assert "twolink_worker_deaths_total" in http.get("/metrics").text
+
+
+def kill_workers(served: Served) -> None:
+    for process in served.workers():
+        os.kill(process, signal.SIGKILL)
+
+
+def test_the_service_killed_in_mid_job_loses_nothing_that_was_done(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder) as first, first.client() as http:
+        done = http.post("/v1/simulations", json=SWING).json()
+        assert done["state"] == "done"
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        while http.get(path).json()["state"] != "running":
+            time.sleep(0.05)
+        left = first.workers()
+        first.kill()
+    with serving(folder) as second, second.client() as http:
+        assert f"interrupted by the end of an earlier run: simulation {path.rpartition('/')[2]}" in second.log
+        assert http.get(path).json()["state"] == "interrupted"
+        kept = http.get(f"/v1/simulations/{done['id']}").json()
+        assert kept["result"] == done["result"]
+        assert len(http.get(f"/v1/simulations/{done['id']}/result").json()["columns"]["t"]) == 201
+        assert http.post(f"{path}/run").json()["state"] in ("queued", "running")
+        http.post(f"{path}/cancel")
+        assert ended(http, path)["state"] == "cancelled"
+    assert_gone(left)
+
+
+def assert_gone(processes: list[int]) -> None:
+    """Orphaned workers end by themselves."""
+    until = time.monotonic() + 30
+    while time.monotonic() < until and any(Path(f"/proc/{process}").exists() for process in processes):
+        time.sleep(0.1)
+    assert not [process for process in processes if Path(f"/proc/{process}").exists()]
+
+
+def test_ending_in_mid_job_marks_it_and_leaves_no_process(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder) as first, first.client() as http:
+        path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        left = first.workers()
+    assert first.process.returncode == 0
+    assert "Traceback" not in first.log
+    assert_gone(left)
+    with serving(folder) as second, second.client() as http:
+        assert http.get(path).json()["state"] == "interrupted"
+
+
+def test_two_processes_share_jobs(tmp_path: Path) -> None:
+    """Each answers for all: states, cancelling, results and counters."""
+    with serving(tmp_path / "data", "--workers", "2") as served:
+
+        def fresh() -> httpx.Client:
+            return served.client(headers={"Connection": "close"})  # a connection each: any process may answer
+
+        with fresh() as http:
+            done = http.post("/v1/simulations", json=SWING).json()
+            path = http.post("/v1/simulations", json=SLOW).headers["location"]
+            for _ in range(8):
+                assert http.get(f"/v1/simulations/{done['id']}").json()["state"] == "done"
+                assert http.get(path).json()["state"] in ("queued", "running")
+            http.post(f"{path}/cancel")
+            assert ended(http, path)["state"] == "cancelled"
+            assert "twolink_requests_total" in http.get("/metrics").text

@@ -1,0 +1,439 @@
+"""The page in a real browser: from opening it to a playing uploaded robot, and what goes wrong on the way."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from tests.service.page_driver import READY, Page
+from tests.service.serving import Served, serving
+from tests.service.urdfs import URDFS, pendulum, zipped
+from tests.show.browser import Browser, browser  # noqa: F401
+
+FOLDER = Path(__file__).parents[2] / "twolink" / "service" / "page"
+VISUAL = '<visual><origin xyz="0 0 -0.5"/><geometry><box size="0.1 0.1 1"/></geometry></visual>'
+BAD = pendulum().replace('mass value="2"', 'mass value="-1"')
+
+
+@pytest.fixture
+def page(served: Served, browser: Browser) -> Iterator[Page]:  # noqa: F811
+    opened = Page(browser, served.url)
+    yield opened
+    assert opened.outside() == []
+    assert opened.faults() == []
+
+
+def test_nothing_in_the_page_points_outside_or_stands_inline() -> None:
+    """The policy would refuse it; here is which file it is in."""
+    for path in FOLDER.rglob("*"):
+        text = path.read_text("utf-8")
+        found = [url for url in re.findall(r"https?://[^\s\"'<>)]+", text) if url != "http://www.w3.org/2000/svg"]
+        assert found == [], path.name
+        assert not re.search(r"\sstyle=|\son\w+=\"|<style|javascript:", text), path.name
+    html = (FOLDER / "index.html").read_text("utf-8")
+    assert re.findall(r"<script[^>]*>(.*?)</script>", html, re.DOTALL) == [""]
+    ids = set(re.findall(r'\bid="([^"]+)"', html)) | {"expected", "in-frame", "in-wrench"}
+    for path in FOLDER.glob("*.js"):
+        assert set(re.findall(r'byId\("([^"]+)"\)', path.read_text("utf-8"))) <= ids, path.name
+
+
+@pytest.mark.browser
+def test_every_control_has_a_name(page: Page) -> None:
+    page.open()
+    page.run()
+    nodes = page.browser.call("Accessibility.getFullAXTree")["nodes"]
+    kinds = {"button", "combobox", "textbox", "slider", "spinbutton", "switch", "checkbox", "tab", "link", "image"}
+    named = [(node["role"]["value"], node.get("name", {}).get("value", "")) for node in nodes if not node["ignored"]]
+    assert [node for node in named if node[0] in kinds and not node[1].strip()] == []
+    assert len([node for node in named if node[0] == "image"]) >= 5  # the robot and four plots say what they show
+    assert page.evaluate("document.querySelectorAll('h1').length") == 1
+
+
+@pytest.mark.browser
+def test_a_bundled_scene_runs_plots_and_plays(page: Page) -> None:
+    page.open()
+    assert page.evaluate("document.getElementById('robot-select').value") == "two_link"
+    assert "2 joints" in page.text("#robot-facts")
+    assert re.search(r"≈ [\d.]+ (µs|ms|s)", page.text("#price"))
+    assert len(np.unique(page.robot().reshape(-1, 3), axis=0)) > 200
+    page.run()
+    assert page.text("#results-title").startswith("The paper's two-link arm")
+    assert "≤" in page.text("#summary .good")
+    assert page.evaluate("document.querySelectorAll('#plots canvas').length") == 4
+    assert min(page.colours(i) for i in range(4)) > 20
+    assert page.plays()
+    page.click("#play")
+    assert page.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
+    assert not page.plays()
+    page.choose("#scrub", "2.5")
+    assert page.text("#clock") == "2.50 s"
+    page.choose("#speed", "0.25")
+
+
+@pytest.mark.browser
+def test_the_plots_zoom_hide_and_move_the_robot(page: Page) -> None:
+    page.open()
+    page.run()
+    page.click("#play")
+    left, top, width, height = page.box("#plots canvas")
+    middle = top + height / 2
+    page.mouse("mouseMoved", left + width / 2, middle)  # pointing at a moment shows it: values, clock, robot
+    moment = page.text("#clock")
+    assert 3.5 < float(moment.split()[0]) < 6.5
+    value = float(page.text("#plots .legend .value").replace("−", "-"))
+    job = page.evaluate("fetch('/v1/simulations').then(x => x.json()).then(x => x.find(j => j.state === 'done').id)")
+    path = f"/v1/simulations/{job}/result?format=json&points=5000"
+    columns = httpx.get(page.url + path, trust_env=False).json()["columns"]
+    assert value == pytest.approx(np.interp(float(moment.split()[0]), columns["t"], columns["q.shoulder"]), abs=0.05)
+    before = page.robot()
+    page.box("#plots canvas")
+    page.mouse("mouseMoved", left + width * 0.7, middle)
+    assert page.text("#clock") != moment
+    assert (page.robot() != before).any()
+    left, top, width, height = page.box("#plots canvas")
+    middle = top + height / 2
+    whole = page.colours(1), page.evaluate("document.querySelectorAll('#plots canvas')[1].toDataURL()")
+    drag = {"button": "left", "buttons": 1}
+    page.mouse("mousePressed", left + width * 0.3, middle)
+    for part in (0.35, 0.45):
+        page.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + width * part, y=middle, **drag)
+    page.mouse("mouseReleased", left + width * 0.45, middle)
+    zoomed = page.evaluate("document.querySelectorAll('#plots canvas')[1].toDataURL()")
+    assert zoomed != whole[1]  # all plots share the time that is shown
+    for clicks in (1, 2):
+        page.mouse("mousePressed", left + width * 0.5, middle, clicks)
+        page.mouse("mouseReleased", left + width * 0.5, middle, clicks)
+    assert page.evaluate("document.querySelectorAll('#plots canvas')[1].toDataURL()") != zoomed
+    page.click("#plots .legend button")
+    assert page.evaluate("document.querySelector('#plots .legend button').getAttribute('aria-pressed')") == "false"
+    page.evaluate("document.querySelector('#plots canvas').focus()")
+    page.press("Home", 36)
+    assert page.text("#clock") == "0.00 s"
+    page.press("ArrowRight", 39)
+    assert page.text("#clock") != "0.00 s"
+    assert "shoulder" in page.evaluate("document.getElementById('announce').textContent")
+
+
+@pytest.mark.browser
+def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
+    """A newcomer's way, in seconds that a person's hand would add to."""
+    start = time.monotonic()
+    (tmp_path / "mine.urdf").write_text(pendulum(VISUAL, name="mine"))
+    page.open()
+    page.upload(tmp_path / "mine.urdf")
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('mine: 1 joint')")
+    assert "joint limits" in page.text("#report-body")
+    assert "hinge" in page.text("#sliders")
+    page.choose("#sliders input[type=range]", "0.9")
+    page.wait_for("document.getElementById('scene-json').value.includes('0.9')")
+    page.wait_for("document.getElementById('expected')")
+    page.run()
+    assert page.plays()
+    assert time.monotonic() - start < 60
+    page.choose("#robot-select", "two_link")
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('two_link')")
+    assert page.evaluate("document.getElementById('result').hidden")
+
+
+@pytest.mark.browser
+def test_a_dropped_zip_and_a_free_base(page: Page) -> None:
+    page.open()
+    page.drop("dropped.urdf", pendulum(VISUAL, name="dropped"))
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('dropped')")
+    page.choose("#root", "free")
+    page.wait_for("document.getElementById('robot-facts').innerText.includes('free base')")
+    assert page.evaluate("document.querySelectorAll('#sliders .slider').length") == 7
+    assert "pitch" in page.text("#sliders")
+
+
+@pytest.mark.browser
+def test_a_zip_with_its_urdf(page: Page, tmp_path: Path) -> None:
+    (tmp_path / "a.zip").write_bytes(zipped({"a/zipped.urdf": pendulum(VISUAL, name="zipped")}))
+    page.open()
+    page.upload(tmp_path / "a.zip")
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('zipped')")
+
+
+@pytest.mark.browser
+def test_sliders_move_the_robot(page: Page) -> None:
+    page.open("#robot=two_link")
+    before = page.robot()
+    page.choose("#sliders input[type=range]", "0")
+    page.choose("#sliders input[type=number]", "-1.2")
+    page.wait_for("document.querySelector('#sliders input[type=range]').value === '-1.2'")
+    time.sleep(0.5)
+    assert (page.robot() != before).any(axis=-1).sum() > 500
+    page.click("#sliders-reset")
+    time.sleep(0.5)
+    assert page.evaluate("document.querySelector('#sliders input[type=number]').value") == "0"
+
+
+@pytest.mark.browser
+def test_an_effect_is_switched_off_and_another_added(page: Page) -> None:
+    page.open("#scene=arm-human")
+    first = page.text("#operations")
+    page.click("#effects [role=switch]")
+    page.wait_for(f"document.getElementById('operations').innerText !== {json.dumps(first)} "
+                  "&& document.getElementById('expected')")  # fmt: skip
+    fewer = page.text("#operations")
+    assert int(re.sub(r"\D", "", fewer.split("operations")[0])) < int(re.sub(r"\D", "", first.split("operations")[0]))
+    assert "gravity" not in page.evaluate("document.getElementById('scene-json').value")
+    page.choose("#add-effect", "Springs in the joints") if False else page.evaluate(
+        "(() => { const e = document.getElementById('add-effect'); e.value = 'Springs in the joints'; "
+        "e.dispatchEvent(new Event('change')); })()"
+    )
+    page.wait_for("document.querySelectorAll('#effects li').length === 3")
+    page.wait_for("document.querySelectorAll('#effects .price')[2].innerText !== ''")
+    assert "Joint spring" in page.text("#effects")
+
+
+@pytest.mark.browser
+def test_the_price_follows_the_accuracy(page: Page) -> None:
+    page.open()
+    page.choose("#accuracy", "12")
+    assert page.text("#accuracy-value") == "1e-12"
+    page.wait_for("document.getElementById('expected')")
+    assert page.evaluate("document.getElementById('accuracy').getAttribute('aria-valuetext')") == "1e-12"
+
+
+@pytest.mark.browser
+def test_events_are_listed_and_lead_there(page: Page) -> None:
+    page.open("#scene=bouncing-ball")
+    page.run()
+    assert "events" in page.text("#events h3")
+    assert "impact" in page.text("#events")
+    page.click("#events button")
+    assert page.text("#clock").startswith("0.45")
+
+
+@pytest.mark.browser
+def test_a_bad_urdf_is_explained_where_it_was_given(page: Page, tmp_path: Path) -> None:
+    (tmp_path / "bad.urdf").write_text(BAD)
+    page.open()
+    page.upload(tmp_path / "bad.urdf")
+    page.wait_for("document.querySelector('#robot-problem [role=alert]')")
+    problem = page.text("#robot-problem")
+    assert "negative" in problem
+    assert "What to do" in problem
+    assert "link 'arm'" in problem
+    assert page.text("#robot-facts").startswith("Still two_link")  # the page goes on with what it had
+    (tmp_path / "bad.urdf").write_text("<robot ")
+    page.upload(tmp_path / "bad.urdf")
+    page.wait_for("document.querySelector('#robot-problem')?.innerText.includes('not XML')")
+    page.run()
+    (tmp_path / "bad.urdf").write_text(pendulum(VISUAL, name="good"))
+    page.upload(tmp_path / "bad.urdf")
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('good')")
+    assert page.text("#robot-problem") == ""
+
+
+@pytest.mark.browser
+def test_a_bad_scene_is_explained_in_the_scene(page: Page) -> None:
+    page.open()
+    page.evaluate("document.getElementById('scene-json-details').open = true")
+    page.choose("#scene-json", "{nonsense")
+    page.click("#scene-apply")
+    page.wait_for("document.getElementById('scene-problem').innerText.includes('not JSON')")
+    scene = {"robot": "two_link", "effects": [{"type": "joint-damping", "damping": {"no_joint": 1}}]}
+    page.choose("#scene-json", json.dumps(scene))
+    page.click("#scene-apply")
+    page.wait_for("document.getElementById('scene-problem').innerText.includes('no_joint')")
+    assert "effects[0]" in page.text("#scene-problem code")
+    scene["effects"] = [{"type": "gravity"}]
+    page.choose("#scene-json", json.dumps(scene))
+    page.click("#scene-apply")
+    page.wait_for("document.getElementById('scene-problem').innerText === ''")
+    page.run()
+
+
+@pytest.mark.browser
+def test_what_cannot_be_kept_is_offered_otherwise(page: Page) -> None:
+    """Double precision cannot keep 1e-12 for 100 s of a chaotic arm: a button runs what can be kept."""
+    page.open()
+    page.choose("#accuracy", "12")
+    page.choose("#duration", "60")
+    page.click("#run-button")
+    page.wait_for("document.querySelector('#run-problem button')", 120)
+    assert "double precision" in page.text("#run-problem")
+    assert re.match(r"Run [\d.]+ s", page.text("#run-problem button"))
+    page.click("#run-problem button")
+    page.wait_for("!document.getElementById('result').hidden", 120)
+    assert page.text("#run-problem") == ""
+
+
+@pytest.mark.browser
+def test_a_run_is_cancelled(page: Page) -> None:
+    page.open()
+    page.choose("#method", "midpoint")
+    page.choose("#duration", "500")
+    page.choose("#accuracy", "3")
+    page.click("#run-button")
+    page.wait_for("!document.getElementById('cancel-button').hidden")
+    page.wait_for("/Running|Queued/.test(document.getElementById('run-status').innerText) "
+                  "|| document.querySelector('#run-problem .problem')")  # fmt: skip
+    page.evaluate("document.getElementById('cancel-button').click()")
+    page.wait_for("document.getElementById('cancel-button').hidden", 60)
+    assert not page.evaluate("document.getElementById('run-button').disabled")
+
+
+@pytest.mark.browser
+def test_queries_are_answered_and_shown_as_programs(page: Page) -> None:
+    page.open("#robot=two_link")
+    page.choose("#query-name", "inverse-dynamics")
+    page.choose("#in-q", "0.3 -0.7")
+    page.choose("#in-a", "1, 0")
+    page.evaluate("document.getElementById('query').requestSubmit()")
+    page.wait_for("document.querySelector('#query-answer table')")
+    robot = f"{page.url}/v1/robots/two_link"
+    body = {"q": [0.3, -0.7], "v": [0, 0], "a": [1, 0]}
+    tau = httpx.post(f"{robot}/inverse-dynamics", json=body, trust_env=False).json()["tau"]
+    shown = page.evaluate("[...document.querySelectorAll('#query-answer td')].map(x => Number(x.title))")
+    assert shown == pytest.approx(tau)
+    curl = page.evaluate("document.getElementById('curl').textContent")
+    assert f"{robot}/inverse-dynamics" in curl
+    assert json.loads(re.search(r"-d '(.*)'", curl).group(1)) == body  # type: ignore[union-attr]
+    python = page.evaluate("document.getElementById('python').textContent")
+    printed: list[object] = []
+    exec(compile(python.replace("print(", "printed.append("), "shown", "exec"), {"printed": printed})
+    assert np.asarray(printed[0]) == pytest.approx(tau)
+    page.choose("#in-q", "0.3 nan?")
+    page.evaluate("document.getElementById('query').requestSubmit()")
+    page.wait_for("document.querySelector('#query-problem [role=alert]')")
+    assert "not a number" in page.text("#query-problem")
+    page.choose("#in-q", "0.3")
+    page.evaluate("document.getElementById('query').requestSubmit()")
+    page.wait_for("document.getElementById('in-q').getAttribute('aria-invalid') === 'true' "
+                  "&& !document.getElementById('query-problem').innerText.includes('not a number')")  # fmt: skip
+
+
+@pytest.mark.browser
+def test_every_query_can_be_asked(page: Page) -> None:
+    page.open("#robot=two_link")
+    for name in page.evaluate("[...document.getElementById('query-name').options].map(x => x.value)"):
+        page.choose("#query-name", name)
+        page.evaluate("document.getElementById('query-answer').replaceChildren()")
+        page.evaluate("document.getElementById('query').requestSubmit()")
+        page.wait_for("document.querySelector('#query-answer table')")
+
+
+@pytest.mark.browser
+def test_the_accuracy_study_is_drawn(page: Page) -> None:
+    page.open()
+    page.click("#tab-study")
+    page.choose("#study-duration", "0.5")
+    page.click("#study-button")
+    page.wait_for("document.querySelector('#study-result img')?.naturalWidth > 0", 180)
+    assert "dop853" in page.text("#study-result table") or "taylor" in page.text("#study-result table")
+
+
+@pytest.mark.browser
+def test_earlier_runs_are_shown_again(page: Page) -> None:
+    page.open("#scene=arm-human")
+    page.run()
+    page.open("#scene=arm-swing")
+    page.click("#tab-past")
+    page.wait_for("document.querySelector('#past .past-title')")
+    page.evaluate("[...document.querySelectorAll('#past li')].find(x => x.innerText.includes('A human arm'))"
+                  ".querySelector('button').click()")  # fmt: skip
+    page.wait_for("!document.getElementById('result').hidden")
+    assert page.text("#results-title").startswith("A human arm")
+
+
+@pytest.mark.browser
+def test_the_keyboard_reaches_run(page: Page) -> None:
+    page.open()
+    assert page.evaluate("document.activeElement === document.body")
+    page.tab()
+    assert page.text(":focus") == "Skip to the run button"
+    page.press("Enter", 13, "\r")
+    page.open()
+    seen = []
+    for _ in range(60):
+        seen.append(page.tab())
+        if seen[-1] == "run-button":
+            break
+    assert {"robot-select", "file", "scene-select", "accuracy", "run-button"} <= set(seen)
+    page.press("Enter", 13, "\r")
+    page.wait_for("!document.getElementById('result').hidden")
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (768, 1024)])
+def test_nothing_is_wider_than_a_phone(page: Page, width: int, height: int) -> None:
+    page.browser.resize(width, height, mobile=True)
+    page.open("#scene=bowl" if width > 400 else "#scene=arm-swing")
+    page.evaluate("document.querySelectorAll('details').forEach(x => { x.open = true; })")
+    page.run()
+    for tab in ("tab-study", "tab-past", "tab-query"):
+        page.evaluate(f"document.getElementById('{tab}').click()")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.plays()
+
+
+@pytest.mark.browser
+def test_it_is_dark_where_that_is_wanted(page: Page) -> None:
+    page.browser.call(
+        "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}, ]
+    )  # fmt: skip
+    page.open()
+    assert page.browser.screenshot().mean() < 80
+    assert page.robot().mean() < 100
+
+
+@pytest.mark.browser
+def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+    with serving(tmp_path / "data") as gone:
+        page = Page(browser, gone.url)
+        page.open()
+        page.run()
+        gone.kill()
+    page.click("#effects [role=switch]")
+    page.wait_for("!document.getElementById('banner').hidden")
+    assert "does not answer" in page.text("#banner")
+    assert not page.evaluate("document.getElementById('result').hidden")
+    page.click("#run-button")
+    page.wait_for("document.querySelector('#run-problem .problem')")
+    assert not page.evaluate("document.getElementById('run-button').disabled")
+    with serving(tmp_path / "data", "--port", gone.url.rpartition(":")[2]):
+        page.wait_for("document.getElementById('banner').hidden")
+        page.run()
+        page.click("#effects [role=switch]")
+        page.wait_for("document.getElementById('expected')")
+        page.run()
+    assert page.faults() == []
+
+
+@pytest.mark.browser
+def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+    with serving(tmp_path / "data", environment={"TWOLINK_TOKEN": "let me in"}) as guarded:
+        page = Page(browser, guarded.url)
+        page.open(until="document.getElementById('token-dialog')?.open")
+        page.choose("#token", "let me in")
+        page.click("#token-form button.primary")
+        page.wait_for(READY)
+        page.run()
+        assert page.plays()
+        assert "TWOLINK_TOKEN" in page.evaluate("document.getElementById('curl').textContent")
+        assert page.faults() == []
+
+
+@pytest.mark.browser
+def test_hostile_names_stay_text(page: Page) -> None:
+    name = "&lt;img src=x onerror=hacked=1&gt;"
+    page.open()
+    page.drop("h.urdf", pendulum(VISUAL, name=name).replace("hinge", name).replace('"arm"', f'"{name}"'))
+    page.wait_for("document.getElementById('robot-facts').innerText.startsWith('<img')")
+    page.run()
+    assert page.evaluate("window.hacked") is None
+    assert page.evaluate("document.querySelectorAll('img[src=x]').length") == 0
+
+
+def test_our_urdfs_are_there() -> None:
+    assert (URDFS / "two_link.urdf").is_file()

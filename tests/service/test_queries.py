@@ -1,0 +1,155 @@
+"""The service's answers are tl.Robot's, one state or many, by JSON and by npz."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import httpx
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.query import QUERIES, answer_query
+
+NPZ = {"Content-Type": "application/x-npz"}
+ROBOTS = ["two_link", "ur5", "kinova"]  # kinova has continuous joints
+RNG = np.random.default_rng(5)
+
+
+def states(robot: tl.Robot, *batch: int) -> dict[str, np.ndarray]:
+    steps = RNG.uniform(-1, 1, (*batch, robot.nv)).reshape(-1, robot.nv)
+    q = np.array([pin.integrate(robot.model, robot.neutral, step) for step in steps]).reshape(*batch, robot.nq)
+    return {"q": robot.normalize(q), **{name: RNG.uniform(-1, 1, (*batch, robot.nv)) for name in ("v", "tau", "a")}}
+
+
+def packed(**arrays: Any) -> bytes:
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("what", QUERIES)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str) -> None:
+    robot = tl.load_robot(name)
+    for batch in ((), (3,), (2, 40)):
+        taken = {key: value for key, value in states(robot, *batch).items() if key in QUERIES[what]}
+        expected = answer_query(robot, what, taken)
+        path = f"/v1/robots/{name}/{what}"
+        if len(batch) < 2:
+            answer = http.post(path, json={key: value.tolist() for key, value in taken.items()})
+            assert answer.status_code == 200, answer.text
+            got = {key: np.array(value) for key, value in answer.json().items()}
+            assert set(got) == set(expected)
+            for key, value in expected.items():
+                assert np.array_equal(got[key], value), key  # to the last digit
+        answer = http.post(path, content=packed(**taken), headers=NPZ)
+        assert answer.headers["content-type"] == "application/x-npz"
+        found = np.load(io.BytesIO(answer.content))
+        for key, value in expected.items():
+            np.testing.assert_allclose(found[key], value, rtol=1e-9, atol=1e-9)
+            assert found[key].shape == value.shape
+
+
+def test_what_is_left_out_is_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
+    robot = tl.load_robot("two_link")
+    answer = http.post("/v1/robots/two_link/forward-dynamics", json={"q": [[0, 0], [1, 1]], "tau": [1, 0]}).json()
+    expected = robot.forward_dynamics([[0, 0], [1, 1]], [0, 0], [1, 0])
+    np.testing.assert_allclose(answer["a"], expected, rtol=1e-12)
+
+
+def test_wrenches_and_methods(http: httpx.Client) -> None:
+    robot = tl.load_robot("two_link")
+    q, v, tau, push = [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    path = "/v1/robots/two_link/forward-dynamics"
+    for method in ("aba", "crba"):
+        body = {"q": q, "v": v, "tau": tau, "f_ext": {"tip": push}, "method": method}
+        expected = robot.forward_dynamics(q, v, tau, {"tip": push}, method)  # type: ignore[arg-type]
+        np.testing.assert_allclose(http.post(path, json=body).json()["a"], expected, rtol=1e-12)
+    answer = http.post(path, content=packed(q=q, v=v, tau=tau, **{"f_ext.tip": push}), headers=NPZ)
+    np.testing.assert_allclose(
+        np.load(io.BytesIO(answer.content))["a"], robot.forward_dynamics(q, v, tau, {"tip": push})
+    )
+
+
+def test_json_for_npz_when_asked(http: httpx.Client) -> None:
+    headers = {**NPZ, "Accept": "application/json"}
+    answer = http.post("/v1/robots/two_link/bias", content=packed(q=np.zeros((2, 2))), headers=headers)
+    assert np.shape(answer.json()["h"]) == (2, 2)
+
+
+def test_kinematics_places_links_as_pinocchio_does(http: httpx.Client) -> None:
+    robot = tl.load_robot("kinova")
+    q = states(robot, 4)["q"]
+    answer = http.post("/v1/robots/kinova/kinematics", json={"q": q.tolist()}).json()
+    assert np.shape(answer["poses"]) == (4, len(answer["frames"]), 7)
+    data = robot.model.createData()
+    for row, poses in zip(q, answer["poses"], strict=True):
+        pin.framesForwardKinematics(robot.model, data, row)
+        for name, pose in zip(answer["frames"], poses, strict=True):
+            at = data.oMf[robot.model.getFrameId(name, pin.FrameType.BODY)]
+            assert pin.XYZQUATToSE3(np.array(pose)).isApprox(at, 1e-9)
+    one = http.post("/v1/robots/two_link/kinematics", json={"q": [0, 0], "frames": ["tip"]}).json()
+    np.testing.assert_allclose(one["poses"], [[2, 0, 0, 0, 0, 0, 1]], atol=1e-12)
+
+
+@pytest.mark.parametrize("third", ["tau", "a"])
+def test_derivatives_are_those_of_the_answers(http: httpx.Client, third: str) -> None:
+    robot = tl.load_robot("ur5")
+    given = {key: value for key, value in states(robot).items() if key in ("q", "v", third)}
+    body = {key: value.tolist() for key, value in given.items()}
+    answer = http.post("/v1/robots/ur5/derivatives", json=body).json()
+    of = "a" if third == "tau" else "tau"
+    query = robot.forward_dynamics if third == "tau" else robot.inverse_dynamics
+    h = 1e-6
+    for name in given:
+        columns = [
+            (query(*{**given, name: given[name] + h * step}.values())
+             - query(*{**given, name: given[name] - h * step}.values())) / (2 * h) for step in np.eye(robot.nv)
+        ]  # fmt: skip
+        np.testing.assert_allclose(answer[f"d{of}_d{name}"], np.array(columns).T, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("what", "body", "status", "where"),
+    [
+        ("forward-dynamics", b"{", 400, "body"),
+        ("forward-dynamics", b'{"q": [0, "x"]}', 400, "q[1]"),
+        ("forward-dynamics", b'{"q": [0, 0, 0]}', 422, "q"),
+        ("forward-dynamics", b'{"q": [[0, 0], [0]]}', 422, "q"),
+        ("forward-dynamics", b'{"q": [0, 0], "w": [0]}', 400, "body"),
+        ("forward-dynamics", b'{"v": [0, 0]}', 400, "body"),
+        ("forward-dynamics", b'{"q": [0, 0], "method": "magic"}', 422, "method"),
+        ("forward-dynamics", b'{"q": [0, 0], "f_ext": {"nose": [0, 0, 0, 0, 0, 0]}}', 422, "f_ext"),
+        ("forward-dynamics", b'{"q": [1e308, 1e308], "v": [1e308, 1e308]}', 422, "robot 'two_link'"),
+        ("kinematics", b'{"q": [0, 0], "frames": ["nose"]}', 422, "frames"),
+        ("derivatives", b'{"q": [0, 0], "tau": [0, 0], "a": [0, 0]}', 422, "a"),
+        ("mass-matrix", b'{"q": [0, 0], "v": [0, 0]}', 400, "body"),
+    ],
+)
+def test_problems_say_where(http: httpx.Client, what: str, body: bytes, status: int, where: str) -> None:
+    answer = http.post(f"/v1/robots/two_link/{what}", content=body)
+    problem = answer.json()
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, problem["status"]) == (status, status), problem
+    assert problem["where"].startswith(where), problem
+    assert problem["detail"]
+    assert problem["remedy"]
+    assert "Traceback" not in answer.text
+
+
+def test_unknown_robots_get_the_nearest_name(http: httpx.Client) -> None:
+    problem = http.post("/v1/robots/two_lnk/bias", json={"q": [0, 0]}).json()
+    assert problem["status"] == 404
+    assert "two_link" in problem["remedy"]
+
+
+def test_batches_too_large_are_refused_before_they_are_computed(http: httpx.Client) -> None:
+    rows, columns = np.zeros((2000, 1, 2)), np.zeros((1, 2000, 2))
+    answer = http.post("/v1/robots/two_link/bias", content=packed(q=rows, v=columns), headers=NPZ)
+    assert answer.status_code == 413
+    assert "4000000 states" in answer.json()["detail"]
+    many = {"q": [[0, 0]] * 1000, "frames": ["tip"] * 10_000}
+    assert http.post("/v1/robots/two_link/kinematics", json=many).status_code == 413

@@ -1,0 +1,118 @@
+"""Robots over HTTP: list, inspect, upload, draw, delete."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.service.serving import serving
+from tests.service.urdfs import URDFS, mesh, pendulum, stl, zipped
+
+XML, ZIP = {"Content-Type": "application/xml"}, {"Content-Type": "application/zip"}
+
+
+def test_the_catalogue_is_listed_and_inspected(http: httpx.Client) -> None:
+    listed = {robot["id"]: robot for robot in http.get("/v1/robots").json()}
+    assert listed["panda"]["origin"] == "catalogue"
+    assert listed["anymal"]["usual_root"] == "free"
+    about = http.get("/v1/robots/kinova").json()
+    robot = tl.load_robot("kinova")
+    assert (about["nq"], about["nv"]) == (robot.nq, robot.nv)
+    assert [joint["name"] for joint in about["joints"]] == list(robot.joint_names)
+    assert about["neutral"] == robot.neutral.tolist()
+    assert about["report"] == robot.report.to_dict()
+
+
+def test_an_upload_answers_like_the_robot_it_is(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text()
+    about = http.post("/v1/robots", content=text, headers=XML)
+    assert about.status_code == 201
+    key = about.json()["id"]
+    again = http.post("/v1/robots", content=text, headers=XML)
+    assert (again.status_code, again.json()) == (200, about.json())
+    assert http.get(f"/v1/robots/{key}").json() == about.json()
+    answer = http.post(f"/v1/robots/{key}/forward-dynamics", json={"q": [0.1, 0.2], "v": [1, 2]}).json()
+    assert answer["a"] == tl.load_robot("arm").forward_dynamics([0.1, 0.2], [1.0, 2.0], [0.0, 0.0]).tolist()
+
+
+def test_options_make_another_robot(http: httpx.Client) -> None:
+    text = (URDFS / "arm.urdf").read_text()
+    by_query = http.post("/v1/robots?gravity=0,0,-1.62&lock=elbow:0.5", content=text, headers=XML).json()
+    options = {"gravity": [0, 0, -1.62], "lock": {"elbow": 0.5}}
+    by_json = http.post("/v1/robots", json={"text": text, **options}).json()
+    robot = tl.load_robot(text, gravity=(0, 0, -1.62), lock={"elbow": 0.5})
+    for about in (by_query, by_json):
+        assert (about["nq"], about["nv"], about["gravity"]) == (robot.nq, robot.nv, robot.gravity.tolist())
+    anymal = http.post("/v1/robots", json={"source": "anymal", "root": "free"}).json()
+    assert (anymal["nq"], anymal["nv"]) == (19, 18)
+
+
+@pytest.mark.parametrize("name", ["package://my_arm/meshes/arm.stl", "meshes/arm.stl", "../meshes/arm.stl"])
+def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
+    urdf = "urdf/robot.urdf" if name.startswith("..") else "robot.urdf"
+    content = zipped({urdf: pendulum(mesh(name)), "meshes/arm.stl": stl(), "notes.txt": "not used"})
+    about = http.post("/v1/robots", content=content, headers=ZIP)
+    assert about.status_code == 201, about.text
+    drawn = http.get(f"/v1/robots/{about.json()['id']}/visuals").json()
+    assert [piece["link"] for piece in drawn["pieces"]] == ["arm"]
+    data = drawn["pieces"][0]["object"]["geometries"][0]["data"]
+    assert base64.b64decode(data["base64"]) == stl()
+
+
+def test_meshes_that_were_not_sent_are_said_to_be_missing(http: httpx.Client) -> None:
+    about = http.post("/v1/robots", content=pendulum(mesh("package://elsewhere/a.stl")), headers=XML).json()
+    assert any("not found" in finding["what"] for finding in about["report"]["ignored"])
+
+
+def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx.Client) -> None:
+    import pinocchio as pin
+
+    robot = tl.load_robot("ur5")
+    q = np.linspace(-1, 1, 6)
+    drawn = http.get("/v1/robots/ur5/visuals").json()
+    found = http.post("/v1/robots/ur5/kinematics", json={"q": q.tolist()}).json()
+    poses = {name: pin.XYZQUATToSE3(np.array(pose)) for name, pose in zip(found["frames"], found["poses"], strict=True)}
+    geometry, data = robot.visual_model(), robot.model.createData()
+    placed = pin.GeometryData(geometry)
+    pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
+    expected = {item.name: placed.oMg[i] for i, item in enumerate(geometry.geometryObjects)}
+    assert len(drawn["pieces"]) == len(expected)
+    for piece in drawn["pieces"]:
+        at = poses[piece["link"]] * pin.XYZQUATToSE3(np.array(piece["placement"]))
+        assert at.isApprox(expected[piece["name"]], 1e-6)
+
+
+def test_deleting(http: httpx.Client) -> None:
+    key = http.post("/v1/robots", content=pendulum(name="gone"), headers=XML).json()["id"]
+    assert http.delete(f"/v1/robots/{key}").status_code == 204
+    assert http.get(f"/v1/robots/{key}").status_code == 404
+    assert http.post(f"/v1/robots/{key}/bias", json={"q": [0]}).status_code == 404
+    assert http.delete("/v1/robots/panda").status_code == 409
+
+
+def test_errors_name_the_line(http: httpx.Client) -> None:
+    problem = http.post("/v1/robots", content=pendulum().replace('value="2"', 'value="-2"'), headers=XML).json()
+    assert (problem["status"], problem["type"]) == (422, "urn:twolink:robot-error")
+    assert problem["where"].startswith("URDF text:3")
+    assert "-2.0 kg is negative" in problem["detail"]
+
+
+def test_uploads_survive_a_restart_and_are_limited(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    with serving(folder, "--quota", "uploads=1", "--quota", "moving_joints=1") as first, first.client() as http:
+        key = http.post("/v1/robots", content=pendulum(), headers=XML).json()["id"]
+        assert http.post("/v1/robots", content=pendulum(name="b"), headers=XML).status_code == 429
+        http.delete(f"/v1/robots/{key}")
+        problem = http.post("/v1/robots", json={"source": "two_link"}).json()
+        assert "up to 1" in problem["detail"]
+        http.post("/v1/robots", content=pendulum(), headers=XML)
+        first.kill()
+    with serving(folder) as second, second.client() as http:
+        assert http.get(f"/v1/robots/{key}").json()["nv"] == 1
+        assert len(http.post(f"/v1/robots/{key}/bias", json={"q": [0.3]}).json()["h"]) == 1
+        assert key in [robot["id"] for robot in http.get("/v1/robots").json()]

@@ -1,0 +1,97 @@
+"""Worker processes may die, hang, hoard and chatter; the service gets a problem, and goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+
+from twolink.service.workers import TaskFailed, Workers
+
+
+def run(work: Callable[[Workers], Awaitable[Any]], most: int = 1) -> Any:
+    async def whole() -> Any:
+        workers = Workers(most, 3000, tasks="tests.service.slow_tasks")
+        try:
+            return await work(workers)
+        finally:
+            await workers.close()
+
+    return asyncio.run(whole())
+
+
+@pytest.mark.parametrize(
+    ("task", "kind", "part"),
+    [
+        ("crash", "worker-died", "signal 11"),
+        ("leave", "worker-died", "died"),
+        ("hoard", "too-large", "memory"),
+        ("refuse", "robot-error", "it broke"),
+        ("fail", "internal-error", "in its log"),
+    ],
+)
+def test_failures_are_told_and_the_next_task_is_done(task: str, kind: str, part: str) -> None:
+    async def work(workers: Workers) -> str:
+        with pytest.raises(TaskFailed) as caught:
+            await workers.run(task, 60)
+        assert caught.value.problem.type == f"urn:twolink:{kind}"
+        assert part in caught.value.problem.detail
+        assert "secret" not in caught.value.problem.detail
+        found: str = await workers.run("chatter", 60)
+        return found
+
+    assert run(work) == "heard"
+
+
+def test_what_takes_too_long_is_ended() -> None:
+    async def work(workers: Workers) -> None:
+        seen: list[int] = []
+        await workers.run("chatter", 60)
+        with pytest.raises(TaskFailed, match=r"0\.5 s"):
+            await workers.run("sleep", 0.5, on_progress=seen.append, nap=1000)
+        with pytest.raises(ProcessLookupError):
+            os.kill(seen[0], 0)
+        assert await workers.run("chatter", 60) == "heard"
+
+    run(work)
+
+
+def test_a_worker_killed_in_its_task_is_replaced() -> None:
+    async def work(workers: Workers) -> None:
+        def kill(process: int) -> None:
+            os.kill(process, signal.SIGKILL)
+
+        with pytest.raises(TaskFailed, match="signal 9"):
+            await workers.run("sleep", 60, on_progress=kill, nap=1000)
+        assert await workers.run("chatter", 60) == "heard"
+
+    run(work)
+
+
+def test_cancelling_ends_the_process() -> None:
+    async def work(workers: Workers) -> None:
+        seen: asyncio.Queue[int] = asyncio.Queue()
+        task = asyncio.create_task(workers.run("sleep", 60, on_progress=seen.put_nowait, nap=1000))
+        process = await seen.get()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+    run(work)
+
+
+def test_workers_are_used_again_and_answers_may_be_large() -> None:
+    async def work(workers: Workers) -> None:
+        first, second = [await workers.run("sleep", 60, nap=0) for _ in range(2)]
+        assert first == second
+        assert len(await workers.run("large", 60)) == 20_000_000
+        both = await asyncio.gather(*(workers.run("sleep", 60, nap=0.3) for _ in range(2)))
+        assert len(set(both)) == 2
+
+    run(work, most=2)

@@ -1,0 +1,147 @@
+"""/v1/simulations and /v1/studies: run, watch, cancel, and take the results."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from litestar import MediaType, Response, delete, get, post
+from litestar.params import Parameter
+from litestar.response import File, Stream
+
+from twolink.service.requests import SimulationRequest, StudyRequest
+from twolink.service.results import MEDIA, MOST_POINTS, motion_file, result_file, samples_json
+from twolink.service.service import Shared
+from twolink.service.store import ACTIVE
+
+Points = Annotated[int, Parameter(ge=2, le=MOST_POINTS)]
+Frames = Annotated[int, Parameter(ge=2, le=3600)]
+# The playback brings its scripts with it; it is shut off from the service it came from.
+PLAYBACK_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
+)
+
+
+def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
+    """200 with the result, or 202 with where to ask for it."""
+    waiting = view["state"] in ACTIVE
+    location = f"/v1/{path}/{view['id']}"
+    return Response(view, status_code=202 if waiting else 200, headers={"Location": location})
+
+
+@post("/v1/simulations", tags=["simulations"], summary="Simulate a scene", status_code=200)
+async def simulate(service: Shared, data: SimulationRequest) -> Response[dict[str, Any]]:
+    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
+
+    The same request is answered from the store.
+    """
+    return _answered(await service.jobs.submit("simulation", data), "simulations")
+
+
+@post("/v1/studies", tags=["studies"], summary="Study what accuracy costs", status_code=200)
+async def study(service: Shared, data: StudyRequest) -> Response[dict[str, Any]]:
+    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
+    return _answered(await service.jobs.submit("study", data), "studies")
+
+
+def _shared(path: str, kind: str) -> list[Any]:
+    """The handlers that simulations and studies have alike."""
+    tags = [path]
+
+    @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
+    async def list_jobs(service: Shared) -> list[dict[str, Any]]:
+        """The newest ones, without their results."""
+        return service.jobs.all(kind)
+
+    @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
+    async def show_job(service: Shared, job: str) -> dict[str, Any]:
+        """state: queued, running, done, failed, cancelled or interrupted."""
+        return service.jobs.view(kind, job)
+
+    @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
+    async def events(service: Shared, job: str) -> Stream:
+        """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
+        service.jobs.view(kind, job)
+        headers = {"Cache-Control": "no-store"}
+        return Stream(service.jobs.events(kind, job), media_type="text/event-stream", headers=headers)
+
+    @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
+    async def cancel(service: Shared, job: str) -> dict[str, Any]:
+        """Ends a job that waits or runs; nothing happens to one that has ended."""
+        return service.jobs.cancel(kind, job)
+
+    @post(f"/v1/{path}/{{job:str}}/run", tags=tags, summary=f"Run a {kind} again", status_code=202)
+    async def run_again(service: Shared, job: str) -> dict[str, Any]:
+        """One that failed, was cancelled or was interrupted; nothing happens to others."""
+        return service.jobs.again(kind, job)
+
+    @delete(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"Delete a {kind} and its result", status_code=204)
+    async def remove(service: Shared, job: str) -> None:
+        """A running one is cancelled first."""
+        await service.jobs.remove(kind, job)
+
+    return [list_jobs, show_job, events, cancel, run_again, remove]
+
+
+@get("/v1/simulations/{job:str}/result", tags=["simulations"], summary="A simulation's samples")
+async def samples(
+    service: Shared,
+    job: str,
+    form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
+    points: Points = MOST_POINTS,
+) -> Response[Any] | File:
+    """Columns t, q.JOINT, v.JOINT, energy, error. JSON is thinned to at most `points`; the others hold all samples."""
+    if form == "json":
+        return Response(await samples_json(service, job, points), media_type=MediaType.JSON)
+    path = await result_file(service, "simulation", job, f"result.{form}")
+    return File(path, filename=f"{job}.{form}", media_type=MEDIA[form])
+
+
+@get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
+async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[bytes]:
+    """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}."""
+    path = await motion_file(service, job, frames)
+    return Response(path.read_bytes(), media_type=MediaType.JSON)
+
+
+@get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
+async def playback(service: Shared, job: str) -> Response[bytes]:
+    """HTML that stands alone: no other request, no network."""
+    path = await result_file(service, "simulation", job, "playback.html")
+    headers = {"Content-Security-Policy": PLAYBACK_POLICY}
+    return Response(path.read_bytes(), media_type=MediaType.HTML, headers=headers)
+
+
+@get("/v1/simulations/{job:str}/figure", tags=["simulations"], summary="q, v, energy and error bar over time")
+async def figure(
+    service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
+) -> Response[bytes]:
+    """As `run.plot` draws it."""
+    path = await result_file(service, "simulation", job, f"figure.{form}")
+    return Response(path.read_bytes(), media_type=MEDIA[form])
+
+
+@get("/v1/studies/{job:str}/result", tags=["studies"], summary="A study's rows")
+async def rows(
+    service: Shared,
+    job: str,
+    form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
+) -> File:
+    """JSON is all of the study, the others its rows."""
+    path = await result_file(service, "study", job, f"result.{form}")
+    return File(path, filename=f"{job}.{form}", media_type=MEDIA[form])
+
+
+@get("/v1/studies/{job:str}/figure", tags=["studies"], summary="Seconds over error, by method")
+async def study_figure(
+    service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
+) -> Response[bytes]:
+    """As `study.plot` draws it."""
+    path = await result_file(service, "study", job, f"figure.{form}")
+    return Response(path.read_bytes(), media_type=MEDIA[form])
+
+
+HANDLERS = [
+    simulate, study, samples, motion, playback, figure, rows, study_figure,
+    *_shared("simulations", "simulation"), *_shared("studies", "study"),
+]  # fmt: skip

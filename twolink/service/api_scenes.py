@@ -1,0 +1,82 @@
+"""/v1/scenes: list, show, validate and explain."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from importlib import resources
+from typing import Any
+
+import msgspec
+from litestar import get, post
+
+from twolink.integrate.methods import METHODS
+from twolink.scenes import bundled_scenes
+from twolink.scenes.save import scene_schema
+from twolink.service.problems import Refusal
+from twolink.service.requests import ExplainRequest, SceneRequest
+from twolink.service.service import Shared
+
+
+@functools.cache
+def _content(name: str) -> dict[str, Any]:
+    """A bundled scene's file, as it stands."""
+    folder = resources.files("twolink.scenes") / "bundled"
+    return tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@get("/v1/scenes", tags=["scenes"], summary="List the bundled scenes")
+async def list_scenes() -> list[dict[str, Any]]:
+    """Each with its id, title, robot, duration [s] and effects."""
+    scenes = ((name, _content(name)) for name in bundled_scenes())
+    return [
+        {
+            "id": name,
+            "title": scene.get("title", ""),
+            "robot": scene["robot"] if isinstance(scene["robot"], str) else scene["robot"]["source"],
+            "duration": scene.get("duration", 10.0),
+            "effects": [effect["type"] for effect in scene.get("effects", [])],
+        }
+        for name, scene in scenes
+    ]
+
+
+@get("/v1/scenes/{scene:str}", tags=["scenes"], summary="A bundled scene's content")
+async def show_scene(scene: str) -> dict[str, Any]:
+    """As a scene file says it: what simulations take as their scene, and a start for scenes of your own."""
+    if scene not in bundled_scenes():
+        raise Refusal(404, f"there is no scene {scene[:80]!r}", where="path: scene", remedy="GET /v1/scenes lists them")
+    return _content(scene)
+
+
+@get("/v1/scene-schema", tags=["scenes"], summary="The JSON Schema of scenes")
+async def schema() -> dict[str, Any]:
+    """All effects and their fields included."""
+    return scene_schema()
+
+
+@get("/v1/methods", tags=["scenes"], summary="The methods that simulate")
+async def methods() -> list[dict[str, Any]]:
+    """Name, order, kind, whether it chooses its steps, what it is good for, and its source."""
+    return [
+        {"name": m.name, "order": m.order, "kind": m.kind, "adaptive": m.adaptive, "good_for": m.good_for,
+         "source": m.source} for m in METHODS.values()
+    ]  # fmt: skip
+
+
+@post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
+async def validate(service: Shared, data: SceneRequest) -> dict[str, Any]:
+    """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
+    found: dict[str, Any] = await service.read("validate", request=msgspec.to_builtins(data))
+    return found
+
+
+@post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
+async def explain(service: Shared, data: ExplainRequest) -> dict[str, Any]:
+    """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
+    quotas = msgspec.to_builtins(service.settings.quotas)
+    found: dict[str, Any] = await service.read("explain", request=msgspec.to_builtins(data), quotas=quotas)
+    return found
+
+
+HANDLERS = [list_scenes, show_scene, schema, methods, validate, explain]

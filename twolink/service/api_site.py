@@ -1,0 +1,103 @@
+"""What is not under /v1: the page, the API's description and docs, health and metrics."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+from litestar import MediaType, Request, Response, get
+
+from twolink import __version__
+from twolink.service import metrics
+from twolink.service.docs import docs_page
+from twolink.service.guard import PAGE_POLICY
+from twolink.service.openapi import described
+from twolink.service.problems import Refusal
+from twolink.service.service import Shared
+
+PAGE = Path(__file__).with_name("page")
+_KINDS = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".ico": "image/x-icon",
+    ".json": "application/json",
+    ".woff2": "font/woff2",
+}
+_HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
+
+
+@get("/health", tags=["service"], summary="Whether the service is well")
+async def health(service: Shared) -> dict[str, Any]:
+    """Version, jobs that wait or run, and bytes kept."""
+    return {
+        "status": "ok",
+        "version": __version__,
+        "jobs": service.store.active(),
+        "bytes": service.store.used_bytes(),
+    }
+
+
+@get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)
+async def show_metrics(service: Shared) -> Response[bytes]:
+    """Requests by route and status, their seconds, states answered, jobs by end, workers that died."""
+    return Response(service.metrics.text(), media_type=metrics.MEDIA_TYPE)
+
+
+@get("/openapi.json", tags=["service"], summary="This description")
+async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
+    """The API as an OpenAPI 3.1 document."""
+    return described(request.app)
+
+
+@get("/docs", include_in_schema=False)
+async def docs(request: Request[Any, Any, Any]) -> Response[str]:
+    """The description for people; no outside address."""
+    headers = {**_HEADERS, "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"}
+    return Response(docs_page(described(request.app)), media_type=MediaType.HTML, headers=headers)
+
+
+@get("/", include_in_schema=False)
+async def index() -> Response[bytes]:
+    """The page."""
+    return _file("index.html")
+
+
+@get("/page/meshcat.js", include_in_schema=False)
+async def viewer() -> Response[bytes]:
+    """meshcat's viewer with three.js, from the installed package: the page draws robots with it."""
+    return Response(_viewer(), media_type=_KINDS[".js"], headers={"Cache-Control": "max-age=86400"})
+
+
+@functools.cache
+def _viewer() -> bytes:
+    found = importlib.util.find_spec("meshcat")  # not imported: it pulls in IPython
+    if found is None or not found.submodule_search_locations:
+        raise Refusal(404, "meshcat is not installed", where="path", remedy="pip install meshcat")
+    return Path(found.submodule_search_locations[0], "viewer", "dist", "main.min.js").read_bytes()
+
+
+@get("/page/{path:path}", include_in_schema=False)
+async def page_file(path: Path) -> Response[bytes]:
+    """The page's scripts, styles and pictures."""
+    return _file(str(path).lstrip("/"))
+
+
+def _file(name: str) -> Response[bytes]:
+    """A file of the page's folder, from a list made beforehand: no path of a request is ever opened."""
+    found = _files().get(name)
+    if found is None:
+        raise Refusal(404, f"there is no {name[:80]!r}", where="path", remedy="the page is at /")
+    return Response(found.read_bytes(), media_type=_KINDS[found.suffix], headers=_HEADERS)
+
+
+@functools.cache
+def _files() -> dict[str, Path]:
+    return {path.relative_to(PAGE).as_posix(): path for path in PAGE.rglob("*") if path.suffix in _KINDS}
+
+
+HANDLERS = [health, show_metrics, openapi, docs, index, viewer, page_file]

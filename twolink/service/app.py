@@ -1,0 +1,135 @@
+"""The application: Litestar behind a shell that guards, counts, and answers the queries by itself."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Any
+
+import msgspec
+from litestar import Litestar, Request, Response
+from litestar.di import Provide
+from litestar.openapi import OpenAPIConfig
+
+from twolink import __version__
+from twolink.service import api_jobs, api_robots, api_scenes, api_site
+from twolink.service.guard import DENY_ALL, SECURITY, Guard, Header, cors_headers
+from twolink.service.http import read_body, send_answer
+from twolink.service.problems import answer_of, problem_of
+from twolink.service.queries import PREFIX, QUERIES
+from twolink.service.service import Service
+from twolink.service.settings import Settings
+from twolink.service.workers import TaskFailed
+
+ENVIRONMENT = "TWOLINK_SERVICE"  # the settings, for processes that uvicorn starts
+_HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]
+_ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
+
+
+def build(settings: Settings) -> Shell:
+    """The ASGI application. Raises TwolinkError when the data folder cannot be used."""
+    service = Service(settings)
+    inner = Litestar(
+        _HANDLERS,
+        dependencies={"service": Provide(lambda: service, sync_to_thread=False)},
+        lifespan=[service.running],
+        exception_handlers={Exception: _refuse},
+        openapi_config=OpenAPIConfig(
+            "twolink", __version__, description=_ABOUT, use_handler_docstrings=True, path="/none", render_plugins=[]
+        ),
+        request_max_body_size=None,  # the shell limits it
+        logging_config=None,
+    )
+    return Shell(service, inner)
+
+
+def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
+    status, headers, body = _answer_to(error)
+    plain = {name.decode(): value.decode() for name, value in headers}
+    return Response(body, status_code=status, media_type=plain.pop("content-type"), headers=plain)
+
+
+def _answer_to(error: BaseException) -> tuple[int, list[Header], bytes]:
+    return answer_of(error.problem if isinstance(error, TaskFailed) else problem_of(error))
+
+
+class Shell:
+    """The outer application: the guard and the counters around everything, and the quick way of the queries."""
+
+    def __init__(self, service: Service, inner: Litestar) -> None:
+        self.service, self.inner = service, inner
+        self._guard, self._queries, self._metrics = Guard(service.settings), service.queries, service.metrics
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            await self.inner(scope, receive, send)
+            return
+        start = time.perf_counter()
+        route, more = "refused", []
+        try:
+            origin = self._guard.check(scope)
+            more = [] if origin is None else cors_headers(origin)
+            what = _query_of(scope)
+            if what is None:
+                await self._others(scope, receive, send, start, more)
+                return
+            key, name = what
+            route = name
+            status, headers, body = await self._queries.answer(scope, receive, key, name)
+        except Exception as error:
+            status, headers, body = _answer_to(error)
+        await send_answer(send, status, [*headers, *more, DENY_ALL], body)
+        self._metrics.answered(route, status, time.perf_counter() - start)
+
+    async def _others(self, scope: Any, receive: Any, send: Any, start: float, more: list[Header]) -> None:
+        """Litestar, with a body that is within limits, and the security headers added to its answer."""
+        if more and scope["method"] == "OPTIONS":
+            await send_answer(send, 204, more, b"")
+            return
+        if scope["method"] in ("POST", "PUT", "PATCH"):
+            quotas = self.service.settings.quotas
+            body = await read_body(scope, receive, quotas.body_mb * 2**20)
+            receive = _given(body, receive)
+        status = 500
+
+        async def sent(message: Any) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                names = {name for name, _ in message["headers"]}
+                added = [*SECURITY, *more, *([] if DENY_ALL[0] in names else [DENY_ALL])]
+                message["headers"] = [*message["headers"], *added]
+            await send(message)
+
+        try:
+            await self.inner(scope, receive, sent)
+        finally:
+            self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
+
+
+def _query_of(scope: Any) -> tuple[str, str] | None:
+    """The robot's id and the query, where that is what is asked."""
+    path: str = scope["path"]
+    if not path.startswith(PREFIX) or scope["method"] != "POST":
+        return None
+    key, slash, name = path[len(PREFIX) :].partition("/")
+    return (key, name) if slash and name in QUERIES else None
+
+
+def _given(body: bytes, receive: Any) -> Any:
+    """A `receive` that has the body already, and then tells when the client has gone."""
+    messages = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def next_message() -> Any:
+        return messages.pop() if messages else await receive()
+
+    return next_message
+
+
+def from_environment() -> Shell:
+    """The application of a process that uvicorn has started."""
+    from twolink.service.protocol import Protocol
+
+    settings = msgspec.json.decode(os.environ[ENVIRONMENT], type=Settings)
+    Protocol.seconds = settings.quotas.body_seconds
+    return build(settings)

@@ -1,0 +1,91 @@
+"""The OpenAPI 3.1 document: Litestar's, with the queries (which are plain ASGI) and the problems added."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+from litestar import Litestar
+
+from twolink.service import npz
+from twolink.service.http import JSON
+from twolink.service.problems import MEDIA_TYPE, Problem
+from twolink.service.queries import PREFIX, QUERIES, body_of
+from twolink.service.robot_tasks import RobotOptions
+
+Json = dict[str, Any]
+_SUMMARIES = {
+    "forward-dynamics": "Accelerations a (..., nv) that torques tau give: M(q) a + h(q, v) = tau",
+    "inverse-dynamics": "Torques tau (..., nv) that accelerations a need",
+    "mass-matrix": "The joint-space inertia matrix M (..., nv, nv)",
+    "bias": "h = C v + g (..., nv), the torques that keep all accelerations zero",
+    "coriolis": "A Coriolis matrix C (..., nv, nv)",
+    "gravity-torque": "g (..., nv), the torques that hold the robot still",
+    "energy": "kinetic and potential energy (...,) [J]",
+    "kinematics": "poses (..., n, 7) of the links, or of frames: position [m], quaternion (x y z w)",
+    "derivatives": "da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)",
+}
+_ABOUT = (
+    "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
+    "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
+    "layout. In application/x-npz arrays go by their names, wrenches as f_ext.FRAME; npz is answered by npz unless "
+    "Accept says otherwise."
+)
+
+
+def described(app: Litestar) -> Json:
+    """The document, made once an application."""
+    found: Json | None = getattr(app.state, "openapi", None)
+    if found is None:
+        found = app.state.openapi = _document(app)
+    return found
+
+
+def _document(app: Litestar) -> Json:
+    document = app.openapi_schema.to_schema()
+    names = list(QUERIES)
+    bodies, components = msgspec.json.schema_components(
+        [*(body_of(what) for what in names), Problem, RobotOptions], ref_template="#/components/schemas/{name}"
+    )
+    document.setdefault("components", {}).setdefault("schemas", {}).update(components)
+    for what, body in zip(names, bodies, strict=False):
+        document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
+    document["paths"]["/v1/robots"]["post"]["requestBody"] = _upload(components["RobotOptions"])
+    document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    document["security"] = [{}, {"token": []}]
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            _add_problems(operation)
+    return document
+
+
+def _query(what: str, body: Json) -> Json:
+    binary = {npz.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}
+    return {
+        "tags": ["queries"],
+        "operationId": what.replace("-", "_"),
+        "summary": _SUMMARIES[what],
+        "description": _ABOUT,
+        "parameters": [{"name": "robot", "in": "path", "required": True, "schema": {"type": "string"},
+                        "description": "a robot's id: a name of the catalogue, or of an upload"}],
+        "requestBody": {"required": True, "content": {JSON: {"schema": body}, **binary}},
+        "responses": {"200": {"description": "The answer, by name",
+                              "content": {JSON: {"schema": {"type": "object"}}, **binary}}},
+    }  # fmt: skip
+
+
+def _upload(options: Json) -> Json:
+    properties = {**options["properties"], "text": {"type": "string", "description": "a URDF"}}
+    schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    binary = {"schema": {"type": "string", "format": "binary"}}
+    text = {"schema": {"type": "string"}}
+    return {"required": True, "content": {JSON: {"schema": schema}, "application/xml": text, "application/zip": binary}}
+
+
+def _add_problems(operation: Json) -> None:
+    """Every operation may be refused; what Litestar says of its own refusals is replaced."""
+    responses = operation.setdefault("responses", {})
+    for status in [status for status in responses if status.startswith(("4", "5"))]:
+        del responses[status]
+    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    responses["4XX"] = {"description": "What is wrong with the request, where, and what to do", "content": content}

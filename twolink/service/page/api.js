@@ -1,0 +1,101 @@
+// The service over fetch: JSON in and out, problems as exceptions, streams of events, downloads.
+
+export class Problem extends Error {
+  constructor(content) {
+    super(content.detail || content.title || "it did not work");
+    Object.assign(this, { status: 0, where: "", remedy: "", ...content });
+  }
+}
+
+const KEY = "twolink-token";
+let token = sessionStorage.getItem(KEY) || "";
+let asking = null; // one question for a token at a time
+let ask = async () => null;
+
+/** Say how a person is asked for a token: an async function that gives one, or null. */
+export function onTokenWanted(question) { ask = question; }
+
+export function hasToken() { return token !== ""; }
+
+export function setToken(value) {
+  token = value;
+  sessionStorage.setItem(KEY, value);
+}
+
+async function wantToken() {
+  asking ??= ask().finally(() => { asking = null; });
+  const given = await asking;
+  if (given) setToken(given);
+  return Boolean(given);
+}
+
+/** The answer to a request. Raises Problem for all but 2xx; asks for a token where one is wanted. */
+export async function request(path, { method = "GET", body, headers = {}, signal } = {}) {
+  for (let attempt = 0; ; attempt++) {
+    const all = token ? { ...headers, Authorization: `Bearer ${token}` } : headers;
+    let answer;
+    try {
+      answer = await fetch(path, { method, body, headers: all, signal });
+    } catch (failure) {
+      if (failure.name === "AbortError") throw failure;
+      window.dispatchEvent(new Event("service-gone"));
+      throw new Problem({
+        detail: "The service does not answer.", gone: true,
+        remedy: "Is twolink serve still running? This page notices when it is back.",
+      });
+    }
+    if (answer.ok) return answer;
+    if (answer.status === 401 && attempt < 3 && (await wantToken())) continue;
+    throw await problemOf(answer);
+  }
+}
+
+async function problemOf(answer) {
+  try {
+    return new Problem(await answer.json());
+  } catch {
+    return new Problem({ status: answer.status, detail: `The service answered ${answer.status} ${answer.statusText}.` });
+  }
+}
+
+export async function get(path, options) {
+  return (await request(path, options)).json();
+}
+
+export async function post(path, content, options = {}) {
+  const headers = { "Content-Type": "application/json" };
+  return (await request(path, { ...options, method: "POST", body: JSON.stringify(content), headers })).json();
+}
+
+/** Server-sent events, read with fetch because EventSource cannot send a token. */
+export async function* events(path, signal) {
+  const answer = await request(path, { signal, headers: { Accept: "text/event-stream" } });
+  const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+  let buffer = "";
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      buffer += value.replaceAll("\r", "");
+      const blocks = buffer.split("\n\n");
+      buffer = blocks.pop();
+      for (const block of blocks) {
+        const lines = block.split("\n");
+        const part = name => lines.filter(x => x.startsWith(name)).map(x => x.slice(name.length).trim()).join("\n");
+        if (part("data:")) yield { event: part("event:") || "message", data: JSON.parse(part("data:")) };
+      }
+    }
+  } finally {
+    reader.cancel().catch(() => {});
+  }
+}
+
+/** Save what a path answers as a file. */
+export async function download(path, name) {
+  const address = URL.createObjectURL(await (await request(path)).blob());
+  const link = document.createElement("a");
+  link.href = address;
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(address), 60_000);
+}

@@ -1,0 +1,103 @@
+// Small helpers: elements, problems in words, numbers as people read them.
+
+export const byId = id => document.getElementById(id);
+
+/** An element. Properties that begin with "on" are listeners, "data-", "aria-" and "role" are attributes. */
+export function el(kind, properties = {}, ...children) {
+  const element = document.createElement(kind);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (/^(aria-|data-|role$|for$|colspan$|scope$)/.test(name)) element.setAttribute(name, value);
+    else element[name] = value;
+  }
+  element.append(...children.filter(child => child !== null && child !== undefined));
+  return element;
+}
+
+/** Say something to people who do not see the page. */
+export function announce(text) { byId("announce").textContent = text; }
+
+export function clearProblem(host) { host.replaceChildren(); }
+
+/** Show what went wrong where it belongs: what, where, what to do. */
+export function showProblem(host, problem) {
+  if (problem.name === "AbortError") return;
+  if (!("remedy" in problem)) console.warn(problem); // a fault of this page, not an answer of the service
+  const what = problem.message || String(problem);
+  const box = el("div", { className: "problem", role: "alert" }, el("p", { className: "what" }, sentence(what)));
+  const where = problem.where && !["scene", "path"].includes(problem.where) ? problem.where : "";
+  if (where) box.append(el("p", {}, el("span", { className: "hint" }, "At "), el("code", {}, where)));
+  if (problem.remedy) {
+    box.append(el("p", {}, el("span", { className: "hint" }, "What to do: "), sentence(problem.remedy)));
+  }
+  host.replaceChildren(box);
+  box.scrollIntoView({ block: "nearest" });
+}
+
+export function sentence(text) {
+  const first = text.slice(0, 1);
+  const begun = /^[a-z]+\b(?!=)/.test(text) ? first.toUpperCase() + text.slice(1) : text;
+  return /[.!?]$/.test(begun) ? begun : `${begun}.`;
+}
+
+/** 0.00031 -> "310 µs" */
+export function seconds(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "?";
+  if (value === 0) return "0 s";
+  if (value >= 120) return `${short(value / 60, 2)} min`;
+  for (const [unit, size] of [["s", 1], ["ms", 1e-3], ["µs", 1e-6]]) {
+    if (value >= size * 0.9995) return `${short(value / size, 2)} ${unit}`;
+  }
+  return `${short(value / 1e-9, 2)} ns`;
+}
+
+/** A number in few characters, with a true minus sign. */
+export function short(value, digits = 3) {
+  if (value === null || value === undefined) return "";
+  if (!Number.isFinite(value)) return String(value);
+  const size = Math.abs(value);
+  let text = String(Number(value.toPrecision(digits)));
+  if (size !== 0 && (size < 1e-4 || size >= 1e6)) text = power(value, digits);
+  else if (size >= 10 ** digits) text = String(Math.round(value));
+  return text.replace(/^-/, "−");
+}
+
+function power(value, digits) {
+  const [mantissa, exponent] = value.toExponential(Math.max(0, digits - 1)).split("e");
+  return `${Number(mantissa)}e${Number(exponent)}`;
+}
+
+export function count(number, one, many = `${one}s`) { return `${number} ${number === 1 ? one : many}`; }
+
+/** Call `act` at most once in `wait` ms, after the last call. */
+export function debounce(act, wait) {
+  let timer = 0;
+  return (...given) => {
+    clearTimeout(timer);
+    timer = setTimeout(() => act(...given), wait);
+  };
+}
+
+/** Tabs by the ARIA pattern: arrows move, the panel follows. */
+export function wireTabs(list, onShow = () => {}) {
+  const tabs = [...list.querySelectorAll("[role=tab]")];
+  const show = (tab, focus) => {
+    for (const other of tabs) {
+      const chosen = other === tab;
+      other.setAttribute("aria-selected", String(chosen));
+      other.tabIndex = chosen ? 0 : -1;
+      byId(other.getAttribute("aria-controls")).hidden = !chosen;
+    }
+    if (focus) tab.focus();
+    onShow(tab.id);
+  };
+  tabs.forEach((tab, i) => {
+    tab.addEventListener("click", () => show(tab, false));
+    tab.addEventListener("keydown", event => {
+      const next = { ArrowRight: i + 1, ArrowLeft: i - 1, Home: 0, End: tabs.length - 1 }[event.key];
+      if (next === undefined) return;
+      event.preventDefault();
+      show(tabs[(next + tabs.length) % tabs.length], true);
+    });
+  });
+}

@@ -1,0 +1,249 @@
+// The page: one robot, one scene, one run, and what ties them together.
+
+import { get, onTokenWanted, post, setToken } from "./api.js";
+import { announce, byId, clearProblem, el, showProblem, wireTabs } from "./dom.js";
+import { Job } from "./jobs.js";
+import { Playback } from "./playback.js";
+import { locate } from "./plots.js";
+import { QueryForm } from "./query.js";
+import { Results } from "./results.js";
+import { Robots } from "./robots.js";
+import { SceneEditor } from "./scene.js";
+import { Sliders } from "./sliders.js";
+import { listPast, Study } from "./study.js";
+import { View } from "./view3d.js";
+
+const FIRST = "arm-swing";
+const FRAMES = 600;
+const OWN = "own";
+
+const view = new View(byId("pane"), byId("view-note"));
+const robots = new Robots(robot => useRobot(robot));
+const editor = new SceneEditor({ onPick: useScene, onChange: () => {} });
+const sliders = new Sliders(byId("sliders"), (q, joint) => {
+  playback.unload();
+  editor.move(joint.name, sliders.part(joint));
+  poseAt(q);
+});
+const results = new Results((t, kind) => {
+  if (kind === "hover" && playback.playing) results.cursor(t);
+  else { if (kind !== "hover") playback.pause(); showPlayback(); playback.seek(t); }
+});
+const playback = new Playback(t => {
+  results.cursor(t);
+  moveTo(t);
+});
+const query = new QueryForm(() => sliders.q);
+const run = new Job("simulations", {
+  start: byId("run-button"), cancel: byId("cancel-button"), progress: byId("run-progress"), status: byId("run-status"),
+  problem: byId("run-problem"),
+}, showRun);
+new Study(() => editor.current());
+
+let motion = null; // of the run that is shown
+let drawn = null; // id of the robot in the 3D view
+let start = []; // q at the scene's start
+let turn = 0; // of picking; a later pick overtakes an earlier one
+
+// Picking ---------------------------------------------------------------------------------------------------------
+
+async function useRobot(robot) {
+  turn += 1;
+  editor.offer(robots.source, OWN);
+  await arrange(editor.own(robot), robot, OWN);
+}
+
+/** A scene by its id, or as someone wrote it. */
+async function useScene(id, written = null) {
+  const mine = ++turn;
+  const problem = byId("scene-problem");
+  clearProblem(problem);
+  try {
+    if (id === OWN) {
+      await arrange(editor.own(robots.robot), robots.robot, OWN);
+      return;
+    }
+    const content = written ?? (await get(`/v1/scenes/${encodeURIComponent(id)}`));
+    const checked = written === null ? null : await post("/v1/scenes/validate", { scene: content });
+    const robot = await robots.ofScene(content.robot);
+    if (robot === null || mine !== turn) return;
+    editor.offer(robots.source, id ?? OWN);
+    await arrange(content, robot, id ?? OWN, checked);
+  } catch (failure) {
+    if (mine === turn) showProblem(problem, failure);
+  }
+}
+
+async function arrange(content, robot, id, checked = null) {
+  motion = null;
+  playback.unload();
+  results.clear();
+  editor.set(content, robot, id);
+  history.replaceState(null, "", id === OWN ? `#robot=${encodeURIComponent(robot.id)}` : `#scene=${encodeURIComponent(id)}`);
+  let q = robot.neutral;
+  try {
+    q = (checked ?? (await post("/v1/scenes/validate", { scene: editor.current() }))).q;
+  } catch { /* explain says what is wrong with it */ }
+  start = q;
+  sliders.set(robot, q);
+  query.set(robot);
+  await draw(robot, q);
+}
+
+async function draw(robot, q) {
+  try {
+    if (drawn !== robot.id) {
+      byId("view-note").textContent = "Drawing…";
+      const visuals = await robots.look(robot.id);
+      if (robots.robot.id !== robot.id) return;
+      view.load(visuals);
+      drawn = robot.id;
+    }
+    await poseAt(q);
+    view.fit();
+  } catch (failure) {
+    byId("view-note").textContent = `It cannot be drawn: ${failure.message}`;
+  }
+}
+
+// The 3D robot ----------------------------------------------------------------------------------------------------
+
+let wanted = null, asking = false;
+
+/** Pose the robot at q. While an answer is under way only the newest question waits. */
+async function poseAt(q) {
+  wanted = [...q];
+  if (asking) return;
+  asking = true;
+  try {
+    while (wanted) {
+      const [id, asked] = [robots.robot.id, wanted];
+      wanted = null;
+      const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: asked });
+      if (id === robots.robot.id && !playback.playing) view.pose(frames, poses);
+    }
+  } catch (failure) {
+    byId("view-note").textContent = failure.message;
+  } finally {
+    asking = false;
+  }
+}
+
+function moveTo(t) {
+  if (!motion) return;
+  const [i, part] = locate(motion.t, t);
+  view.between(motion.links, motion.poses[i], motion.poses[Math.min(i + 1, motion.poses.length - 1)], part);
+}
+
+byId("view-fit").addEventListener("click", () => view.fit(motion && !byId("playback").hidden ? moments() : undefined));
+byId("sliders-reset").addEventListener("click", () => {
+  sliders.set(robots.robot, start);
+  for (const name of Object.keys(editor.q)) if (!(name in (editor.base.q ?? {}))) delete editor.q[name];
+  Object.assign(editor.q, editor.base.q);
+  editor.changed(false);
+  playback.unload();
+  poseAt(start);
+});
+
+/** Some moments of the motion, and the one shown now at the end. */
+function moments() {
+  const step = Math.max(1, Math.ceil(motion.t.length / 40));
+  const some = motion.t.filter((_, i) => i % step === 0).map(t => () => moveTo(t));
+  return [...some, () => moveTo(playback.t)];
+}
+
+// Running ---------------------------------------------------------------------------------------------------------
+
+byId("run-button").addEventListener("click", () => {
+  asked = robots.robot.id;
+  run.run({ scene: editor.current(), accuracy: editor.accuracy, ...editor.how });
+});
+
+/** Where double precision cannot keep the accuracy, what helps is one press away. */
+run.onProblem = problem => {
+  if (!/accuracy-error$/.test(problem.type ?? "")) return;
+  const again = (text, id, value) => el("button", { type: "button", onclick: () => {
+    editor.alter(id, value);
+    setTimeout(() => byId("run-button").click());
+  } }, text);
+  const length = Number(/duration=([\d.]+)/.exec(problem.remedy ?? "")?.[1]);
+  const buttons = [];
+  if (length > 0) buttons.push(again(`Run ${length} s`, "duration", length));
+  if (/quad/.test(problem.remedy ?? "")) buttons.push(again("Run in quadruple precision", "precision", "quad"));
+  byId("run-problem").firstChild.append(el("p", { className: "buttons" }, ...buttons));
+};
+
+let asked = null; // id of the robot that was to run
+
+async function showRun(job) {
+  if (asked !== robots.robot.id) {
+    byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
+    return;
+  }
+  const found = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
+  await results.show(job, robots.robot.joints);
+  motion = found;
+  view.fit(motion.t.length > 1 ? moments() : undefined);
+  playback.load(motion.t[0], motion.t.at(-1));
+  if (matchMedia("(max-width: 899px)").matches) byId("results-title").scrollIntoView({ block: "start" });
+}
+
+/** The controls come back when someone points at a moment after moving the sliders. */
+function showPlayback() { if (motion) byId("playback").hidden = false; }
+
+async function openPast(job) {
+  const { scene } = job.request;
+  await useScene(typeof scene === "string" ? scene : null, typeof scene === "string" ? null : scene);
+  asked = robots.robot.id;
+  await showRun(job);
+  byId("results-title").scrollIntoView({ block: "start" });
+}
+
+wireTabs(document.querySelector("[role=tablist]"), id => { if (id === "tab-past") listPast(openPast); });
+
+// The service: a token where it wants one, and word when it is gone --------------------------------------------------
+
+onTokenWanted(() => new Promise(done => {
+  const dialog = byId("token-dialog");
+  byId("token").value = "";
+  byId("token-button").hidden = false;
+  dialog.addEventListener("close", () => done(dialog.returnValue === "ok" ? byId("token").value.trim() : null), { once: true });
+  dialog.returnValue = "cancel";
+  dialog.showModal();
+}));
+byId("token-button").addEventListener("click", () => { setToken(""); location.reload(); });
+
+let watching = false;
+addEventListener("service-gone", async () => {
+  if (watching) return;
+  watching = true;
+  const banner = byId("banner");
+  banner.textContent = "The service does not answer. Is “twolink serve” still running? What is shown here stays; this page goes on when it is back.";
+  banner.hidden = false;
+  for (;;) {
+    await new Promise(wait => setTimeout(wait, 2000));
+    try {
+      if ((await fetch("/health")).ok) break;
+    } catch { /* not yet */ }
+  }
+  watching = false;
+  banner.hidden = true;
+  announce("The service answers again.");
+  if (robots.robot) editor.refresh(); else begin();
+});
+
+async function begin() {
+  try {
+    await Promise.all([robots.list(), editor.list()]);
+    const asked = new URLSearchParams(location.hash.slice(1));
+    if (asked.get("robot")) await robots.pick(asked.get("robot"));
+    else await useScene(asked.get("scene") ?? FIRST);
+    if (!robots.robot) await useScene(FIRST);
+  } catch (failure) {
+    showProblem(byId("robot-problem"), failure);
+  }
+}
+
+await view.start();
+await begin();
+document.documentElement.dataset.ready = "yes";

@@ -1,0 +1,169 @@
+// Which robot: the list, uploads with their options, and the load report in words.
+
+import { get, post, request } from "./api.js";
+import { announce, byId, clearProblem, count, el, short, showProblem } from "./dom.js";
+
+const TITLES = {
+  read: ["Read", "what the file says"],
+  ignored: ["Ignored", "in the file, but not in the answers"],
+  repaired: ["Repaired", "changed, because it could not be meant so"],
+  assumed: ["Assumed", "not in the file"],
+};
+
+export class Robots {
+  /** onRobot(robot) is called when someone has picked or uploaded another. */
+  constructor(onRobot) {
+    this.onRobot = onRobot;
+    this.visuals = new Map();
+    this.file = null; // what was uploaded last, to load it again with other options
+    this.turn = 0;
+    this.select = byId("robot-select");
+    this.select.addEventListener("change", () => this.pick(this.select.value));
+    byId("file").addEventListener("change", event => {
+      if (event.target.files.length) this.upload(event.target.files[0]);
+      event.target.value = "";
+    });
+    for (const id of ["root", "mimic", "unphysical"]) byId(id).addEventListener("change", () => this.#again());
+    this.#drops();
+  }
+
+  #options() {
+    const options = {};
+    if (byId("root").value !== "fixed") options.root = byId("root").value;
+    if (byId("mimic").checked) options.mimic = true;
+    if (byId("unphysical").checked) options.unphysical = "report";
+    return options;
+  }
+
+  /** Fill the list. */
+  async list() {
+    const robots = await get("/v1/robots");
+    const group = (label, members) => el("optgroup", { label }, ...members.map(robot => {
+      const about = robot.origin === "uploaded" ? ` (${[robot.root === "free" ? "free" : "", robot.id.slice(0, 6)].filter(Boolean).join(", ")})` : "";
+      return el("option", { value: robot.id }, robot.name + about);
+    }));
+    const own = robots.filter(robot => robot.origin === "uploaded");
+    const shipped = robots.filter(robot => robot.from === "twolink");
+    const others = robots.filter(robot => robot.origin === "catalogue" && robot.from !== "twolink");
+    this.select.replaceChildren(...[["Uploaded", own], ["twolink", shipped], ["example-robot-data", others]]
+      .filter(([, members]) => members.length).map(([label, members]) => group(label, members)));
+    if (this.robot) this.select.value = this.robot.id;
+  }
+
+  /** A robot of the list, with the options that are set. */
+  async pick(id) {
+    const options = id.startsWith("u-") ? {} : this.#options();
+    this.file = null;
+    await this.#take(Object.keys(options).length
+      ? () => post("/v1/robots", { source: id, ...options })
+      : () => get(`/v1/robots/${encodeURIComponent(id)}`), { picked: id });
+  }
+
+  /** A robot as a scene names it. Raises Problem. */
+  async ofScene(entry) {
+    const turn = ++this.turn;
+    const robot = typeof entry === "string"
+      ? await get(`/v1/robots/${encodeURIComponent(entry)}`)
+      : entry.root === "free" || Object.keys(entry.lock ?? {}).length
+        ? await post("/v1/robots", entry)
+        : await get(`/v1/robots/${encodeURIComponent(entry.source)}`);
+    if (turn !== this.turn) return null;
+    this.source = typeof entry === "string" ? entry : entry.source;
+    await this.show(robot);
+    return robot;
+  }
+
+  async upload(file) {
+    this.file = file;
+    const query = new URLSearchParams(this.#options()).toString();
+    const type = /\.zip$/i.test(file.name) || file.type.includes("zip") ? "application/zip" : "application/xml";
+    await this.#take(async () => {
+      const answer = await request(`/v1/robots${query && `?${query}`}`, { method: "POST", body: file, headers: { "Content-Type": type } });
+      return answer.json();
+    }, { uploaded: true });
+  }
+
+  async #again() {
+    if (this.file) await this.upload(this.file);
+    else if (this.source && !this.source.startsWith("u-")) await this.pick(this.source);
+  }
+
+  async #take(load, { picked = null, uploaded = false }) {
+    const turn = ++this.turn;
+    const problem = byId("robot-problem");
+    clearProblem(problem);
+    byId("drop").setAttribute("aria-busy", "true");
+    byId("robot-facts").textContent = uploaded ? "Loading the upload…" : "Loading…";
+    try {
+      const robot = await load();
+      if (turn !== this.turn) return;
+      this.source = picked ?? robot.id;
+      await this.show(robot, uploaded);
+      await this.onRobot(robot);
+    } catch (failure) {
+      if (turn !== this.turn) return;
+      showProblem(problem, failure);
+      byId("robot-facts").textContent = this.robot ? `Still ${this.robot.name}: ${facts(this.robot)}` : "";
+      if (this.robot) this.select.value = this.robot.id;
+      byId("root").value = this.robot?.root ?? "fixed";
+    } finally {
+      if (turn === this.turn) byId("drop").removeAttribute("aria-busy");
+    }
+  }
+
+  /** Name the robot and say how it was loaded. */
+  async show(robot, uploaded = false) {
+    this.robot = robot;
+    clearProblem(byId("robot-problem"));
+    if (![...this.select.options].some(option => option.value === robot.id)) await this.list();
+    this.select.value = robot.id;
+    byId("root").value = robot.root ?? "fixed";
+    byId("robot-facts").textContent = `${robot.name}: ${facts(robot)}`;
+    this.#report(robot.report, uploaded);
+    if (uploaded) announce(`${robot.name} is loaded`);
+  }
+
+  #report(report, open) {
+    const sizes = Object.keys(TITLES).filter(key => report[key].length).map(key => `${report[key].length} ${TITLES[key][0].toLowerCase()}`);
+    byId("report").hidden = false;
+    byId("report-summary").replaceChildren("Load report ", el("span", { className: "hint" }, sizes.join(" · ")));
+    byId("report-body").replaceChildren(...Object.entries(TITLES).filter(([key]) => report[key].length).map(([key, [title, about]]) =>
+      el("section", { className: `report-${key}` }, el("h3", {}, title, el("span", { className: "hint" }, ` ${about}`)),
+        el("ul", {}, ...report[key].map(entry => el("li", {}, entry.what, names(entry.names)))))));
+    if (open && (report.repaired.length || report.ignored.length)) byId("report").open = true;
+  }
+
+  /** What a robot looks like. */
+  async look(id) {
+    if (!this.visuals.has(id)) this.visuals.set(id, await get(`/v1/robots/${encodeURIComponent(id)}/visuals`));
+    return this.visuals.get(id);
+  }
+
+  #drops() {
+    const cover = byId("dropping");
+    let depth = 0;
+    const files = event => [...(event.dataTransfer?.types ?? [])].includes("Files");
+    const over = value => { cover.hidden = !value; if (!value) depth = 0; };
+    addEventListener("dragenter", event => { if (files(event)) { depth++; over(true); } });
+    addEventListener("dragleave", () => { if (--depth <= 0) over(false); });
+    addEventListener("dragover", event => { if (files(event)) event.preventDefault(); });
+    addEventListener("drop", event => {
+      over(false);
+      if (!files(event)) return;
+      event.preventDefault();
+      if (event.dataTransfer.files.length) this.upload(event.dataTransfer.files[0]);
+    });
+  }
+}
+
+function facts(robot) {
+  const root = robot.root === "free" ? ", free base" : "";
+  return `${count(robot.joints.length, "joint")}, ${count(robot.links.length, "link")}, ${short(robot.mass)} kg${root}`;
+}
+
+function names(all) {
+  if (!all.length) return "";
+  const shown = all.slice(0, 6).join(", ");
+  if (all.length <= 6) return el("span", { className: "names" }, ` ${shown}`);
+  return el("span", { className: "names", title: all.join(", ") }, ` ${shown} and ${all.length - 6} more`);
+}

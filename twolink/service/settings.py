@@ -1,0 +1,100 @@
+"""Settings of the service: where it listens, where it keeps things, who may call it, and what a call may take."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from twolink.errors import TwolinkError, nearest
+
+Count = Annotated[int, msgspec.Meta(ge=1)]
+Amount = Annotated[float, msgspec.Meta(gt=0)]
+OPEN_RATE = 200.0  # requests a second and address, where strangers may call
+
+
+class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one call, one job and the whole store may take.
+
+    body_mb: bytes of a request. upload_mb: unpacked bytes of a zip. files: in a zip. states: in a batch. answer_mb:
+    bytes of an answer. moving_joints: of an uploaded robot. uploads: robots kept. load_seconds: reading a robot, a
+    scene or a file. memory_mb: address space of a worker process. jobs: at once. queue: jobs waiting. job_seconds:
+    computing of one job. duration: simulated seconds. samples: of a run. result_mb: of one result. disk_mb: of all
+    results and uploads together; the oldest results go first. body_seconds: a request may take to come in.
+    """
+
+    body_mb: Amount = 128
+    upload_mb: Amount = 256
+    files: Count = 500
+    states: Count = 1_000_000
+    answer_mb: Amount = 256
+    moving_joints: Count = 100
+    uploads: Count = 1000
+    load_seconds: Amount = 20
+    memory_mb: Amount = 6000
+    jobs: Count = 2
+    queue: Count = 50
+    job_seconds: Amount = 600
+    duration: Amount = 3600
+    samples: Count = 500_000
+    result_mb: Amount = 256
+    disk_mb: Amount = 4096
+    body_seconds: Amount = 120
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All there is to set. data: the folder of everything that is kept.
+
+    tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
+    called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
+    rate: requests a second from one address; None: no limit.
+    """
+
+    data: str
+    host: str = "127.0.0.1"
+    port: int = 8000
+    tokens: tuple[str, ...] = ()
+    hosts: tuple[str, ...] = ()
+    origins: tuple[str, ...] = ()
+    rate: float | None = None
+    workers: Count = 1
+    quotas: Quotas = Quotas()
+
+
+def default_folder() -> Path:
+    """Where this platform keeps a user's data."""
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "twolink"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "twolink"
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "twolink"
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches that address."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def read_quotas(texts: Sequence[str]) -> Quotas:
+    """Quotas from texts such as "jobs=4". Raises TwolinkError for unknown names and values that cannot be."""
+    known = Quotas.__struct_fields__
+    given: dict[str, str] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise TwolinkError(f"expected NAME=NUMBER, got {text!r}", where="quota", remedy="such as jobs=4")
+        if name.strip() not in known:
+            raise TwolinkError(f"{name.strip()!r} is unknown", where="quota", remedy=nearest(name, known, most=20))
+        given[name.strip()] = value.strip()
+    try:
+        return msgspec.convert(given, Quotas, strict=False)
+    except msgspec.ValidationError as error:
+        raise TwolinkError(str(error), where="quota", remedy="give a number") from None

@@ -1,0 +1,66 @@
+"""What a robot looks like, as three.js objects in JSON: one a piece, fixed to a link."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import msgspec
+import pinocchio as pin
+import umsgpack
+
+from twolink.dynamics import Robot
+from twolink.errors import ShowError
+from twolink.service.describe import link_frames, link_names
+from twolink.show.meshcat_scene import scene_nodes
+
+_ARRAYS = {0x17: "Float32Array", 0x13: "Int16Array", 0x14: "Uint16Array", 0x16: "Uint32Array", 0x12: "Uint8Array"}
+
+
+def visuals_of(robot: Robot) -> bytes:
+    """JSON: {"links": [name], "pieces": [{name, link, placement, object}], "skipped": [name]}.
+
+    link: the link it is fixed to, or null for the world. placement: position [m] and quaternion (x y z w) in the link's
+    frame, 7 numbers. object: three.js JSON as meshcat's viewer reads it, typed arrays as {"$array": their class,
+    "base64": their bytes, little-endian}. skipped: pieces that cannot be drawn.
+    """
+    try:
+        geometry = robot.visual_model()
+    except (ValueError, RuntimeError) as error:
+        what = " ".join(str(error).split())[:200]
+        raise ShowError(f"a mesh cannot be read: {what}", where=robot.name, remedy="repair the file") from None
+    nodes, skipped = scene_nodes(geometry)
+    links = set(link_frames(robot))
+    pieces = []
+    for node in nodes:
+        item = geometry.geometryObjects[node.index]
+        frame, placement = _link(robot.model, links, item)
+        pieces.append(
+            {
+                "name": node.name,
+                "link": None if frame is None else robot.model.frames[frame].name,
+                "placement": pin.SE3ToXYZQUAT(placement).tolist(),
+                "object": node.object,
+            }
+        )
+    return msgspec.json.encode({"links": link_names(robot), "pieces": _plain(pieces), "skipped": skipped})
+
+
+def _link(model: pin.Model, links: set[int], item: Any) -> tuple[int | None, Any]:
+    """The link a piece is fixed to, and its place there: Pinocchio places it relative to the joint."""
+    frame = int(item.parentFrame)
+    if frame >= model.nframes or frame not in links or model.frames[frame].parentJoint != item.parentJoint:
+        found = [i for i in links if model.frames[i].parentJoint == item.parentJoint]
+        if not found:
+            return None, item.placement
+        frame = min(found)
+    return frame, model.frames[frame].placement.inverse() * item.placement
+
+
+def _plain(value: Any) -> Any:
+    """umsgpack's typed arrays as JSON."""
+    if isinstance(value, umsgpack.Ext):
+        return {"$array": _ARRAYS[value.type], "base64": base64.b64encode(value.data).decode("ascii")}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
