@@ -79,7 +79,8 @@ def simulate(
     coarse = _solve(equations, choice, times, progress)
     before = 0.0  # seconds of solutions that were given up
     while verify and not coarse.solution.interrupted:
-        other = equations.nudged() if precision == "double" else equations
+        margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
+        other = equations.nudged(margin) if precision == "double" else equations
         fine = _solve(other, _finer(coarse.choice, equations, accuracy), times, progress)
         run = _verified(scene, equations, coarse, fine, 0.0 if free else accuracy, before)
         if run.error is None or free or run.error[-1] <= accuracy:

@@ -81,6 +81,7 @@ class Equations:
         self.lockable = tuple(sorted({k for e in self.switches for k in e.lockable(self.robot)}))
         self.locked = np.zeros(2 * len(self.lockable))
         self.slots: Mapping[str, float] = {}
+        self.margin = 0.0
         rows = sum(table.rows for table in self.tables) + len(self.locked)
         self.space = _WithRows(self.robot, rows) if rows else StateSpace(self.robot)
         self.moving = self.robot.nq + self.robot.nv
@@ -153,9 +154,13 @@ class Equations:
                 break
         return joined(parts)
 
-    def nudged(self) -> Equations:
-        """The same equations from a start some roundings away: what becomes of those, rounding does on the way too."""
+    def nudged(self, margin: float = 0.0) -> Equations:
+        """The same equations from a start some roundings away: what becomes of those, rounding does on the way too.
+
+        margin: near misses of stops and planes that are taken for touches.
+        """
         moved = copy.copy(self)
+        moved.margin = margin
         moved.start = self.start.copy()
         signs = np.where(np.arange(self.moving) % 2, -1.0, 1.0)
         moved.start[: self.moving] += NUDGE * signs * np.fmax(1.0, np.abs(self.start[: self.moving]))

@@ -2,7 +2,8 @@
 
 A guard is above 0 while its mode lasts. It is looked at where steps end and at points within them, each a step of the
 method from the state before it, so that a zero is as exact as the method. A dip between such points is followed to
-its bottom, lest two zeros within a step be missed.
+its bottom, lest two zeros within a step be missed. Whether a dip that ends just above 0 touches is for the error bar to
+say: the solution behind it takes one within its margin for a touch, where the other does not.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from twolink.integrate.step_map import StepMap
 WITHIN = (0.25, 0.5, 0.75)  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
 EXACT = 4 * np.finfo(float).eps
+TOUCHING = ("stop", "impact", "stick")  # guards that are distances or speeds
 
 
 @dataclass
@@ -51,10 +53,13 @@ class Hit:
 
 
 class Watcher:
-    """The guards of a piece that starts at a time."""
+    """The guards of a piece that starts at a time. margin: dips to it are touches, m, rad or per second."""
 
-    def __init__(self, equations: Equations, step_map: StepMap, guards: Sequence[Guard], start: float) -> None:
-        self.equations, self.map, self.guards, self.start = equations, step_map, guards, start
+    def __init__(
+        self, equations: Equations, step_map: StepMap, guards: Sequence[Guard], start: float, margin: float = 0.0
+    ) -> None:
+        self.equations, self.map, self.guards, self.start, self.margin = equations, step_map, guards, start, margin
+        self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
     def first(self, t: Array, x: Array) -> Hit | None:
         """The first event along states x (k, size) at times t (k,), which do not decrease; None if there is none."""
@@ -64,17 +69,20 @@ class Watcher:
         t, x = t[moved], x[moved]
         if len(t) < 2:
             return None
+        before, self._before = self._before, (float(t[-2]), np.array(x[-2]))
+        if before is not None and before[0] < t[0]:
+            t, x = np.append(before[0], t), np.concatenate([before[1][None], x])
         times, states = self._within(t, x)
         moment = Moment(self.equations, times, states)
-        found: list[tuple[float, float, int]] = []
+        found: list[tuple[float, float, float, int]] = []
         for j, guard in enumerate(self.guards):
             bracket = self._bracket(guard, times, self._stirred(guard, moment), t, x)
             if bracket is not None:
                 found.append((*bracket, j))
         if not found:
             return None
-        earliest = min(end for _, end, _ in found)
-        roots = [(self._root(self.guards[j], a, b, t, x), j) for a, b, j in found if a <= earliest]
+        earliest = min(end for _, end, _, _ in found)
+        roots = [(self._root(self.guards[j], a, b, t, x, level), j) for a, b, level, j in found if a <= earliest]
         time, j = min(roots)
         return Hit(time, self._at(time, t, x), self.guards[j])
 
@@ -117,21 +125,24 @@ class Watcher:
             values[~late] = math.inf
         return values
 
-    def _bracket(self, guard: Guard, times: Array, g: Array, t: Array, x: Array) -> tuple[float, float] | None:
-        """Times between which the guard has its first zero."""
+    def _bracket(self, guard: Guard, times: Array, g: Array, t: Array, x: Array) -> tuple[float, float, float] | None:
+        """Times between which the guard first passes a level, and the level: 0, or the margin of a near touch."""
+        margin = self.margin if guard.key[0] in TOUCHING and not guard.fresh else 0.0
         below = np.flatnonzero(g <= 0.0)  # NaN is neither
         last = int(below[0]) if below.size else len(g)
         if last == 0:  # the mode has no beginning: it ends at once
-            return float(times[0]), float(times[0])
+            return float(times[0]), float(times[0]), 0.0
         for i in range(1, min(last, len(g) - 1)):
             before, here, after = g[i - 1], g[i], g[i + 1]
             if not (here < before and here <= after and math.isfinite(before) and math.isfinite(after)):
                 continue
-            if here < DIP * (max(before, after) - here):
+            if here < max(margin, DIP * (max(before, after) - here)):
                 bottom, value = self._bottom(guard, float(times[i - 1]), float(times[i + 1]), t, x)
                 if value <= 0.0:
-                    return float(times[i - 1]), bottom
-        return (float(times[last - 1]), float(times[last])) if last < len(g) else None
+                    return float(times[i - 1]), bottom, 0.0
+                if value <= margin < before:
+                    return float(times[i - 1]), bottom, margin
+        return (float(times[last - 1]), float(times[last]), 0.0) if last < len(g) else None
 
     def _bottom(self, guard: Guard, a: float, b: float, t: Array, x: Array) -> tuple[float, float]:
         from scipy.optimize import minimize_scalar
@@ -140,13 +151,13 @@ class Watcher:
                                 options={"xatol": 1e-6 * (b - a)})  # fmt: skip
         return float(found.x), float(found.fun)
 
-    def _root(self, guard: Guard, a: float, b: float, t: Array, x: Array) -> float:
-        """The guard's zero between two times."""
+    def _root(self, guard: Guard, a: float, b: float, t: Array, x: Array, level: float) -> float:
+        """Where the guard passes a level between two times."""
         from scipy.optimize import brentq
 
         if a == b:
             return a
-        low, high = self._value(guard, a, t, x), self._value(guard, b, t, x)
+        low, high = (self._value(guard, time, t, x) - level for time in (a, b))
         if not low > 0.0:
             return a
         if not high <= 0.0:
@@ -154,7 +165,7 @@ class Watcher:
         if math.isinf(low):  # at the start, of a guard that begins at 0
             low = max(1e-300, -high)
         ends = {a: low, b: high}
-        found = brentq(lambda time: ends.get(time) or self._value(guard, time, t, x), a, b,
+        found = brentq(lambda time: ends.get(time) or self._value(guard, time, t, x) - level, a, b,
                        xtol=EXACT * max(1.0, abs(b)), rtol=EXACT)  # fmt: skip
         return float(found)
 

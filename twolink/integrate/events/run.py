@@ -124,7 +124,7 @@ class _Run:
         steps = step_map(equations, self.method)
         here = Moment(equations, np.array([self.t]), equations.start[:, None])
         watching = guards(self.hybrid, self.modes, here, self.sides)
-        watcher = Watcher(equations, steps, watching, self.t)
+        watcher = Watcher(equations, steps, watching, self.t, self.whole.margin)
         part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=self.span)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
