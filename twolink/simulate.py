@@ -86,7 +86,7 @@ def simulate(
         if run.error is None or free or run.error[-1] <= accuracy:
             return run
         before += coarse.seconds + fine.seconds
-        refined = _refined(coarse, accuracy, float(run.error[-1]), run)
+        refined = _refined(coarse, equations, accuracy, float(run.error[-1]), run)
         coarse = _solve(equations, refined, times, progress)
     return _trajectory(scene, equations, coarse, _cost(coarse))
 
@@ -130,7 +130,7 @@ def _finer(choice: Choice, equations: Equations, accuracy: float) -> Choice:
     raise _unreachable(accuracy)
 
 
-def _refined(coarse: Solved, accuracy: float, error: float, run: Trajectory) -> Choice:
+def _refined(coarse: Solved, equations: Equations, accuracy: float, error: float, run: Trajectory) -> Choice:
     """The next setting to try. Raises AccuracyError when there is none, with what there is."""
     choice, excess = coarse.choice, error / accuracy
     if not choice.method.adaptive:
@@ -140,6 +140,8 @@ def _refined(coarse: Solved, accuracy: float, error: float, run: Trajectory) -> 
             raise _too_small(choice, accuracy, steps, run)
         return replace(choice, setting=setting)
     least = smallest_tolerance(choice.method, choice.precision)
+    if not equations.analytic:  # what is finer must have room below
+        least *= 5.0
     if choice.setting <= least * 1.01:
         raise _out_of_reach(accuracy, error, run, choice)
     return replace(choice, setting=max(choice.setting * 0.5 / excess, least))

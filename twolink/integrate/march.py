@@ -88,6 +88,7 @@ def march(
                     out[:, -1] = states[k, :size, 0]  # a step ended there
                 done = reached
             if hit is not None:
+                done = min(done, reached)  # it may lie in the block before
                 break
             _require_pace(float(t[k]), start, end, attempts, limit)
             states[0] = states[k]
