@@ -77,12 +77,15 @@ def simulate(
         end = float(times[-1])
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
     coarse = _solve(equations, choice, times, progress)
-    before = 0.0  # seconds of solutions that were given up
+    before = compiling = 0.0  # seconds of solutions that were given up
     while verify and not coarse.solution.interrupted:
         margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
         other = equations.nudged(margin) if precision == "double" else equations
         fine = _solve(other, _finer(coarse.choice, equations, accuracy), times, progress)
+        compiling += coarse.solution.compile_seconds + fine.solution.compile_seconds
         run = _verified(scene, equations, coarse, fine, 0.0 if free else accuracy, before)
+        if run.cost is not None:
+            run = replace(run, cost=replace(run.cost, compile_seconds=compiling))
         if run.error is None or free or run.error[-1] <= accuracy:
             return run
         before += coarse.seconds + fine.seconds
@@ -152,8 +155,7 @@ def _verified(
 ) -> Trajectory:
     """The coarse solution with its distance from the fine one as its error bar."""
     cost = _cost(coarse)
-    cost = replace(cost, verify_seconds=before + fine.seconds,
-                   compile_seconds=cost.compile_seconds + fine.solution.compile_seconds)  # fmt: skip
+    cost = replace(cost, verify_seconds=before + fine.seconds)
     run = _trajectory(scene, equations, coarse, cost)
     if fine.solution.interrupted:
         return replace(run, interrupted=True)
@@ -178,7 +180,10 @@ def _distance(equations: Equations, run: Trajectory, coarse: Solved, fine: Solve
     """What the coarse solution's q is off at each sample, by the fine one, (n,)."""
     space, digits = equations.space, fine.solution.precise
     if digits is None:
-        distance = space.distance(run.q, space.rows(fine.solution.x)[0])
+        # Where an event ends both solutions, it does so at times of their own.
+        same = np.minimum(np.arange(len(run.t)), len(fine.solution.t) - 1)
+        late = np.abs(run.t - fine.solution.t[same]) * np.abs(run.v).max(axis=1, initial=0.0)
+        distance = space.distance(run.q, space.rows(fine.solution.x)[0][same]) + late
         method = coarse.choice.method  # a half step leaves an error of 2^-order
         return distance if method.adaptive else distance / (1.0 - 0.5**method.order)
     ours = coarse.solution.x.T if run.precise is None else run.precise

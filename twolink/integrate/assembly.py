@@ -70,7 +70,7 @@ def independent_rows(loops: Loops, q: np.ndarray) -> tuple[list[int], list[float
         chosen, best = (tried, worst(tried)) if improved else (chosen, best)
     scales = np.max([np.einsum("ij,ji->i", j, np.linalg.solve(_mass(loops, x), j.T))
                      for x, j in zip(places, found, strict=True)], axis=0)  # fmt: skip
-    return chosen, scales[chosen].tolist()
+    return chosen, (2.0 ** np.round(np.log2(scales[chosen]))).tolist()  # sizes: other starts need no other steps
 
 
 def _along_motion(loops: Loops, q: np.ndarray, every: Sequence[int], random: np.random.Generator) -> list[np.ndarray]:

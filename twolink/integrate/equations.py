@@ -330,7 +330,7 @@ class Equations:
             f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
             for e in everything
         ]
-        kept = self.loops.kept if self.loops else []
+        kept = (self.loops.kept, self.loops.scales) if self.loops else ()
         return cache.key(self.robot.model, ("equations", *effects, f"{kept} {self.lockable}", "|", *self.parameters))
 
 
