@@ -1,5 +1,6 @@
 """The README's commands and code are run."""
 
+import contextlib
 import re
 import shlex
 import shutil
@@ -9,10 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.service.serving import serving
+
 TOP = Path(__file__).parents[1]
 TEXT = (TOP / "README.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
 COMMANDS = re.findall(r"^twolink .*$", "\n".join(block for kind, block in BLOCKS if kind == "sh"), re.MULTILINE)
+ADDRESS = "http://127.0.0.1:8000"
 ENVIRONMENT = {"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin", "TWOLINK_CACHE": "off"}
 
 
@@ -35,10 +39,14 @@ def test_commands(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("code", [block for kind, block in BLOCKS if kind == "python"])
 def test_code(code: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=tmp_path, capture_output=True, text=True, timeout=120, env=ENVIRONMENT,
-    )  # fmt: skip
+    with contextlib.ExitStack() as stack:
+        if ADDRESS in code:
+            service = stack.enter_context(serving(tmp_path / "data"))
+            code = code.replace(ADDRESS, service.url)
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", code],
+            cwd=tmp_path, capture_output=True, text=True, timeout=120, env=ENVIRONMENT,
+        )  # fmt: skip
     assert done.returncode == 0, done.stderr
     written = {p.name for p in (tmp_path / "out").iterdir()} if (tmp_path / "out").exists() else set()
     assert written == set(re.findall(r"out/([\w.]+)", code))

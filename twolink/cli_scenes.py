@@ -48,7 +48,7 @@ def scenes(
         print_json(titles)
         return
     for name, title in titles.items():
-        typer.echo(f"{name:<16}{title}")
+        typer.echo(f"{name:<20}{title}")
 
 
 def explain(
@@ -87,6 +87,7 @@ def run(
             help="Write samples (.csv .parquet .npz), a figure (.png .svg .pdf) or a playback (.html); repeatable."
         ),
     ] = None,
+    book: Annotated[bool, typer.Option("--book", help="Print the energy book: each effect's work, impacts.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a scene and say how accurate the answer is and what it cost.
@@ -110,10 +111,19 @@ def run(
         )  # fmt: skip
     written, failures = write(result, outs)
     summary = _summary(scene, loaded.robot.name, result) | {"written": written}
+    if book:
+        from twolink.book import energy_book
+
+        kept = energy_book(loaded, result)
+        summary["book"] = {"work": {name: float(w[-1]) for name, w in kept.work.items()},
+                           "stored": [float(kept.stored[0]), float(kept.stored[-1])], "lost": float(kept.lost[-1]),
+                           "residual": float(np.abs(kept.residual).max())}  # fmt: skip
     if as_json:
         print_json(summary)
     else:
         print_run(summary)
+        if book:
+            typer.echo(f"energy book\n{kept}")
     if failures:
         raise failures[0]
     if result.interrupted:
@@ -130,6 +140,7 @@ def _summary(scene: str, robot: str, result: Trajectory) -> dict[str, Any]:
         "q": result.q[-1],
         "v": result.v[-1],
         "cost": None if result.cost is None else vars(result.cost),
+        "events": [vars(event) for event in result.events],
         "interrupted": result.interrupted,
     }
     if result.precise is not None:  # as text: JSON's numbers are read as doubles

@@ -183,7 +183,7 @@ def _distance(equations: Equations, run: Trajectory, coarse: Solved, fine: Solve
         # Where an event ends both solutions, it does so at times of their own.
         same = np.minimum(np.arange(len(run.t)), len(fine.solution.t) - 1)
         late = np.abs(run.t - fine.solution.t[same]) * np.abs(run.v).max(axis=1, initial=0.0)
-        distance = space.distance(run.q, space.rows(fine.solution.x)[0][same]) + late
+        distance: np.ndarray = space.distance(run.q, space.rows(fine.solution.x)[0][same]) + late
         method = coarse.choice.method  # a half step leaves an error of 2^-order
         return distance if method.adaptive else distance / (1.0 - 0.5**method.order)
     ours = coarse.solution.x.T if run.precise is None else run.precise

@@ -1,0 +1,96 @@
+"""The energy book closes, each effect's work is right by itself, and loops' forces are those of the whole system."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+from twolink.integrate.equations import equations_of
+
+fx = tl.effects
+BALL = """<robot name="b"><link name="ground"/><joint name="f" type="floating"><parent link="ground"/>
+<child link="ball"/></joint><link name="ball"><inertial><mass value="2"/><inertia ixx="0.008" iyy="0.008" izz="0.008"
+ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+def arm(*effects: fx.Effect) -> tl.Scene:
+    return tl.Scene(tl.load_robot("two_link"), [1.2, 0.5], effects=[fx.Gravity(), *effects], duration=2.0)
+
+
+SCENES = {
+    "friction, damping and stops": lambda: arm(
+        fx.DryFriction({"shoulder": 2.0, "elbow": 1.0}), fx.JointDamping({"elbow": 0.1}),
+        fx.JointStops({"elbow": (-0.2, 1.0)}, 0.5)),
+    "a payload that is let go, and a table": lambda: arm(
+        fx.Release(fx.Payload("tip", 2.0), at=0.5), fx.Torque({"elbow": fx.Sampled((0.0, 0.3, 2.0), (1.0, 2.0, 3.0))})),
+    "a limited motor": lambda: arm(fx.JointPD({"shoulder": 0.0}, {"shoulder": 90.0}, effort={"shoulder": 30.0})),
+    "a ball that bounces, slides and rolls": lambda: tl.Scene(
+        tl.load_robot(BALL), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], duration=2.0,
+        effects=[fx.Gravity(), fx.AirDrag("ball", 0.03), fx.PlaneContact("ball", radius=0.1, friction=0.2,
+                                                                        restitution=0.3)]),
+    "crank-spring": lambda: tl.load_scene("crank-spring"),
+    "panda-hold": lambda: tl.load_scene("panda-hold"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_book_closes(name: str) -> None:
+    scene = SCENES[name]()
+    book = tl.energy_book(scene)
+    assert np.abs(book.residual).max() < 1e-8 * (1.0 + np.ptp(book.stored))
+    assert set(book.work) == {e for e in book.work if any(np.abs(book.work[e]) > 0)} | {"plane-contact"} & set(
+        book.work
+    )
+    assert "does not add up" in str(book)
+
+
+def test_damping_alone_takes_what_is_lost() -> None:
+    """By SciPy's quadrature of -d w^2 over dense samples."""
+    from scipy.integrate import simpson
+
+    scene = arm(fx.JointDamping({"elbow": 0.3}))
+    run = tl.simulate(scene, accuracy=1e-10, samples=4000)
+    work = tl.energy_book(scene, run).work["joint-damping"]
+    assert work[-1] == pytest.approx(-simpson(0.3 * run.v[:, 1] ** 2, x=run.t), rel=1e-8)
+    assert run.energy[-1] - run.energy[0] == pytest.approx(work[-1], abs=1e-8)
+
+
+def test_dry_friction_takes_the_path_times_its_level() -> None:
+    scene = arm(fx.DryFriction({"elbow": 1.5}))
+    book = tl.energy_book(scene)
+    fine = tl.simulate(scene, accuracy=1e-9, samples=20_000)
+    assert book.work["dry-friction"][-1] == pytest.approx(-1.5 * np.abs(np.diff(fine.q[:, 1])).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["four-bar", "crankshaft"])
+def test_loop_forces_explain_the_motion(name: str) -> None:
+    """M a + h = J^T lambda, with a by differences of the samples' velocities and J by Pinocchio."""
+    scene = tl.load_scene(name)
+    run = tl.simulate(scene, 0.2, 1e-9, samples=5000)
+    forces = tl.loop_forces(scene, run)
+    loops = [e for e in scene.effects if isinstance(e, fx.PointLoop | fx.HingeLoop)]
+    model, data = scene.robot.model, scene.robot.model.createData()
+    k = 500
+    a = (run.v[k + 1] - run.v[k - 1]) / (run.t[k + 1] - run.t[k - 1])
+    pin.computeJointJacobians(model, data, run.q[k])
+    pin.updateFramePlacements(model, data)
+    applied = needed = pin.rnea(model, data, run.q[k], run.v[k], a)
+    for loop, rows in zip(loops, forces.values(), strict=True):
+        jacobian = np.zeros((3, model.nv))
+        for link, point, sign in ((loop.a, loop.point_a, 1.0), (loop.b, loop.point_b, -1.0)):
+            if link != "universe":
+                frame = model.getFrameId(link)
+                whole = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+                lever = data.oMf[frame].rotation @ np.array(point)
+                jacobian += sign * (whole[:3] - pin.skew(lever) @ whole[3:])
+        applied = applied - jacobian.T @ rows[k, :3]
+    loads = equations_of(scene).loads(equations_of(scene).numbers, list(run.q[k]), list(run.v[k]), run.t[k], np)
+    np.testing.assert_allclose(applied, [float(x) for x in loads.tau], atol=2e-4 * (1.0 + np.abs(needed).max()))
+
+
+def test_a_run_without_its_cost_is_refused() -> None:
+    scene = tl.load_scene("crankshaft")
+    run = tl.simulate(scene, 0.1)
+    with pytest.raises(SceneError, match="does not say how it was solved"):
+        tl.loop_forces(scene, tl.Trajectory(run.robot, run.t, run.q, run.v, None, None))
