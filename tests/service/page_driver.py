@@ -56,8 +56,9 @@ class Page:
         self.mouse("mouseReleased", left + width / 2, top + height / 2)
 
     def press(self, key: str, code: int, text: str = "") -> None:
-        facts: dict[str, object] = {"key": key, "code": key, "windowsVirtualKeyCode": code}
-        self.browser.call("Input.dispatchKeyEvent", type="keyDown", **facts, **({"text": text} if text else {}))
+        facts: dict[str, Any] = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+        typed: dict[str, Any] = {"text": text} if text else {}
+        self.browser.call("Input.dispatchKeyEvent", type="keyDown", **facts, **typed)
         self.browser.call("Input.dispatchKeyEvent", type="keyUp", **facts)
 
     def tab(self) -> str:
@@ -65,11 +66,12 @@ class Page:
         self.press("Tab", 9)
         return str(self.evaluate("document.activeElement.id"))
 
-    def choose(self, selector: str, value: str) -> None:
+    def choose(self, selector: str, value: str, *, stays: bool = True) -> None:
+        """Set a control as a person does. stays: it then shows that value."""
         script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)}); e.value = {json.dumps(value)};
             e.dispatchEvent(new Event('input', {{bubbles: true}}));
             e.dispatchEvent(new Event('change', {{bubbles: true}})); return e.value; }})()"""
-        assert self.evaluate(script) == value
+        assert self.evaluate(script) == value or not stays
 
     def upload(self, path: Path) -> None:
         """Give the file input a file, as its dialog does."""

@@ -13,9 +13,13 @@ let asking = null; // one question for a token at a time
 let ask = async () => null;
 
 /** Say how a person is asked for a token: an async function that gives one, or null. */
-export function onTokenWanted(question) { ask = question; }
+export function onTokenWanted(question) {
+  ask = question;
+}
 
-export function hasToken() { return token !== ""; }
+export function hasToken() {
+  return token !== "";
+}
 
 export function setToken(value) {
   token = value;
@@ -23,7 +27,9 @@ export function setToken(value) {
 }
 
 async function wantToken() {
-  asking ??= ask().finally(() => { asking = null; });
+  asking ??= ask().finally(() => {
+    asking = null;
+  });
   const given = await asking;
   if (given) setToken(given);
   return Boolean(given);
@@ -40,7 +46,8 @@ export async function request(path, { method = "GET", body, headers = {}, signal
       if (failure.name === "AbortError") throw failure;
       window.dispatchEvent(new Event("service-gone"));
       throw new Problem({
-        detail: "The service does not answer.", gone: true,
+        detail: "The service does not answer.",
+        gone: true,
         remedy: "Is twolink serve still running? This page notices when it is back.",
       });
     }
@@ -54,7 +61,10 @@ async function problemOf(answer) {
   try {
     return new Problem(await answer.json());
   } catch {
-    return new Problem({ status: answer.status, detail: `The service answered ${answer.status} ${answer.statusText}.` });
+    return new Problem({
+      status: answer.status,
+      detail: `The service answered ${answer.status} ${answer.statusText}.`,
+    });
   }
 }
 
@@ -81,7 +91,11 @@ export async function* events(path, signal) {
       buffer = blocks.pop();
       for (const block of blocks) {
         const lines = block.split("\n");
-        const part = name => lines.filter(x => x.startsWith(name)).map(x => x.slice(name.length).trim()).join("\n");
+        const part = name =>
+          lines
+            .filter(x => x.startsWith(name))
+            .map(x => x.slice(name.length).trim())
+            .join("\n");
         if (part("data:")) yield { event: part("event:") || "message", data: JSON.parse(part("data:")) };
       }
     }

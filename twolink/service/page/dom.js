@@ -15,9 +15,13 @@ export function el(kind, properties = {}, ...children) {
 }
 
 /** Say something to people who do not see the page. */
-export function announce(text) { byId("announce").textContent = text; }
+export function announce(text) {
+  byId("announce").textContent = text;
+}
 
-export function clearProblem(host) { host.replaceChildren(); }
+export function clearProblem(host) {
+  host.replaceChildren();
+}
 
 /** Show what went wrong where it belongs: what, where, what to do. */
 export function showProblem(host, problem) {
@@ -45,7 +49,11 @@ export function seconds(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "?";
   if (value === 0) return "0 s";
   if (value >= 120) return `${short(value / 60, 2)} min`;
-  for (const [unit, size] of [["s", 1], ["ms", 1e-3], ["µs", 1e-6]]) {
+  for (const [unit, size] of [
+    ["s", 1],
+    ["ms", 1e-3],
+    ["µs", 1e-6],
+  ]) {
     if (value >= size * 0.9995) return `${short(value / size, 2)} ${unit}`;
   }
   return `${short(value / 1e-9, 2)} ns`;
@@ -67,7 +75,9 @@ function power(value, digits) {
   return `${Number(mantissa)}e${Number(exponent)}`;
 }
 
-export function count(number, one, many = `${one}s`) { return `${number} ${number === 1 ? one : many}`; }
+export function count(number, one, many = `${one}s`) {
+  return `${number} ${number === 1 ? one : many}`;
+}
 
 /** Call `act` at most once in `wait` ms, after the last call. */
 export function debounce(act, wait) {

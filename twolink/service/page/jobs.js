@@ -12,7 +12,9 @@ export class Job {
     parts.cancel.addEventListener("click", () => this.cancel());
   }
 
-  get busy() { return this.abort !== undefined; }
+  get busy() {
+    return this.abort !== undefined;
+  }
 
   /** Ask for a job and wait for its end; onResult(job) when it is done. */
   async run(body) {
@@ -30,7 +32,11 @@ export class Job {
       while (!OVER.includes(job.state)) job = await this.#follow(job);
       if (job.state === "done") {
         job = job.result ? job : await get(this.path);
-        this.#say(stored ? "From the store: the same was asked before." : `Done in ${seconds((performance.now() - this.began) / 1000)}.`);
+        this.#say(
+          stored
+            ? "From the store: the same was asked before."
+            : `Done in ${seconds((performance.now() - this.began) / 1000)}.`,
+        );
         await this.onResult(job);
       } else if (job.state === "cancelled") {
         this.#say("Cancelled.");
@@ -79,8 +85,10 @@ export class Job {
     if (job.state === "queued" || fraction === undefined) progress.removeAttribute("value");
     else progress.value = fraction;
     const p = job.progress ?? {};
-    const done = p.t !== undefined ? `t = ${p.t.toFixed(2)} s${p.solution ? `, ${p.solution}` : ""}`
-      : p.label ?? (job.state === "queued" ? "waiting for its turn" : "compiling and starting");
+    const done =
+      p.t !== undefined
+        ? `t = ${p.t.toFixed(2)} s${p.solution ? `, ${p.solution}` : ""}`
+        : (p.label ?? (job.state === "queued" ? "waiting for its turn" : "compiling and starting"));
     const percent = fraction === undefined ? "" : ` ${Math.round(100 * fraction)} %`;
     this.#say(`${job.state === "queued" ? "Queued" : "Running"}${percent}: ${done}`);
   }
@@ -95,5 +103,7 @@ export class Job {
     if (!running && (focused === cancel || focused === document.body)) start.focus({ preventScroll: true });
   }
 
-  #say(text) { this.parts.status.textContent = text; }
+  #say(text) {
+    this.parts.status.textContent = text;
+  }
 }

@@ -1,10 +1,10 @@
 // The page: one robot, one scene, one run, and what ties them together.
 
 import { get, onTokenWanted, post, setToken } from "./api.js";
+import { locate } from "./axes.js";
 import { announce, byId, clearProblem, el, showProblem, wireTabs } from "./dom.js";
 import { Job } from "./jobs.js";
 import { Playback } from "./playback.js";
-import { locate } from "./plots.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
 import { Robots } from "./robots.js";
@@ -27,17 +27,28 @@ const sliders = new Sliders(byId("sliders"), (q, joint) => {
 });
 const results = new Results((t, kind) => {
   if (kind === "hover" && playback.playing) results.cursor(t);
-  else { if (kind !== "hover") playback.pause(); showPlayback(); playback.seek(t); }
+  else {
+    if (kind !== "hover") playback.pause();
+    showPlayback();
+    playback.seek(t);
+  }
 });
 const playback = new Playback(t => {
   results.cursor(t);
   moveTo(t);
 });
 const query = new QueryForm(() => sliders.q);
-const run = new Job("simulations", {
-  start: byId("run-button"), cancel: byId("cancel-button"), progress: byId("run-progress"), status: byId("run-status"),
-  problem: byId("run-problem"),
-}, showRun);
+const run = new Job(
+  "simulations",
+  {
+    start: byId("run-button"),
+    cancel: byId("cancel-button"),
+    progress: byId("run-progress"),
+    status: byId("run-status"),
+    problem: byId("run-problem"),
+  },
+  showRun,
+);
 new Study(() => editor.current());
 
 let motion = null; // of the run that is shown
@@ -79,11 +90,17 @@ async function arrange(content, robot, id, checked = null) {
   playback.unload();
   results.clear();
   editor.set(content, robot, id);
-  history.replaceState(null, "", id === OWN ? `#robot=${encodeURIComponent(robot.id)}` : `#scene=${encodeURIComponent(id)}`);
+  history.replaceState(
+    null,
+    "",
+    id === OWN ? `#robot=${encodeURIComponent(robot.id)}` : `#scene=${encodeURIComponent(id)}`,
+  );
   let q = robot.neutral;
   try {
     q = (checked ?? (await post("/v1/scenes/validate", { scene: editor.current() }))).q;
-  } catch { /* explain says what is wrong with it */ }
+  } catch {
+    /* explain says what is wrong with it */
+  }
   start = q;
   sliders.set(robot, q);
   query.set(robot);
@@ -108,7 +125,8 @@ async function draw(robot, q) {
 
 // The 3D robot ----------------------------------------------------------------------------------------------------
 
-let wanted = null, asking = false;
+let wanted = null,
+  asking = false;
 
 /** Pose the robot at q. While an answer is under way only the newest question waits. */
 async function poseAt(q) {
@@ -162,10 +180,18 @@ byId("run-button").addEventListener("click", () => {
 /** Where double precision cannot keep the accuracy, what helps is one press away. */
 run.onProblem = problem => {
   if (!/accuracy-error$/.test(problem.type ?? "")) return;
-  const again = (text, id, value) => el("button", { type: "button", onclick: () => {
-    editor.alter(id, value);
-    setTimeout(() => byId("run-button").click());
-  } }, text);
+  const again = (text, id, value) =>
+    el(
+      "button",
+      {
+        type: "button",
+        onclick: () => {
+          editor.alter(id, value);
+          setTimeout(() => byId("run-button").click());
+        },
+      },
+      text,
+    );
   const length = Number(/duration=([\d.]+)/.exec(problem.remedy ?? "")?.[1]);
   const buttons = [];
   if (length > 0) buttons.push(again(`Run ${length} s`, "duration", length));
@@ -189,7 +215,9 @@ async function showRun(job) {
 }
 
 /** The controls come back when someone points at a moment after moving the sliders. */
-function showPlayback() { if (motion) byId("playback").hidden = false; }
+function showPlayback() {
+  if (motion) byId("playback").hidden = false;
+}
 
 async function openPast(job) {
   const { scene } = job.request;
@@ -199,37 +227,51 @@ async function openPast(job) {
   byId("results-title").scrollIntoView({ block: "start" });
 }
 
-wireTabs(document.querySelector("[role=tablist]"), id => { if (id === "tab-past") listPast(openPast); });
+wireTabs(document.querySelector("[role=tablist]"), id => {
+  if (id === "tab-past") listPast(openPast);
+});
 
 // The service: a token where it wants one, and word when it is gone --------------------------------------------------
 
-onTokenWanted(() => new Promise(done => {
-  const dialog = byId("token-dialog");
-  byId("token").value = "";
-  byId("token-button").hidden = false;
-  dialog.addEventListener("close", () => done(dialog.returnValue === "ok" ? byId("token").value.trim() : null), { once: true });
-  dialog.returnValue = "cancel";
-  dialog.showModal();
-}));
-byId("token-button").addEventListener("click", () => { setToken(""); location.reload(); });
+onTokenWanted(
+  () =>
+    new Promise(done => {
+      const dialog = byId("token-dialog");
+      byId("token").value = "";
+      byId("token-button").hidden = false;
+      dialog.addEventListener("close", () => done(dialog.returnValue === "ok" ? byId("token").value.trim() : null), {
+        once: true,
+      });
+      dialog.returnValue = "cancel";
+      dialog.showModal();
+    }),
+);
+byId("token-button").addEventListener("click", () => {
+  setToken("");
+  location.reload();
+});
 
 let watching = false;
 addEventListener("service-gone", async () => {
   if (watching) return;
   watching = true;
   const banner = byId("banner");
-  banner.textContent = "The service does not answer. Is “twolink serve” still running? What is shown here stays; this page goes on when it is back.";
+  banner.textContent =
+    "The service does not answer. Is “twolink serve” still running? What is shown here stays; this page goes on when it is back.";
   banner.hidden = false;
   for (;;) {
     await new Promise(wait => setTimeout(wait, 2000));
     try {
       if ((await fetch("/health")).ok) break;
-    } catch { /* not yet */ }
+    } catch {
+      /* not yet */
+    }
   }
   watching = false;
   banner.hidden = true;
   announce("The service answers again.");
-  if (robots.robot) editor.refresh(); else begin();
+  if (robots.robot) editor.refresh();
+  else begin();
 });
 
 async function begin() {

@@ -3,7 +3,8 @@
 import { byId, el } from "./dom.js";
 
 const SPEEDS = [0.001, 0.01, 0.1, 0.25, 0.5, 1, 2, 5, 10];
-const SHORTEST = 2, LONGEST = 20; // seconds that playing should take
+const SHORTEST = 2,
+  LONGEST = 20; // seconds that playing should take
 
 export class Playback {
   /** onTime(t) is called for each new moment shown. */
@@ -34,9 +35,10 @@ export class Playback {
     byId("playback").hidden = false;
     Object.assign(byId("scrub"), { min: begin, max: end });
     const length = end - begin;
-    const speed = length > 1 && length <= LONGEST ? 1
-      : SPEEDS.filter(s => length / s >= SHORTEST).at(-1) ?? SPEEDS[0];
-    byId("speed").value = length > LONGEST ? SPEEDS.find(s => length / s <= LONGEST) ?? SPEEDS.at(-1) : Math.min(speed, 1);
+    const speed =
+      length > 1 && length <= LONGEST ? 1 : (SPEEDS.filter(s => length / s >= SHORTEST).at(-1) ?? SPEEDS[0]);
+    byId("speed").value =
+      length > LONGEST ? (SPEEDS.find(s => length / s <= LONGEST) ?? SPEEDS.at(-1)) : Math.min(speed, 1);
     this.pause();
     this.seek(begin);
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.play();
@@ -48,7 +50,10 @@ export class Playback {
     byId("playback").hidden = true;
   }
 
-  toggle() { if (this.playing) this.pause(); else this.play(); }
+  toggle() {
+    if (this.playing) this.pause();
+    else this.play();
+  }
 
   play() {
     if (this.t >= this.end) this.t = this.begin;

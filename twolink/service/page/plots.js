@@ -1,35 +1,19 @@
 // Curves over time on a canvas: zoom, cursor, legend, events. A plot knows nothing of where its numbers come from.
 
+import { locate, range, tickText, ticks } from "./axes.js";
 import { el, short } from "./dom.js";
 
 const LIGHT = ["#1f6fb2", "#d9730d", "#2a8a57", "#b8427a", "#6b56c0", "#8a6d1c", "#2b93a1", "#7a7f87"];
 const DARK = ["#62b0f0", "#f59e4c", "#5fc98f", "#ec7fb2", "#a798f5", "#d6b656", "#5ecbd9", "#a3aab3"];
 const DASHES = [[], [6, 3], [2, 3]];
 const MOST_SHOWN = 8; // curves at first; the others wait in the legend
-const LEFT = 58, RIGHT = 12, TOP = 8, BOTTOM = 22, HEIGHT = 190; // px
+const LEFT = 58,
+  RIGHT = 12,
+  TOP = 8,
+  BOTTOM = 22,
+  HEIGHT = 190; // px
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
-
-/** About `most` round numbers in [from, to]. */
-export function ticks(from, to, most) {
-  const span = to - from;
-  if (!(span > 0) || !Number.isFinite(span)) return [from];
-  const decade = 10 ** Math.floor(Math.log10(span / most));
-  const step = [1, 2, 5, 10].map(x => x * decade).find(x => span / x <= most);
-  const first = Math.ceil(from / step - 1e-9);
-  return Array.from({ length: Math.floor(to / step + 1e-9) - first + 1 }, (_, i) => (first + i) * step);
-}
-
-/** The place of t in increasing numbers: the index before it, and the part of the way to the next. */
-export function locate(times, t) {
-  let low = 0, high = times.length - 1;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= t) low = middle; else high = middle;
-  }
-  const span = times[high] - times[low];
-  return [low, span > 0 ? Math.min(1, Math.max(0, (t - times[low]) / span)) : 0];
-}
 
 export class Plot {
   /** options: title, unit, log. onZoom(from, to) or onZoom(null), onPoint(t, kind): "hover", "click" or "key". */
@@ -40,10 +24,19 @@ export class Plot {
     this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-describedby": "plots-help" });
     this.legend = el("ul", { className: "legend", "aria-label": `Curves of ${title}` });
     this.offset = el("span", { className: "hint" });
-    const caption = el("figcaption", {}, el("b", {}, title), el("span", { className: "hint" }, ` ${unit}`), this.offset);
+    const caption = el(
+      "figcaption",
+      {},
+      el("b", {}, title),
+      el("span", { className: "hint" }, ` ${unit}`),
+      this.offset,
+    );
     host.append(el("figure", { className: "plot" }, caption, this.canvas, this.legend));
     new ResizeObserver(() => this.draw()).observe(this.canvas);
-    dark.addEventListener("change", () => { this.#names(); this.draw(); });
+    dark.addEventListener("change", () => {
+      this.#names();
+      this.draw();
+    });
     this.#pointer();
     this.canvas.addEventListener("keydown", event => this.#key(event));
   }
@@ -76,11 +69,14 @@ export class Plot {
 
   value(line, t) {
     const [i, part] = locate(this.t, t);
-    const a = line.values[i], b = line.values[Math.min(i + 1, line.values.length - 1)];
+    const a = line.values[i],
+      b = line.values[Math.min(i + 1, line.values.length - 1)];
     return a + part * (b - a);
   }
 
-  #colour(i) { return (dark.matches ? DARK : LIGHT)[i % LIGHT.length]; }
+  #colour(i) {
+    return (dark.matches ? DARK : LIGHT)[i % LIGHT.length];
+  }
 
   #names() {
     if (!this.series) return;
@@ -90,14 +86,22 @@ export class Plot {
       swatch.style.background = this.#colour(i);
       const value = el("span", { className: "value" });
       this.values.push(value);
-      const toggle = el("button", {
-        type: "button", "aria-pressed": String(!this.hidden.has(line.name)), title: "Show or hide",
-        onclick: () => {
-          if (!this.hidden.delete(line.name)) this.hidden.add(line.name);
-          toggle.setAttribute("aria-pressed", String(!this.hidden.has(line.name)));
-          this.draw();
+      const toggle = el(
+        "button",
+        {
+          type: "button",
+          "aria-pressed": String(!this.hidden.has(line.name)),
+          title: "Show or hide",
+          onclick: () => {
+            if (!this.hidden.delete(line.name)) this.hidden.add(line.name);
+            toggle.setAttribute("aria-pressed", String(!this.hidden.has(line.name)));
+            this.draw();
+          },
         },
-      }, swatch, el("span", { className: "name" }, line.name), value);
+        swatch,
+        el("span", { className: "name" }, line.name),
+        value,
+      );
       return el("li", {}, toggle);
     });
     this.legend.replaceChildren(...entries);
@@ -105,8 +109,10 @@ export class Plot {
 
   /** Lowest and highest value to show, with some air; decades on a logarithmic axis. */
   #heights() {
-    const begin = locate(this.t, this.from)[0], end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
-    let low = Infinity, high = -Infinity;
+    const begin = locate(this.t, this.from)[0],
+      end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
+    let low = Infinity,
+      high = -Infinity;
     for (const line of this.series) {
       if (this.hidden.has(line.name)) continue;
       const [least, most] = range(line.values, begin, end, this.log);
@@ -114,9 +120,12 @@ export class Plot {
       high = Math.max(high, most);
     }
     if (!(low <= high)) return this.log ? [-16, 0] : [-1, 1];
-    if (this.log) return [Math.floor(Math.log10(low)), Math.max(Math.ceil(Math.log10(high)), Math.floor(Math.log10(low)) + 1)];
+    if (this.log)
+      return [Math.floor(Math.log10(low)), Math.max(Math.ceil(Math.log10(high)), Math.floor(Math.log10(low)) + 1)];
     const air = Math.max((high - low) * 0.06, Math.abs(high) * 1e-12, 1e-300);
-    return high - low > 0 ? [low - air, high + air] : [low - (Math.abs(low) * 0.1 || 1), high + (Math.abs(high) * 0.1 || 1)];
+    return high - low > 0
+      ? [low - air, high + air]
+      : [low - (Math.abs(low) * 0.1 || 1), high + (Math.abs(high) * 0.1 || 1)];
   }
 
   draw() {
@@ -134,7 +143,8 @@ export class Plot {
     c.clearRect(0, 0, width, HEIGHT);
     c.font = "11px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif";
     const [low, high] = this.#heights();
-    const right = width - RIGHT, bottom = HEIGHT - BOTTOM;
+    const right = width - RIGHT,
+      bottom = HEIGHT - BOTTOM;
     this.x = t => LEFT + ((t - this.from) / (this.to - this.from || 1)) * (right - LEFT);
     const y = value => bottom - ((value - low) / (high - low)) * (bottom - TOP);
 
@@ -149,7 +159,11 @@ export class Plot {
     for (const row of rows) {
       const at = Math.round(y(row)) + 0.5;
       stroke(c, LEFT, at, right, at);
-      c.fillText(this.log ? `1e${row}`.replace("-", "−") : (base && row !== base ? "+" : "") + tickText(row - base, step), LEFT - 6, at);
+      c.fillText(
+        this.log ? `1e${row}`.replace("-", "−") : (base && row !== base ? "+" : "") + tickText(row - base, step),
+        LEFT - 6,
+        at,
+      );
     }
     this.offset.textContent = base ? ` from ${short(base, 8)}` : "";
     c.textAlign = "center";
@@ -157,7 +171,11 @@ export class Plot {
     const columns = ticks(this.from, this.to, Math.max(2, Math.floor((right - LEFT) / 70)));
     const gap = columns.length > 1 ? columns[1] - columns[0] : 1;
     for (const column of columns) {
-      c.fillText(`${tickText(column, gap)}${column === columns.at(-1) ? " s" : ""}`, Math.min(this.x(column), right - 8), bottom + 6);
+      c.fillText(
+        `${tickText(column, gap)}${column === columns.at(-1) ? " s" : ""}`,
+        Math.min(this.x(column), right - 8),
+        bottom + 6,
+      );
     }
 
     c.save();
@@ -172,7 +190,8 @@ export class Plot {
     }
     c.lineWidth = 1.6;
     c.lineJoin = "round";
-    const begin = Math.max(0, locate(this.t, this.from)[0]), end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
+    const begin = Math.max(0, locate(this.t, this.from)[0]),
+      end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
     this.series.forEach((line, i) => {
       if (this.hidden.has(line.name)) return;
       c.strokeStyle = this.#colour(i);
@@ -180,8 +199,12 @@ export class Plot {
       c.beginPath();
       for (let k = begin, down = false; k < end; k++) {
         const value = this.log ? Math.log10(line.values[k]) : line.values[k];
-        if (!Number.isFinite(value)) { down = false; continue; }
-        if (down) c.lineTo(this.x(this.t[k]), y(value)); else c.moveTo(this.x(this.t[k]), y(value));
+        if (!Number.isFinite(value)) {
+          down = false;
+          continue;
+        }
+        if (down) c.lineTo(this.x(this.t[k]), y(value));
+        else c.moveTo(this.x(this.t[k]), y(value));
         down = true;
       }
       c.stroke();
@@ -234,23 +257,32 @@ export class Plot {
     });
     canvas.addEventListener("pointerup", event => {
       if (!start) return;
-      const [, t] = this.#time(event), from = start[1], dragged = this.drag;
+      const [, t] = this.#time(event),
+        from = start[1],
+        dragged = this.drag;
       start = this.drag = null;
       if (dragged && Math.abs(t - from) > 0) this.onZoom(Math.min(t, from), Math.max(t, from));
       else this.onPoint(t, "click");
     });
-    canvas.addEventListener("pointercancel", () => { start = this.drag = null; this.draw(); });
+    canvas.addEventListener("pointercancel", () => {
+      start = this.drag = null;
+      this.draw();
+    });
     canvas.addEventListener("dblclick", () => this.onZoom(null));
   }
 
   #key(event) {
     if (!this.t || event.ctrlKey || event.metaKey || event.altKey) return;
-    const at = this.cursor ?? this.from, span = this.to - this.from;
-    const moved = { ArrowLeft: at - span / 50, ArrowRight: at + span / 50, Home: this.t[0], End: this.t.at(-1) }[event.key];
+    const at = this.cursor ?? this.from,
+      span = this.to - this.from;
+    const moved = { ArrowLeft: at - span / 50, ArrowRight: at + span / 50, Home: this.t[0], End: this.t.at(-1) }[
+      event.key
+    ];
     const zoom = { "+": 0.5, "=": 0.5, "-": 2 }[event.key];
     if (moved !== undefined) this.onPoint(Math.min(Math.max(moved, this.t[0]), this.t.at(-1)), "key");
     else if (zoom) {
-      const from = Math.max(this.t[0], at - (at - this.from) * zoom), to = Math.min(this.t.at(-1), at + (this.to - at) * zoom);
+      const from = Math.max(this.t[0], at - (at - this.from) * zoom),
+        to = Math.min(this.t.at(-1), at + (this.to - at) * zoom);
       this.onZoom(from, to);
     } else if (event.key === "0" || event.key === "Escape") this.onZoom(null);
     else return;
@@ -263,22 +295,4 @@ function stroke(c, x1, y1, x2, y2) {
   c.moveTo(x1, y1);
   c.lineTo(x2, y2);
   c.stroke();
-}
-
-function tickText(value, step) {
-  const clean = Math.abs(value) < step * 1e-6 ? 0 : value;
-  const size = Math.max(Math.abs(clean), step);
-  if (size >= 1e5 || step < 1e-4) return clean === 0 ? "0" : clean.toExponential(1).replace("-", "−").replace("e+", "e");
-  return clean.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))).replace("-", "−");
-}
-
-function range(values, begin = 0, end = values.length, positive = false) {
-  let low = Infinity, high = -Infinity;
-  for (let i = begin; i < end; i++) {
-    const value = values[i];
-    if (!Number.isFinite(value) || (positive && value <= 0)) continue;
-    if (value < low) low = value;
-    if (value > high) high = value;
-  }
-  return [low, high];
 }

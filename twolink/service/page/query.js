@@ -5,11 +5,25 @@ import { byId, clearProblem, el, short, showProblem } from "./dom.js";
 
 // inputs after q; Python: the client's method, or null where it has none
 const QUERIES = {
-  "forward-dynamics": { inputs: ["v", "tau"], wrench: true, python: "forward_dynamics", about: "Accelerations a of M(q) a + h(q, v) = tau." },
-  "inverse-dynamics": { inputs: ["v", "a"], wrench: true, python: "inverse_dynamics", about: "Torques tau = M(q) a + h(q, v)." },
+  "forward-dynamics": {
+    inputs: ["v", "tau"],
+    wrench: true,
+    python: "forward_dynamics",
+    about: "Accelerations a of M(q) a + h(q, v) = tau.",
+  },
+  "inverse-dynamics": {
+    inputs: ["v", "a"],
+    wrench: true,
+    python: "inverse_dynamics",
+    about: "Torques tau = M(q) a + h(q, v).",
+  },
   "mass-matrix": { inputs: [], python: "mass_matrix", about: "The inertia M(q) as the joints feel it." },
   bias: { inputs: ["v"], python: "bias", about: "h(q, v): Coriolis, centrifugal and gravity torques." },
-  coriolis: { inputs: ["v"], python: "coriolis", about: "A matrix C(q, v) with C v the Coriolis and centrifugal torques." },
+  coriolis: {
+    inputs: ["v"],
+    python: "coriolis",
+    about: "A matrix C(q, v) with C v the Coriolis and centrifugal torques.",
+  },
   "gravity-torque": { inputs: [], python: "gravity_torque", about: "The torques that hold the robot still." },
   energy: { inputs: ["v"], python: "energy", about: "Kinetic and potential energy, J." },
   kinematics: { inputs: [], python: "link_poses", about: "Where each link is: position in m, quaternion x y z w." },
@@ -23,9 +37,15 @@ export class QueryForm {
     const select = byId("query-name");
     select.append(...Object.keys(QUERIES).map(name => el("option", { value: name }, name.replaceAll("-", " "))));
     select.addEventListener("change", () => this.#fields());
-    byId("query").addEventListener("submit", event => { event.preventDefault(); this.#send(); });
+    byId("query").addEventListener("submit", event => {
+      event.preventDefault();
+      this.#send();
+    });
     byId("query-fields").addEventListener("input", () => this.#codes());
-    byId("query-copy-q").addEventListener("click", () => { this.#write("q", this.getQ()); this.#codes(); });
+    byId("query-copy-q").addEventListener("click", () => {
+      this.#write("q", this.getQ());
+      this.#codes();
+    });
     for (const button of document.querySelectorAll("[data-copy]")) {
       button.addEventListener("click", () => copy(button, byId(button.dataset.copy).textContent));
     }
@@ -45,27 +65,64 @@ export class QueryForm {
     const size = { q: this.robot.nq };
     const fields = ["q", ...inputs].map(name => {
       const initial = this.values[name] ?? numbers(name === "q" ? this.getQ() : Array(this.robot.nv).fill(0));
-      const input = el("input", { id: `in-${name}`, value: initial, spellcheck: false, autocomplete: "off", inputMode: "text" });
-      input.addEventListener("input", () => { this.values[name] = input.value; });
-      return el("label", { className: "field" }, el("span", {}, el("b", {}, name),
-        el("span", { className: "hint" }, ` ${size[name] ?? this.robot.nv} numbers`)), input);
+      const input = el("input", {
+        id: `in-${name}`,
+        value: initial,
+        spellcheck: false,
+        autocomplete: "off",
+        inputMode: "text",
+      });
+      input.addEventListener("input", () => {
+        this.values[name] = input.value;
+      });
+      return el(
+        "label",
+        { className: "field" },
+        el("span", {}, el("b", {}, name), el("span", { className: "hint" }, ` ${size[name] ?? this.robot.nv} numbers`)),
+        input,
+      );
     });
     if (wrench) {
-      const frames = el("select", { id: "in-frame" }, el("option", { value: "" }, "none"), ...this.robot.links.map(link => el("option", {}, link)));
+      const frames = el(
+        "select",
+        { id: "in-frame" },
+        el("option", { value: "" }, "none"),
+        ...this.robot.links.map(link => el("option", {}, link)),
+      );
       const values = el("input", { id: "in-wrench", value: "0 0 0 0 0 0", spellcheck: false, autocomplete: "off" });
       values.setAttribute("aria-label", "Force and moment, six numbers");
-      const wrenchField = el("label", { className: "field", hidden: true }, el("span", {}, el("span", { className: "hint" }, "fx fy fz, tx ty tz")), values);
+      const wrenchField = el(
+        "label",
+        { className: "field", hidden: true },
+        el("span", {}, el("span", { className: "hint" }, "fx fy fz, tx ty tz")),
+        values,
+      );
       frames.addEventListener("change", () => {
         wrenchField.hidden = frames.value === "";
         this.#codes();
       });
-      fields.push(el("label", { className: "field" }, el("span", {}, el("b", {}, "f_ext"), el("span", { className: "hint" }, " at a link's origin, along its axes")), frames), wrenchField);
+      fields.push(
+        el(
+          "label",
+          { className: "field" },
+          el(
+            "span",
+            {},
+            el("b", {}, "f_ext"),
+            el("span", { className: "hint" }, " at a link's origin, along its axes"),
+          ),
+          frames,
+        ),
+        wrenchField,
+      );
     }
     byId("query-fields").replaceChildren(...fields);
     this.#codes();
   }
 
-  get name() { return byId("query-name").value; }
+  get name() {
+    return byId("query-name").value;
+  }
 
   #write(name, values) {
     this.values[name] = numbers(values);
@@ -76,27 +133,45 @@ export class QueryForm {
   #body() {
     const body = {};
     const read = (name, id) => {
-      const words = byId(id).value.trim().split(/[\s,;[\]]+/).filter(Boolean);
+      const words = byId(id)
+        .value.trim()
+        .split(/[\s,;[\]]+/)
+        .filter(Boolean);
       const values = words.map(Number);
       const wrong = words[values.findIndex(x => !Number.isFinite(x))];
-      if (wrong !== undefined) throw Object.assign(new Error(`${name}: "${wrong}" is not a number`), { where: name, remedy: "Write numbers with blanks or commas between them.", id });
+      if (wrong !== undefined)
+        throw Object.assign(new Error(`${name}: "${wrong}" is not a number`), {
+          where: name,
+          remedy: "Write numbers with blanks or commas between them.",
+          id,
+        });
       return values;
     };
     for (const name of ["q", ...QUERIES[this.name].inputs]) body[name] = read(name, `in-${name}`);
-    if (QUERIES[this.name].wrench && byId("in-frame").value) body.f_ext = { [byId("in-frame").value]: read("f_ext", "in-wrench") };
+    if (QUERIES[this.name].wrench && byId("in-frame").value)
+      body.f_ext = { [byId("in-frame").value]: read("f_ext", "in-wrench") };
     return body;
   }
 
   #codes() {
     let body;
-    try { body = this.#body(); } catch { return; } // sending says what is wrong
+    try {
+      body = this.#body();
+    } catch {
+      return;
+    } // sending says what is wrong
     const address = `${location.origin}/v1/robots/${this.robot.id}/${this.name}`;
     const token = hasToken() ? ` \\\n  -H "Authorization: Bearer $TWOLINK_TOKEN"` : "";
-    byId("curl").textContent = `curl -s ${address} \\\n  -H 'Content-Type: application/json'${token} \\\n  -d '${JSON.stringify(body).replaceAll("'", "'\\''")}'`;
+    byId("curl").textContent =
+      `curl -s ${address} \\\n  -H 'Content-Type: application/json'${token} \\\n  -d '${JSON.stringify(body).replaceAll("'", "'\\''")}'`;
     const { python } = QUERIES[this.name];
-    const connect = hasToken() ? `tl.connect("${location.origin}", token=os.environ["TWOLINK_TOKEN"])` : `tl.connect("${location.origin}")`;
+    const connect = hasToken()
+      ? `tl.connect("${location.origin}", token=os.environ["TWOLINK_TOKEN"])`
+      : `tl.connect("${location.origin}")`;
     const head = `${hasToken() ? "import os\n\n" : ""}import twolink as tl\n\n`;
-    const given = Object.entries(body).map(([name, value]) => `${name}=${JSON.stringify(value)}`).join(", ");
+    const given = Object.entries(body)
+      .map(([name, value]) => `${name}=${JSON.stringify(value)}`)
+      .join(", ");
     byId("python").textContent = python
       ? `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${python}(${given}))`
       : `import httpx\n\nbody = ${JSON.stringify(body)}\nprint(httpx.post("${address}", json=body).json())`;
@@ -121,29 +196,49 @@ export class QueryForm {
   }
 }
 
-function numbers(values) { return values.map(x => Number(Number(x).toPrecision(6))).join(" "); }
+function numbers(values) {
+  return values.map(x => Number(Number(x).toPrecision(6))).join(" ");
+}
 
 async function copy(button, text) {
   const before = button.textContent;
   try {
     await navigator.clipboard.writeText(text);
     button.textContent = "Copied";
-  } catch { // no clipboard without https: select it, so that Ctrl-C does it
+  } catch {
+    // no clipboard without https: select it, so that Ctrl-C does it
     getSelection().selectAllChildren(button.closest("figure").querySelector("code"));
     button.textContent = "Selected: Ctrl-C";
   }
-  setTimeout(() => { button.textContent = before; }, 2000);
+  setTimeout(() => {
+    button.textContent = before;
+  }, 2000);
 }
 
 /** Numbers as tables: a vector in a row, a matrix in rows. */
 function show(answer) {
   const heads = answer.frames;
-  return Object.entries(answer).filter(([name]) => name !== "frames").map(([name, value]) => {
-    const rows = !Array.isArray(value) ? [[value]] : Array.isArray(value[0]) ? value : [value];
-    const table = el("table", { className: "numbers" }, el("caption", {}, name),
-      el("tbody", {}, ...rows.map((row, i) => el("tr", {},
-        heads ? el("th", { scope: "row" }, heads[i]) : null,
-        ...row.map(x => el("td", { title: String(x) }, short(x, 6)))))));
-    return el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": name }, table);
-  });
+  return Object.entries(answer)
+    .filter(([name]) => name !== "frames")
+    .map(([name, value]) => {
+      const rows = !Array.isArray(value) ? [[value]] : Array.isArray(value[0]) ? value : [value];
+      const table = el(
+        "table",
+        { className: "numbers" },
+        el("caption", {}, name),
+        el(
+          "tbody",
+          {},
+          ...rows.map((row, i) =>
+            el(
+              "tr",
+              {},
+              heads ? el("th", { scope: "row" }, heads[i]) : null,
+              ...row.map(x => el("td", { title: String(x) }, short(x, 6))),
+            ),
+          ),
+        ),
+      );
+      return el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": name }, table);
+    });
 }

@@ -38,15 +38,30 @@ export class Robots {
   /** Fill the list. */
   async list() {
     const robots = await get("/v1/robots");
-    const group = (label, members) => el("optgroup", { label }, ...members.map(robot => {
-      const about = robot.origin === "uploaded" ? ` (${[robot.root === "free" ? "free" : "", robot.id.slice(0, 6)].filter(Boolean).join(", ")})` : "";
-      return el("option", { value: robot.id }, robot.name + about);
-    }));
+    const group = (label, members) =>
+      el(
+        "optgroup",
+        { label },
+        ...members.map(robot => {
+          const about =
+            robot.origin === "uploaded"
+              ? ` (${[robot.root === "free" ? "free" : "", robot.id.slice(0, 6)].filter(Boolean).join(", ")})`
+              : "";
+          return el("option", { value: robot.id }, robot.name + about);
+        }),
+      );
     const own = robots.filter(robot => robot.origin === "uploaded");
     const shipped = robots.filter(robot => robot.from === "twolink");
     const others = robots.filter(robot => robot.origin === "catalogue" && robot.from !== "twolink");
-    this.select.replaceChildren(...[["Uploaded", own], ["twolink", shipped], ["example-robot-data", others]]
-      .filter(([, members]) => members.length).map(([label, members]) => group(label, members)));
+    this.select.replaceChildren(
+      ...[
+        ["Uploaded", own],
+        ["twolink", shipped],
+        ["example-robot-data", others],
+      ]
+        .filter(([, members]) => members.length)
+        .map(([label, members]) => group(label, members)),
+    );
     if (this.robot) this.select.value = this.robot.id;
   }
 
@@ -54,19 +69,23 @@ export class Robots {
   async pick(id) {
     const options = id.startsWith("u-") ? {} : this.#options();
     this.file = null;
-    await this.#take(Object.keys(options).length
-      ? () => post("/v1/robots", { source: id, ...options })
-      : () => get(`/v1/robots/${encodeURIComponent(id)}`), { picked: id });
+    await this.#take(
+      Object.keys(options).length
+        ? () => post("/v1/robots", { source: id, ...options })
+        : () => get(`/v1/robots/${encodeURIComponent(id)}`),
+      { picked: id },
+    );
   }
 
   /** A robot as a scene names it. Raises Problem. */
   async ofScene(entry) {
     const turn = ++this.turn;
-    const robot = typeof entry === "string"
-      ? await get(`/v1/robots/${encodeURIComponent(entry)}`)
-      : entry.root === "free" || Object.keys(entry.lock ?? {}).length
-        ? await post("/v1/robots", entry)
-        : await get(`/v1/robots/${encodeURIComponent(entry.source)}`);
+    const robot =
+      typeof entry === "string"
+        ? await get(`/v1/robots/${encodeURIComponent(entry)}`)
+        : entry.root === "free" || Object.keys(entry.lock ?? {}).length
+          ? await post("/v1/robots", entry)
+          : await get(`/v1/robots/${encodeURIComponent(entry.source)}`);
     if (turn !== this.turn) return null;
     this.source = typeof entry === "string" ? entry : entry.source;
     await this.show(robot);
@@ -77,10 +96,17 @@ export class Robots {
     this.file = file;
     const query = new URLSearchParams(this.#options()).toString();
     const type = /\.zip$/i.test(file.name) || file.type.includes("zip") ? "application/zip" : "application/xml";
-    await this.#take(async () => {
-      const answer = await request(`/v1/robots${query && `?${query}`}`, { method: "POST", body: file, headers: { "Content-Type": type } });
-      return answer.json();
-    }, { uploaded: true });
+    await this.#take(
+      async () => {
+        const answer = await request(`/v1/robots${query && `?${query}`}`, {
+          method: "POST",
+          body: file,
+          headers: { "Content-Type": type },
+        });
+        return answer.json();
+      },
+      { uploaded: true },
+    );
   }
 
   async #again() {
@@ -124,12 +150,23 @@ export class Robots {
   }
 
   #report(report, open) {
-    const sizes = Object.keys(TITLES).filter(key => report[key].length).map(key => `${report[key].length} ${TITLES[key][0].toLowerCase()}`);
+    const sizes = Object.keys(TITLES)
+      .filter(key => report[key].length)
+      .map(key => `${report[key].length} ${TITLES[key][0].toLowerCase()}`);
     byId("report").hidden = false;
     byId("report-summary").replaceChildren("Load report ", el("span", { className: "hint" }, sizes.join(" · ")));
-    byId("report-body").replaceChildren(...Object.entries(TITLES).filter(([key]) => report[key].length).map(([key, [title, about]]) =>
-      el("section", { className: `report-${key}` }, el("h3", {}, title, el("span", { className: "hint" }, ` ${about}`)),
-        el("ul", {}, ...report[key].map(entry => el("li", {}, entry.what, names(entry.names)))))));
+    byId("report-body").replaceChildren(
+      ...Object.entries(TITLES)
+        .filter(([key]) => report[key].length)
+        .map(([key, [title, about]]) =>
+          el(
+            "section",
+            { className: `report-${key}` },
+            el("h3", {}, title, el("span", { className: "hint" }, ` ${about}`)),
+            el("ul", {}, ...report[key].map(entry => el("li", {}, entry.what, names(entry.names)))),
+          ),
+        ),
+    );
     if (open && (report.repaired.length || report.ignored.length)) byId("report").open = true;
   }
 
@@ -143,10 +180,22 @@ export class Robots {
     const cover = byId("dropping");
     let depth = 0;
     const files = event => [...(event.dataTransfer?.types ?? [])].includes("Files");
-    const over = value => { cover.hidden = !value; if (!value) depth = 0; };
-    addEventListener("dragenter", event => { if (files(event)) { depth++; over(true); } });
-    addEventListener("dragleave", () => { if (--depth <= 0) over(false); });
-    addEventListener("dragover", event => { if (files(event)) event.preventDefault(); });
+    const over = value => {
+      cover.hidden = !value;
+      if (!value) depth = 0;
+    };
+    addEventListener("dragenter", event => {
+      if (files(event)) {
+        depth++;
+        over(true);
+      }
+    });
+    addEventListener("dragleave", () => {
+      if (--depth <= 0) over(false);
+    });
+    addEventListener("dragover", event => {
+      if (files(event)) event.preventDefault();
+    });
     addEventListener("drop", event => {
       over(false);
       if (!files(event)) return;

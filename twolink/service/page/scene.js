@@ -8,17 +8,24 @@ const G = -9.81;
 
 /** Effects that can be added to any robot, with values to start from. */
 function templates(robot) {
-  const single = robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1 && joint.layout !== "mimic").map(joint => joint.name);
+  const single = robot.joints
+    .filter(joint => joint.v[1] - joint.v[0] === 1 && joint.layout !== "mimic")
+    .map(joint => joint.name);
   const tip = robot.links.at(-1);
   const each = value => Object.fromEntries(single.map(name => [name, value]));
-  const jointed = single.length ? {
-    "Damping in the joints": { type: "joint-damping", damping: each(0.5) },
-    "Springs in the joints": { type: "joint-spring", stiffness: each(10) },
-    "Dry friction in the joints": { type: "dry-friction", friction: each(0.5) },
-    "A sine torque at the first joint": { type: "torque", inputs: { [single[0]]: { kind: "sine", amplitude: 2, frequency: 3 } } },
-    "PD control to zero": { type: "joint-pd", target: each(0), kp: each(100), kd: each(10) },
-    "Motors that carry the weight": { type: "gravity-compensation" },
-  } : {};
+  const jointed = single.length
+    ? {
+        "Damping in the joints": { type: "joint-damping", damping: each(0.5) },
+        "Springs in the joints": { type: "joint-spring", stiffness: each(10) },
+        "Dry friction in the joints": { type: "dry-friction", friction: each(0.5) },
+        "A sine torque at the first joint": {
+          type: "torque",
+          inputs: { [single[0]]: { kind: "sine", amplitude: 2, frequency: 3 } },
+        },
+        "PD control to zero": { type: "joint-pd", target: each(0), kp: each(100), kd: each(10) },
+        "Motors that carry the weight": { type: "gravity-compensation" },
+      }
+    : {};
   return {
     Gravity: { type: "gravity", field: [0, 0, G] },
     ...jointed,
@@ -36,6 +43,7 @@ export class SceneEditor {
     byId("scene-select").addEventListener("change", event => this.onPick(event.target.value));
     byId("accuracy").addEventListener("input", () => {
       byId("accuracy-value").textContent = `1e-${byId("accuracy").value}`;
+      byId("accuracy").setAttribute("aria-valuetext", `1e-${byId("accuracy").value}`);
       this.refresh();
     });
     byId("accuracy").setAttribute("aria-valuetext", "1e-6");
@@ -53,16 +61,27 @@ export class SceneEditor {
   async list() {
     this.scenes = await get("/v1/scenes");
     const methods = (await get("/v1/methods")).filter(method => method.kind !== "scipy");
-    byId("method").append(...methods.map(method => el("option", { value: method.name }, `${method.name}: ${method.good_for}`)));
+    byId("method").append(
+      ...methods.map(method => el("option", { value: method.name }, `${method.name}: ${method.good_for}`)),
+    );
   }
 
   /** The scenes for a robot first, then the others. */
   offer(source, chosen) {
     const option = scene => el("option", { value: scene.id }, scene.title || scene.id);
-    const [fit, rest] = [this.scenes.filter(scene => scene.robot === source), this.scenes.filter(scene => scene.robot !== source)];
+    const [fit, rest] = [
+      this.scenes.filter(scene => scene.robot === source),
+      this.scenes.filter(scene => scene.robot !== source),
+    ];
     byId("scene-select").replaceChildren(
-      el("optgroup", { label: "With this robot" }, el("option", { value: OWN }, "Let it go, as the sliders stand"), ...fit.map(option)),
-      el("optgroup", { label: "With a robot of their own" }, ...rest.map(option)));
+      el(
+        "optgroup",
+        { label: "With this robot" },
+        el("option", { value: OWN }, "Let it go, as the sliders stand"),
+        ...fit.map(option),
+      ),
+      el("optgroup", { label: "With a robot of their own" }, ...rest.map(option)),
+    );
     byId("scene-select").value = chosen;
   }
 
@@ -82,7 +101,13 @@ export class SceneEditor {
   /** The robot let go: what any robot can do. */
   own(robot) {
     const gravity = robot.gravity ?? [0, 0, G];
-    return { robot: robot.id, title: `${robot.name}, let go`, duration: 3, q: {}, effects: [{ type: "gravity", field: gravity }] };
+    return {
+      robot: robot.id,
+      title: `${robot.name}, let go`,
+      duration: 3,
+      q: {},
+      effects: [{ type: "gravity", field: gravity }],
+    };
   }
 
   /** The scene as the service takes it; an unchanged bundled one by its content too. */
@@ -92,7 +117,9 @@ export class SceneEditor {
     return { ...this.base, duration: duration || this.base.duration, q: this.q, effects };
   }
 
-  get accuracy() { return Number(`1e-${byId("accuracy").value}`); }
+  get accuracy() {
+    return Number(`1e-${byId("accuracy").value}`);
+  }
 
   /** How it is to be computed, beside accuracy. Short motions are sampled more often than 200 times a second. */
   get how() {
@@ -124,7 +151,12 @@ export class SceneEditor {
     try {
       content = JSON.parse(byId("scene-json").value);
     } catch (failure) {
-      showProblem(byId("scene-problem"), Object.assign(new Error(`This is not JSON: ${failure.message}`), { remedy: "Mend it, or pick the scene again." }));
+      showProblem(
+        byId("scene-problem"),
+        Object.assign(new Error(`This is not JSON: ${failure.message}`), {
+          remedy: "Mend it, or pick the scene again.",
+        }),
+      );
       return;
     }
     await this.onPick(null, content);
@@ -133,13 +165,16 @@ export class SceneEditor {
   /** Have the scene checked and counted; a newer question overtakes an older one. */
   async explain() {
     this.abort?.abort();
-    const abort = this.abort = new AbortController();
+    const abort = (this.abort = new AbortController());
     const scene = this.current();
-    byId("accuracy").setAttribute("aria-valuetext", `1e-${byId("accuracy").value}`);
     byId("price").textContent = "Counting…";
     try {
       const { method } = this.how;
-      const found = await post("/v1/scenes/explain", { scene, accuracy: this.accuracy, method }, { signal: abort.signal });
+      const found = await post(
+        "/v1/scenes/explain",
+        { scene, accuracy: this.accuracy, method },
+        { signal: abort.signal },
+      );
       clearProblem(byId("scene-problem"));
       this.#counted(found);
     } catch (failure) {
@@ -167,30 +202,53 @@ export class SceneEditor {
       effect.price.textContent = share ? share.operations.toLocaleString("en") : "";
       effect.bar.style.width = share ? `${Math.max(2, (100 * share.operations) / most)}%` : "0";
     }
-    byId("operations").textContent = `${found.operations.toLocaleString("en")} operations an evaluation, robot included. ${sentence(found.formulation)}`;
+    byId("operations").textContent =
+      `${found.operations.toLocaleString("en")} operations an evaluation, robot included. ${sentence(found.formulation)}`;
     byId("price").replaceChildren(
-      el("b", { id: "expected" }, `≈ ${seconds(found.expected_seconds)}`), ` by ${found.method}, plus error bar and compiling`);
+      el("b", { id: "expected" }, `≈ ${seconds(found.expected_seconds)}`),
+      ` by ${found.method}, plus error bar and compiling`,
+    );
     byId("price").title = found.why;
   }
 
   #effects() {
     const rows = this.effects.map(effect => {
-      const box = el("input", { type: "checkbox", role: "switch", checked: effect.on, onchange: () => {
-        effect.on = box.checked;
-        effect.row.classList.toggle("off", !effect.on);
-        this.changed(false);
-      } });
+      const box = el("input", {
+        type: "checkbox",
+        role: "switch",
+        checked: effect.on,
+        onchange: () => {
+          effect.on = box.checked;
+          effect.row.classList.toggle("off", !effect.on);
+          this.changed(false);
+        },
+      });
       effect.price = el("span", { className: "price" });
       effect.bar = el("span", { className: "bar" });
       const name = effect.content.type.replaceAll("-", " ");
       const about = wordsOf(effect.content);
-      effect.row = el("li", { className: effect.on ? "" : "off" },
-        el("label", { title: JSON.stringify(effect.content) }, box, el("span", { className: "effect-name" }, sentence(name).slice(0, -1)),
-          el("span", { className: "about" }, about)),
-        el("span", { className: "cost", title: "operations an evaluation" }, effect.price, el("span", { className: "track" }, effect.bar)));
+      effect.row = el(
+        "li",
+        { className: effect.on ? "" : "off" },
+        el(
+          "label",
+          { title: JSON.stringify(effect.content) },
+          box,
+          el("span", { className: "effect-name" }, sentence(name).slice(0, -1)),
+          el("span", { className: "about" }, about),
+        ),
+        el(
+          "span",
+          { className: "cost", title: "operations an evaluation" },
+          effect.price,
+          el("span", { className: "track" }, effect.bar),
+        ),
+      );
       return effect.row;
     });
-    byId("effects").replaceChildren(...(rows.length ? rows : [el("li", { className: "hint" }, "None: nothing acts on it.")]));
+    byId("effects").replaceChildren(
+      ...(rows.length ? rows : [el("li", { className: "hint" }, "None: nothing acts on it.")]),
+    );
   }
 }
 
@@ -200,9 +258,15 @@ function wordsOf(content) {
     if (typeof value === "number") return short(value);
     if (Array.isArray(value)) return `(${value.map(say).join(", ")})`;
     if (value && typeof value === "object") {
-      return Object.entries(value).filter(([key]) => key !== "kind").map(([key, item]) => `${key} ${say(item)}`).join(", ");
+      return Object.entries(value)
+        .filter(([key]) => key !== "kind")
+        .map(([key, item]) => `${key} ${say(item)}`)
+        .join(", ");
     }
     return String(value);
   };
-  return Object.entries(content).filter(([key]) => key !== "type").map(([key, value]) => `${key} ${say(value)}`).join(" · ");
+  return Object.entries(content)
+    .filter(([key]) => key !== "type")
+    .map(([key, value]) => `${key} ${say(value)}`)
+    .join(" · ");
 }

@@ -15,34 +15,52 @@ function knobs(joint, part) {
   const angle = (name, value) => ({ name, unit: "rad", range: [-TURN, TURN], value });
   const length = (name, value, k) => ({ name, unit: "m", range: limit(k, [-2, 2]), value });
   switch (joint.layout) {
-    case "cos-sin": return [angle("", Math.atan2(part[1], part[0]))];
-    case "planar": return [length("x", part[0], 0), length("y", part[1], 1), angle("angle", Math.atan2(part[3], part[2]))];
-    case "quaternion": return euler(part).map((value, k) => angle(["roll", "pitch", "yaw"][k], value));
-    case "free-flyer": return [
-      ...["x", "y", "z"].map((name, k) => length(name, part[k], k)),
-      ...euler(part.slice(3)).map((value, k) => angle(["roll", "pitch", "yaw"][k], value)),
-    ];
-    case "vector": return part.map((value, k) => ({
-      name: part.length > 1 ? String(k) : "", unit: turns ? "rad" : "m",
-      range: limit(k, turns ? [-TURN, TURN] : [-1, 1]), value,
-    }));
-    default: return []; // a mimic joint moves with another
+    case "cos-sin":
+      return [angle("", Math.atan2(part[1], part[0]))];
+    case "planar":
+      return [length("x", part[0], 0), length("y", part[1], 1), angle("angle", Math.atan2(part[3], part[2]))];
+    case "quaternion":
+      return euler(part).map((value, k) => angle(["roll", "pitch", "yaw"][k], value));
+    case "free-flyer":
+      return [
+        ...["x", "y", "z"].map((name, k) => length(name, part[k], k)),
+        ...euler(part.slice(3)).map((value, k) => angle(["roll", "pitch", "yaw"][k], value)),
+      ];
+    case "vector":
+      return part.map((value, k) => ({
+        name: part.length > 1 ? String(k) : "",
+        unit: turns ? "rad" : "m",
+        range: limit(k, turns ? [-TURN, TURN] : [-1, 1]),
+        value,
+      }));
+    default:
+      return []; // a mimic joint moves with another
   }
 }
 
 function assemble(joint, values) {
   switch (joint.layout) {
-    case "cos-sin": return [Math.cos(values[0]), Math.sin(values[0])];
-    case "planar": return [values[0], values[1], Math.cos(values[2]), Math.sin(values[2])];
-    case "quaternion": return quaternion(values);
-    case "free-flyer": return [...values.slice(0, 3), ...quaternion(values.slice(3))];
-    default: return values;
+    case "cos-sin":
+      return [Math.cos(values[0]), Math.sin(values[0])];
+    case "planar":
+      return [values[0], values[1], Math.cos(values[2]), Math.sin(values[2])];
+    case "quaternion":
+      return quaternion(values);
+    case "free-flyer":
+      return [...values.slice(0, 3), ...quaternion(values.slice(3))];
+    default:
+      return values;
   }
 }
 
 function quaternion([roll, pitch, yaw]) {
   const [cr, sr, cp, sp, cy, sy] = [roll, pitch, yaw].flatMap(x => [Math.cos(x / 2), Math.sin(x / 2)]);
-  return [sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy];
+  return [
+    sr * cp * cy - cr * sp * sy,
+    cr * sp * cy + sr * cp * sy,
+    cr * cp * sy - sr * sp * cy,
+    cr * cp * cy + sr * sp * sy,
+  ];
 }
 
 function euler([x, y, z, w]) {
@@ -91,7 +109,8 @@ export class Sliders {
     const values = shown.map(knob => knob.value);
     return shown.map((knob, k) => {
       const label = [joint.name, knob.name].filter(Boolean).join(" ");
-      const low = Math.min(knob.range[0], knob.value), high = Math.max(knob.range[1], knob.value);
+      const low = Math.min(knob.range[0], knob.value),
+        high = Math.max(knob.range[1], knob.value);
       const step = Number(((high - low) / 400).toPrecision(1));
       const range = el("input", { type: "range", min: low, max: high, step: "any", value: knob.value });
       range.setAttribute("aria-label", `${label}, ${knob.unit}`);
@@ -107,7 +126,8 @@ export class Sliders {
         exact.value = value;
         moved(value);
       });
-      range.addEventListener("keydown", event => { // "any" has no step of its own for the arrow keys
+      range.addEventListener("keydown", event => {
+        // "any" has no step of its own for the arrow keys
         const direction = { ArrowLeft: -4, ArrowDown: -4, ArrowRight: 4, ArrowUp: 4 }[event.key];
         if (!direction) return;
         event.preventDefault();
@@ -122,8 +142,14 @@ export class Sliders {
         range.value = value;
         moved(value);
       });
-      return el("div", { className: "slider" }, el("span", { className: "name", title: label }, label.slice(this.prefix)), range, exact,
-        el("span", { className: "unit" }, knob.unit));
+      return el(
+        "div",
+        { className: "slider" },
+        el("span", { className: "name", title: label }, label.slice(this.prefix)),
+        range,
+        exact,
+        el("span", { className: "unit" }, knob.unit),
+      );
     });
   }
 }

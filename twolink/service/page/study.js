@@ -9,7 +9,9 @@ const FEW = { methods: ["rk4", "rk45", "dop853", "taylor"], tolerances: [1e-3, 1
 export class Study {
   /** getScene(): the scene as it stands. */
   constructor(getScene) {
-    const parts = Object.fromEntries(["cancel", "progress", "status", "problem"].map(name => [name, byId(`study-${name}`)]));
+    const parts = Object.fromEntries(
+      ["cancel", "progress", "status", "problem"].map(name => [name, byId(`study-${name}`)]),
+    );
     this.job = new Job("studies", { start: byId("study-button"), ...parts }, job => this.#show(job));
     byId("study-button").addEventListener("click", () => {
       const extent = byId("study-methods").value === "few" ? FEW : {};
@@ -23,18 +25,64 @@ export class Study {
     if (this.address) URL.revokeObjectURL(this.address);
     this.address = URL.createObjectURL(picture);
     const { rows, reference, price_of_digits: prices, robot, duration } = job.result;
-    const figure = el("img", { src: this.address, className: "figure", alt: `Work-precision diagram of ${robot}, ${duration} s: ${count(rows.length, "point")}; the table below has the best of them.` });
-    const cells = price => [short(price.accuracy, 1), seconds(price.seconds), price.ratio === null ? "" : `× ${short(price.ratio, 2)}`, price.method, price.tolerance === null ? `step ${short(price.step, 2)}` : `tolerance ${short(price.tolerance, 2)}`];
-    const table = el("table", { className: "numbers" }, el("caption", {}, "The price of each digit"),
-      el("thead", {}, el("tr", {}, ...["Accuracy", "Seconds", "To the row before", "Method", "Setting"].map(head => el("th", { scope: "col" }, head)))),
-      el("tbody", {}, ...prices.map(price => el("tr", {}, ...cells(price).map((text, i) => el("td", { className: i > 2 ? "words" : "" }, text))))));
+    const figure = el("img", {
+      src: this.address,
+      className: "figure",
+      alt: `Work-precision diagram of ${robot}, ${duration} s: ${count(rows.length, "point")}; the table below has the best of them.`,
+    });
+    const cells = price => [
+      short(price.accuracy, 1),
+      seconds(price.seconds),
+      price.ratio === null ? "" : `× ${short(price.ratio, 2)}`,
+      price.method,
+      price.tolerance === null ? `step ${short(price.step, 2)}` : `tolerance ${short(price.tolerance, 2)}`,
+    ];
+    const table = el(
+      "table",
+      { className: "numbers" },
+      el("caption", {}, "The price of each digit"),
+      el(
+        "thead",
+        {},
+        el(
+          "tr",
+          {},
+          ...["Accuracy", "Seconds", "To the row before", "Method", "Setting"].map(head =>
+            el("th", { scope: "col" }, head),
+          ),
+        ),
+      ),
+      el(
+        "tbody",
+        {},
+        ...prices.map(price =>
+          el("tr", {}, ...cells(price).map((text, i) => el("td", { className: i > 2 ? "words" : "" }, text))),
+        ),
+      ),
+    );
     const name = `${robot}-${job.id.slice(-6)}`;
-    const button = (text, address, file) => el("button", { type: "button", className: "quiet", onclick: () => download(address, file).catch(failure => showProblem(byId("study-problem"), failure)) }, text);
-    byId("study-result").replaceChildren(figure,
+    const button = (text, address, file) =>
+      el(
+        "button",
+        {
+          type: "button",
+          className: "quiet",
+          onclick: () => download(address, file).catch(failure => showProblem(byId("study-problem"), failure)),
+        },
+        text,
+      );
+    byId("study-result").replaceChildren(
+      figure,
       el("p", { className: "hint" }, `Errors are against ${reference.how}.`),
       el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "The price of each digit" }, table),
-      el("p", { className: "downloads" }, el("span", { className: "hint" }, "Download "),
-        button("CSV", `${path}/result?format=csv`, `${name}.csv`), button("Figure", `${path}/figure?format=svg`, `${name}.svg`)));
+      el(
+        "p",
+        { className: "downloads" },
+        el("span", { className: "hint" }, "Download "),
+        button("CSV", `${path}/result?format=csv`, `${name}.csv`),
+        button("Figure", `${path}/figure?format=svg`, `${name}.svg`),
+      ),
+    );
   }
 }
 
@@ -43,7 +91,9 @@ export async function listPast(onOpen) {
   clearProblem(byId("past-problem"));
   try {
     const jobs = (await get("/v1/simulations")).sort((a, b) => b.created - a.created).slice(0, 30);
-    byId("past").replaceChildren(...(jobs.length ? jobs.map(job => pastRow(job, onOpen)) : [el("li", { className: "hint" }, "None yet.")]));
+    byId("past").replaceChildren(
+      ...(jobs.length ? jobs.map(job => pastRow(job, onOpen)) : [el("li", { className: "hint" }, "None yet.")]),
+    );
   } catch (failure) {
     showProblem(byId("past-problem"), failure);
   }
@@ -53,14 +103,28 @@ function pastRow(job, onOpen) {
   const { scene, accuracy } = job.request;
   const title = typeof scene === "string" ? scene : scene.title || scene.robot?.source || scene.robot;
   const when = new Date(job.created * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
-  const open = el("button", { type: "button", className: "quiet", disabled: job.state !== "done", onclick: async () => {
-    try {
-      await onOpen(await get(`/v1/simulations/${job.id}`));
-    } catch (failure) {
-      showProblem(byId("past-problem"), failure);
-    }
-  } }, "Show");
+  const open = el(
+    "button",
+    {
+      type: "button",
+      className: "quiet",
+      disabled: job.state !== "done",
+      onclick: async () => {
+        try {
+          await onOpen(await get(`/v1/simulations/${job.id}`));
+        } catch (failure) {
+          showProblem(byId("past-problem"), failure);
+        }
+      },
+    },
+    "Show",
+  );
   open.setAttribute("aria-label", `Show ${title}, ${when}`);
-  return el("li", {}, el("span", { className: "past-title" }, title),
-    el("span", { className: "hint" }, `accuracy ${short(accuracy, 1)} · ${job.state} · ${when}`), open);
+  return el(
+    "li",
+    {},
+    el("span", { className: "past-title" }, title),
+    el("span", { className: "hint" }, `accuracy ${short(accuracy, 1)} · ${job.state} · ${when}`),
+    open,
+  );
 }

@@ -2,7 +2,7 @@
 
 const FIELD_OF_VIEW = 32; // degrees; narrow, so that parallel rods look parallel
 const DIRECTION = [0.3, -1, 0.24]; // from the robot to the eye; z is up
-const FARTHEST = 12; // sizes of the robot: what goes farther is let out of the picture
+const MOST = 0.8; // of the links: the picture reaches twice as far as they do
 
 /** Load meshcat's script. It writes style rules for menus this page does not show, and the page's policy refuses
  * inline styles; so while it loads, elements for such rules are harmless ones. */
@@ -72,10 +72,18 @@ export class View {
     viewer.set_property(["Lights", "FillLight", "<object>"], "position", [6, -10, 11]);
     viewer.camera.fov = FIELD_OF_VIEW;
     viewer.controls.enableZoom = false; // the wheel scrolls the page until someone takes hold of the robot
-    viewer.controls.addEventListener("start", () => { this.turned = true; });
-    this.pane.addEventListener("pointerdown", () => { this.pane.focus({ preventScroll: true }); });
-    this.pane.addEventListener("focus", () => { viewer.controls.enableZoom = true; });
-    this.pane.addEventListener("blur", () => { viewer.controls.enableZoom = false; });
+    viewer.controls.addEventListener("start", () => {
+      this.turned = true;
+    });
+    this.pane.addEventListener("pointerdown", () => {
+      this.pane.focus({ preventScroll: true });
+    });
+    this.pane.addEventListener("focus", () => {
+      viewer.controls.enableZoom = true;
+    });
+    this.pane.addEventListener("blur", () => {
+      viewer.controls.enableZoom = false;
+    });
     this.pane.addEventListener("keydown", event => this.#key(event));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#colours());
     this.#colours();
@@ -84,7 +92,12 @@ export class View {
 
   #colours() {
     const style = getComputedStyle(document.documentElement);
-    const numbers = name => style.getPropertyValue(name).trim().split(/[ ,]+/).map(x => Number(x) / 255);
+    const numbers = name =>
+      style
+        .getPropertyValue(name)
+        .trim()
+        .split(/[ ,]+/)
+        .map(x => Number(x) / 255);
     this.viewer.set_property(["Background"], "top_color", numbers("--view-top"));
     this.viewer.set_property(["Background"], "bottom_color", numbers("--view-bottom"));
     if (this.floor) this.floor.material.color.set(style.getPropertyValue("--view-grid").trim());
@@ -112,7 +125,8 @@ export class View {
       const path = ["robot", link, `piece ${i}`];
       try {
         this.viewer.set_object_from_json(path, revive(piece.object));
-      } catch (failure) { // one mesh that cannot be read must not keep the rest from being seen
+      } catch (failure) {
+        // one mesh that cannot be read must not keep the rest from being seen
         console.warn(`${piece.name} cannot be drawn:`, failure);
         unread += 1;
       }
@@ -122,9 +136,12 @@ export class View {
       if (piece.link !== null) this.links.set(piece.link, this.viewer.scene_tree.find(path.slice(0, 2)).object);
     });
     const left = visuals.skipped.length + unread;
-    this.note.textContent = visuals.pieces.length === 0
-      ? "This robot has nothing to draw: its links have no <visual> elements. All else works."
-      : left ? `${left} of its pieces cannot be drawn` : "";
+    this.note.textContent =
+      visuals.pieces.length === 0
+        ? "This robot has nothing to draw: its links have no <visual> elements. All else works."
+        : left
+          ? `${left} of its pieces cannot be drawn`
+          : "";
     this.turned = false;
     this.swept = null;
     this.viewer.set_dirty();
@@ -159,21 +176,23 @@ export class View {
   /** Aim at all that the robot takes up now, or at each of some moments (functions that pose it). */
   fit(moments = [() => {}]) {
     if (!this.viewer) return;
-    const box = new this.three.Box3(), corners = [];
-    let room = null;
+    const all = [];
     for (const moment of moments) {
       moment();
       this.viewer.scene.updateMatrixWorld(true);
-      const parts = this.viewer.scene_tree.find(["robot"]).object.children.map(link => new this.three.Box3().setFromObject(link));
-      if (room === null) room = this.#room(parts);
-      for (const part of parts) {
-        if (part.isEmpty() || !room.containsBox(part)) continue; // what flies far away would leave the rest a dot
-        box.union(part);
-        const { min, max } = part;
-        for (const x of [min.x, max.x]) for (const y of [min.y, max.y]) for (const z of [min.z, max.z]) {
-          corners.push(new this.three.Vector3(x, y, z));
-        }
-      }
+      const links = this.viewer.scene_tree.find(["robot"]).object.children;
+      all.push(links.map(link => new this.three.Box3().setFromObject(link)).filter(part => !part.isEmpty()));
+    }
+    const box = new this.three.Box3(),
+      corners = [];
+    for (const part of this.#near(all)) {
+      box.union(part);
+      const { min, max } = part;
+      for (const x of [min.x, max.x])
+        for (const y of [min.y, max.y])
+          for (const z of [min.z, max.z]) {
+            corners.push(new this.three.Vector3(x, y, z));
+          }
     }
     if (box.isEmpty()) return;
     this.swept = corners;
@@ -182,10 +201,18 @@ export class View {
     this.#aim();
   }
 
-  /** As far as the picture may reach, from where the robot is at first. */
-  #room(parts) {
-    const first = parts.reduce((all, part) => all.union(part), new this.three.Box3());
-    return first.expandByScalar(FARTHEST * first.getSize(new this.three.Vector3()).length());
+  /** The links' boxes at all moments, but for what flies far off: it would leave the rest a dot. */
+  #near(all) {
+    const first = all[0].reduce((whole, part) => whole.union(part), new this.three.Box3());
+    const [centre, size] = [
+      first.getCenter(new this.three.Vector3()),
+      first.getSize(new this.three.Vector3()).length(),
+    ];
+    const far = part => part.getCenter(new this.three.Vector3()).distanceTo(centre);
+    const parts = all.flat();
+    const sorted = parts.map(far).sort((a, b) => a - b);
+    const reach = 2 * (sorted[Math.floor(MOST * (sorted.length - 1))] ?? 0) + size / 2;
+    return parts.filter(part => far(part) <= reach);
   }
 
   /** The camera, so that all corners are seen. The scene is turned: z up is three.js's y. */
