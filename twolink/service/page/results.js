@@ -8,7 +8,7 @@ const KINDS = [
   { title: "q", unit: "rad, m", prefix: "q." },
   { title: "v", unit: "rad/s, m/s", prefix: "v." },
   { title: "Energy", unit: "J", prefix: "energy" },
-  { title: "Error bar", unit: "of q and v", prefix: "error", log: true },
+  { title: "Error bar", unit: "of q, rad or m", prefix: "error", log: true },
 ];
 const POINTS = 2000;
 const FILES = [
