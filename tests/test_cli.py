@@ -17,7 +17,8 @@ import twolink as tl
 from tests.command import TOP, answer, call, one_line
 from twolink.cli import app, main
 
-COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play"]
+COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
+            "hard-cases", "throw", "serve"]  # fmt: skip
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import numpy as np
 import typer
 
-from twolink import __version__, cli_scenes
+from twolink import __version__, cli_hard, cli_scenes, cli_serve, cli_throw
 from twolink.cli_options import Misuse, misuse, takes_robot
 from twolink.cli_print import describe, print_json, print_robot, print_robots, say_skipped
 from twolink.dynamics import Robot, load_robot
@@ -141,6 +141,9 @@ def check(
 
 
 cli_scenes.register(app)
+cli_hard.register(app)
+cli_serve.register(app)
+cli_throw.register(app)
 
 
 @app.command()

@@ -71,7 +71,7 @@ class Explanation:
         lines += [
             f"  method       {self.method}, setting {self.setting:.1e}: {self.why}",
             f"  expected     {self.expected_seconds:.2g} s for {self.duration:g} s at accuracy {self.accuracy:g}, "
-            "error bar not included",
+            f"error bar{' and later events' if self.formulation.startswith('events') else ''} not included",
         ]
         return "\n".join(lines)
 

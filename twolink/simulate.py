@@ -212,8 +212,9 @@ def _trajectory(scene: Scene, equations: Equations, solved: Solved, cost: Cost) 
     solution = solved.solution
     q, v = equations.space.rows(solution.x)
     events = solution.events
-    if equations.assembled > ASSEMBLED:
-        events = (Event(0.0, "assembled", "loops", f"the start was moved by {equations.assembled:.3g}"), *events)
+    if max(equations.assembled) > ASSEMBLED:
+        moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
+        events = (Event(0.0, "assembled", "loops", moved), *events)
     robots = [(piece.robot, count) for piece, count in solution.pieces]
     same = all(robot is robots[0][0] for robot, _ in robots)
     return Trajectory(scene.robot, solution.t, q, v, None, cost, events, solution.interrupted,

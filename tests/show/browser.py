@@ -164,14 +164,18 @@ class Browser:
     def close(self) -> None:
         """End the browser and everything it started, and remove its profile."""
         if self._socket is not None:
-            self._socket.close()
-            self._loop.run_until_complete(asyncio.sleep(0.05))
+            self._loop.run_until_complete(self._hang_up())
             self._socket = None
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait(timeout=10)
         self._loop.close()
         shutil.rmtree(self._profile, ignore_errors=True)
+
+    async def _hang_up(self) -> None:
+        """Within the loop: other tests may have left this thread without one."""
+        self._socket.close()
+        await asyncio.sleep(0.05)
 
 
 @pytest.fixture

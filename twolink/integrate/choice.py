@@ -19,6 +19,7 @@ from twolink.integrate import calibration, taylor
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.solver import smallest_tolerance
+from twolink.integrate.stiffness import fastest
 
 # How much smaller than the accuracy the first tolerance is: errors of steps add up, and estimates of low order are
 # of the worse solution. Measured on the arm, UR5 and Panda: a run's error over its tolerance is below a third of it.
@@ -30,6 +31,7 @@ MAX_COMPILING = 20.0  # seconds: what takes longer to compile is not worth it un
 CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
 ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
+STIFF = 1e6  # decay times in a run, of which an explicit method would follow each
 TAYLOR_STEPS, TAYLOR_OPERATION = 370, 1.5e-10  # times the order squared, and twice that when compiled compactly
 
 
@@ -59,6 +61,11 @@ def choose(
     if heyoka() is None:
         method = METHODS["scipy-dop853"]
         return Choice(method, first_setting(equations, method, accuracy), "heyoka is not installed")
+    decay = _decay(equations)
+    if decay * duration > STIFF:
+        method = METHODS["esdirk43"]
+        why = f"stiff: a mode dies at {decay:.1g} 1/s, and explicit steps would have to be as short"
+        return Choice(method, first_setting(equations, method, accuracy), why)
     seen = calibration.cheapest(equations, duration, accuracy)
     if seen is not None:
         return Choice(METHODS[seen.method], seen.setting, "measured on this scene by an accuracy study")
@@ -81,6 +88,14 @@ def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: fl
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
     return Choice(METHODS[best], tolerances[best], f"cheapest by the built-in calibration ({others})")
+
+
+def _decay(equations: Equations) -> float:
+    """The fastest decay at the start, 1/s; 0 where what is fastest oscillates or grows."""
+    if equations.space.size == 0:
+        return 0.0
+    rates, dying = fastest(equations, equations.start[:, None])
+    return float(rates[0]) if dying[0] else 0.0
 
 
 def compiling_seconds(operations: int) -> float:

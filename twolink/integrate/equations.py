@@ -30,12 +30,13 @@ from twolink.integrate import reference
 from twolink.integrate.assembly import assembled, independent_rows
 from twolink.integrate.loops import Loops, locked_matrix
 from twolink.integrate.namespaces import Numbers
-from twolink.integrate.solution import Solution, joined
+from twolink.integrate.solution import FEWEST, Solution, joined
 from twolink.integrate.state import Array, StateSpace
 from twolink.scenes import Scene
 
 _E = TypeVar("_E", bound=Effect)
-NUDGE = 1e-15  # relative: about what a few roundings change
+NUDGE = 2e-15  # relative: about what the roundings on the way change
+FEWEST_AGAIN = 2.6 * FEWEST  # of the second solution: two that take the longest steps must not take the same ones
 CLOSE = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 
 
@@ -59,7 +60,7 @@ class Equations:
 
     space: the states x = (q, v). start: the initial one (size,). effects: those that act on the moving robot; what
     changes its constants is in the robot already. parameters: physical constants kept as run-time inputs.
-    assembled: how far the start was moved to close the loops, rad, m or per second.
+    assembled: how far q [rad, m] and v [per second] of the start were moved to close the loops.
 
     Between breaks a table of samples is one polynomial. Its coefficients ride along behind (q, v), in x[moving:], at
     rate 0: so that one compiled step serves all pieces of tables of any length. `in_pieces` sets them break by break.
@@ -82,18 +83,21 @@ class Equations:
         self.locked = np.zeros(2 * len(self.lockable))
         self.slots: Mapping[str, float] = {}
         self.margin = 0.0
+        self.fewest: float = FEWEST
         rows = sum(table.rows for table in self.tables) + len(self.locked)
         self.space = _WithRows(self.robot, rows) if rows else StateSpace(self.robot)
         self.moving = self.robot.nq + self.robot.nv
         self.parameters = tuple(parameters)
         self.start = np.concatenate([scene.q, scene.v, self.rows_at(0.0)])
         self.loops = Loops(self.space, loops, self.numbers) if loops else None
-        self.assembled = 0.0
+        self.assembled = (0.0, 0.0)
         if self.loops is not None:
             given = self.start[: self.moving].copy()
             self.start[: self.moving] = assembled(self.loops, given)
             self.loops.kept, self.loops.scales = independent_rows(self.loops, self.start[: self.space.nq])
-            self.assembled = float(np.abs(self.start[: self.moving] - given).max(initial=0.0))
+            off = np.abs(self.start[: self.moving] - given)
+            nq = self.space.nq
+            self.assembled = float(off[:nq].max(initial=0.0)), float(off[nq:].max(initial=0.0))
             if not self.loops.kept:
                 self.loops = None  # constraints that constrain nothing
 
@@ -161,6 +165,7 @@ class Equations:
         """
         moved = copy.copy(self)
         moved.margin = margin
+        moved.fewest = FEWEST_AGAIN
         moved.start = self.start.copy()
         signs = np.where(np.arange(self.moving) % 2, -1.0, 1.0)
         moved.start[: self.moving] += NUDGE * signs * np.fmax(1.0, np.abs(self.start[: self.moving]))

@@ -60,7 +60,7 @@ def march(
     size, x0 = equations.space.size, equations.start[:, None]
     start, end = float(times[0]), float(times[-1])
     first, tolerance, limit = _first_step(equations, method, x0, setting, start, end)
-    initial = step_map.initial(x0, start, first, end, tolerance, longest=(span or end - start) / FEWEST)
+    initial = step_map.initial(x0, start, first, end, tolerance, longest=(span or end - start) / equations.fewest)
     states = np.empty((BLOCK + 1, *initial.shape))
     states[0] = initial
     out = np.empty((size, len(times)))

@@ -16,6 +16,7 @@ from twolink.integrate.methods import Method
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution, collapsed, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
+SURE, HOPELESS = 5_000, 1e9  # steps after which the pace tells; how many it must not lead to
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 
@@ -41,7 +42,7 @@ def solve(
         while solver.status == "running" and done < len(times):
             solver.step()
             steps += 1
-            _require_going_on(solver, steps)
+            _require_going_on(solver, steps, start)
             reached = int(np.searchsorted(times, solver.t, side="right"))
             if reached > done:
                 out[:, done:reached] = solver.dense_output()(times[done:reached])
@@ -85,11 +86,11 @@ def _finite(t: float, rate: np.ndarray) -> np.ndarray:
     return rate
 
 
-def _require_going_on(solver: Any, steps: int) -> None:
+def _require_going_on(solver: Any, steps: int, start: float) -> None:
     t = float(solver.t)
     if solver.status == "failed":
         raise collapsed(t)
     if not np.isfinite(solver.y).all():
         raise not_finite(t)
-    if steps >= MAX_STEPS:
+    if steps >= MAX_STEPS or (steps >= SURE and steps * (solver.t_bound - start) > HOPELESS * (t - start)):
         raise too_many_steps(t)

@@ -26,7 +26,7 @@ from twolink.dynamics.mechanism import nominal, parameter_names
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
 from twolink.integrate.namespaces import Expressions
-from twolink.integrate.solution import FEWEST, MAX_STEPS, Progress, Solution, not_finite, too_many_steps
+from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
@@ -155,7 +155,7 @@ def _propagate(
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
-            taken, found = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / FEWEST))
+            taken, found = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / equations.fewest))
             steps += taken
             out[done:stop] = found[1:, :size]
             done = stop

@@ -120,6 +120,7 @@ class _Run:
         """Solve from now to the next event or stop."""
         middle = 0.5 * (self.t + stop)
         equations = self.hybrid.beginning(self.modes, self.x, middle)
+        equations.fewest = self.whole.fewest
         self.piece = equations
         steps = step_map(equations, self.method)
         here = Moment(equations, np.array([self.t]), equations.start[:, None])

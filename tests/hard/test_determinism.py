@@ -1,0 +1,83 @@
+"""The same scene gives the same bits: again, in a new process, alone or in a batch, with any number of threads."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import twolink as tl
+
+METHODS = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
+SCENES = ("arm-swing", "spinning-top", "four-bar", "panda-hold")
+_BATCH = """
+import numpy as np, twolink as tl, hashlib
+q = np.random.default_rng(4).uniform(-1, 1, (130, 2))
+w = tl.simulate_many(tl.load_scene("arm-swing"), q=q, duration=1.0)
+a = tl.load_robot("ur5").forward_dynamics(*np.random.default_rng(1).uniform(-1, 1, (3, 5000, 6)))
+print(hashlib.sha256(w.q.tobytes() + w.v.tobytes() + w.error.tobytes() + a.tobytes()).hexdigest())
+"""
+
+
+def bits(run: tl.Trajectory) -> str:
+    assert run.error is not None
+    return hashlib.sha256(run.q.tobytes() + run.v.tobytes() + run.error.tobytes()).hexdigest()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_scene_twice(name: str) -> None:
+    first, second = (bits(tl.simulate(tl.load_scene(name), 0.5, accuracy=1e-6)) for _ in range(2))
+    assert first == second
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_twice(method: str) -> None:
+    first, second = (bits(tl.simulate(tl.load_scene("arm-swing"), 0.5, 1e-5, method=method)) for _ in range(2))
+    assert first == second
+
+
+def test_threads_and_processes_do_not_change_bits() -> None:
+    found = set()
+    for threads in ("1", "2", "3"):
+        environment = {**os.environ, "TWOLINK_THREADS": threads}
+        done = subprocess.run(
+            [sys.executable, "-c", _BATCH], env=environment, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr
+        found.add(done.stdout.strip())
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("verify", [False, True])
+def test_a_world_is_the_same_in_a_batch_of_any_size(verify: bool) -> None:
+    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(4).uniform(-1, 1, (65, 2))
+    whole = tl.simulate_many(scene, q=q, duration=1.0, verify=verify)
+    for part in (slice(0, 1), slice(7, 8), slice(0, 3), slice(1, 9), slice(5, 21), slice(31, 65)):
+        few = tl.simulate_many(scene, q=q[part], duration=1.0, verify=verify)
+        assert np.array_equal(few.q, whole.q[part])
+        assert np.array_equal(few.v, whole.v[part])
+        if verify:
+            assert np.array_equal(few.error, whole.error[part])  # type: ignore[arg-type, index]
+
+
+@pytest.mark.parametrize("samples", [0, 5])
+def test_worlds_of_a_scene_with_loops_are_the_same_in_any_batch(samples: int) -> None:
+    scene = tl.load_scene("crankshaft")
+    v = np.zeros((9, scene.robot.nv))
+    whole = tl.simulate_many(scene, v=v, duration=0.3, samples=samples, verify=False)
+    alone = tl.simulate_many(scene, v=v[:1], duration=0.3, samples=samples, verify=False)
+    assert all(np.array_equal(whole.q[k], alone.q[0]) for k in range(9))
+
+
+def test_queries_do_not_depend_on_the_size_of_the_batch() -> None:
+    """Compiled batches of any size are the same bits; Pinocchio's single answers differ by rounding only."""
+    robot = tl.load_robot("ur5")
+    q, v, tau = np.random.default_rng(1).uniform(-1, 1, (3, 1000, 6))
+    compiled = robot.compiled()
+    whole = compiled.forward_dynamics(q, v, tau)
+    for part in (slice(0, 1), slice(3, 12), slice(500, 517), slice(100, 1000)):
+        assert np.array_equal(compiled.forward_dynamics(q[part], v[part], tau[part]), whole[part])
+    single = np.array([robot.forward_dynamics(*row) for row in zip(q[:50], v[:50], tau[:50], strict=True)])
+    np.testing.assert_allclose(single, whole[:50], rtol=0, atol=1e-9 * np.abs(whole[:50]).max())

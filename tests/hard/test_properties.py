@@ -1,0 +1,130 @@
+"""Physics that holds for any robot, on random ones: hundreds of examples, thousands with -m slow."""
+
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import twolink as tl
+from tests.hard.random_scenes import random_effects, random_robot, random_state
+from twolink.errors import AccuracyError, SceneError
+
+SEEDS = st.integers(0, 2**32 - 1)
+SMALL = ("revolute", "continuous", "prismatic")
+HANG = 30.0  # s
+Check = Callable[[np.random.Generator], None]
+
+
+def identities(random: np.random.Generator) -> None:
+    """M is symmetric and positive definite, M a + h = tau, RNEA(ABA(tau)) = tau, T = v M v / 2."""
+    robot = random_robot(random)
+    q, v = random_state(random, robot)
+    tau = random.uniform(-10, 10, robot.nv)
+    mass, a = robot.mass_matrix(q), robot.forward_dynamics(q, v, tau)
+    assert np.array_equal(mass, mass.T)
+    condition = np.linalg.cond(mass)
+    assert np.linalg.eigvalsh(mass).min() > 0
+    size = np.abs(tau).max() + np.abs(robot.bias(q, v)).max()
+    tolerance = 1e-13 * condition * size + 1e-10 * size
+    np.testing.assert_allclose(mass @ a + robot.bias(q, v), tau, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(robot.inverse_dynamics(q, v, a), tau, rtol=0, atol=tolerance)
+    other = robot.forward_dynamics(q, v, tau, method="crba")
+    np.testing.assert_allclose(other, a, rtol=0, atol=1e-13 * condition * (np.abs(a).max() + 1))
+    kinetic, _ = robot.energy(q, v)
+    np.testing.assert_allclose(kinetic, v @ mass @ v / 2, rtol=1e-12)
+
+
+def energy_rate_is_power(random: np.random.Generator) -> None:
+    """dE/dt along the motion that tau makes is v . tau: by a central difference."""
+    robot = random_robot(random)
+    q, v = random_state(random, robot, lively=1.0)
+    tau, h = random.uniform(-5, 5, robot.nv), 1e-5
+    a = robot.forward_dynamics(q, v, tau)
+    h /= 1.0 + np.abs(a).max() ** 0.5  # light links accelerate much
+    around = []
+    for s in (h, -h):
+        moved = pin.normalize(robot.model, pin.integrate(robot.model, q, s * v + s * s / 2 * a))
+        around.append(np.sum(robot.energy(moved, v + s * a)))
+    kinetic, potential = robot.energy(q, v)
+    rate = (around[0] - around[1]) / (2 * h)
+    size = abs(v @ tau) + kinetic + abs(potential) + 1.0
+    assert abs(rate - v @ tau) < 1e-4 * size * (1 + np.abs(a).max() * h / 1e-3)
+
+
+def compiled_is_portable(random: np.random.Generator) -> None:
+    """The compiled motion is SciPy's around Pinocchio, within both error bars; and both say so, or end in words."""
+    robot = random_robot(random, most=2, kinds=SMALL)
+    q, v = random_state(random, robot)
+    start = time.monotonic()
+    scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.1)
+    runs = []
+    for method in ("rk45", "scipy-dop853"):
+        try:
+            runs.append(tl.simulate(scene, accuracy=1e-6, method=method, samples=20))
+        except (AccuracyError, SceneError):
+            return
+    assert time.monotonic() - start < HANG
+    for run in runs:
+        assert np.isfinite(run.q).all()
+        assert np.isfinite(run.v).all()
+    first, second = runs
+    assert first.error is not None
+    assert second.error is not None
+    for one, two, bar in zip(first.q, second.q, first.error + second.error, strict=True):
+        assert np.abs(one - two).max() <= bar + 1e-12  # of cosines and quaternions less than of their angles
+
+
+def portable_goes_on(random: np.random.Generator) -> None:
+    """Any robot, any effects: finite numbers and an error bar, or one of our errors; never NaN, never a hang."""
+    robot = random_robot(random, most=3)
+    q, v = random_state(random, robot)
+    start = time.monotonic()
+    try:
+        scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.05)
+        run = tl.simulate(scene, accuracy=1e-4, method="scipy-dop853", samples=40)
+    except (AccuracyError, SceneError):
+        pass
+    else:
+        assert np.isfinite(run.q).all()
+        assert np.isfinite(run.energy).all()
+        assert run.error is not None
+        assert run.error.max() <= 1e-4
+    assert time.monotonic() - start < HANG
+
+
+CHECKS: dict[Check, tuple[int, int]] = {
+    identities: (300, 5000), energy_rate_is_power: (200, 3000), portable_goes_on: (25, 1500),
+    compiled_is_portable: (6, 300),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is compiled for one example does not come again."""
+    monkeypatch.setitem(os.environ, "TWOLINK_CACHE", "off")
+
+
+def conduct(check: Check, examples: int) -> None:
+    @settings(max_examples=examples, deadline=None, derandomize=True, database=None,
+              suppress_health_check=list(HealthCheck))  # fmt: skip
+    @given(SEEDS)
+    def run(seed: int) -> None:
+        check(np.random.default_rng(seed))
+
+    run()
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_physics_of_random_robots(check: Check) -> None:
+    conduct(check, CHECKS[check][0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", CHECKS)
+def test_physics_of_many_random_robots(check: Check) -> None:
+    conduct(check, CHECKS[check][1])

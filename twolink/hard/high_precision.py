@@ -1,0 +1,193 @@
+"""References by other equations and more digits than the runs they judge: `python -m twolink.hard.high_precision`.
+
+Two rods: the hand-derived Lagrangian equations in numbers of 200 bits. Free bodies: Euler's equations with a quaternion
+in 200 bits. Chains: the planar equations in absolute angles in long double, by extrapolation (order 14) with two step
+sizes. None of them uses a URDF, Pinocchio or a recursion. The results are in references.json.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PATH = Path(__file__).parent / "references.json"
+BITS = 200
+G = 9.81
+
+
+def stored(name: str) -> tuple[list[float], list[list[float]]]:
+    """(times, q) of a stored reference."""
+    found = json.loads(PATH.read_text(encoding="utf-8"))[name]
+    return found["t"], [[float(x) for x in row] for row in found["q"]]
+
+
+def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence[float], times: Sequence[float]) -> Any:
+    """theta1 (from the horizontal), theta2 at the times, let go at rest under gravity."""
+    import heyoka as hy
+
+    from twolink.lagrange import formulas
+
+    def exact(value: float) -> Any:
+        return hy.expression(hy.real(float(value), BITS))
+
+    theta, rate = hy.make_vars("a", "b"), hy.make_vars("c", "d")
+    sizes, kilos = (exact(lengths[0]), exact(lengths[1])), (exact(masses[0]), exact(masses[1]))
+    a = formulas.mass_entries(sizes, kilos, theta, hy)
+    b = formulas.product_entries(sizes, kilos, theta, hy)
+    c = formulas.square_entries(sizes, kilos, theta, hy, "corrected")
+    d = formulas.gravity_entries(sizes, kilos, exact(G), theta, hy)
+    torque = [-(b[i][0] + b[i][1]) * (rate[0] * rate[1]) - c[i][0] * rate[0] ** 2 - c[i][1] * rate[1] ** 2 - d[i]
+              for i in range(2)]  # fmt: skip
+    determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]
+    first = (a[1][1] * torque[0] - a[0][1] * torque[1]) / determinant
+    second = (a[0][0] * torque[1] - a[1][0] * torque[0]) / determinant
+    system = [(theta[0], rate[0]), (theta[1], rate[1]), (rate[0], first), (rate[1], second)]
+    return _solved(system, [*theta0, 0.0, 0.0], times, 2)
+
+
+def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[float]) -> Any:
+    """Position (0, 0, 0) and quaternion (x, y, z, w) of a free body, by Euler's equations."""
+    import heyoka as hy
+
+    w, p = hy.make_vars("w1", "w2", "w3"), hy.make_vars("x", "y", "z", "s")
+    i = [hy.expression(hy.real(float(m), BITS)) for m in moments]
+    half = hy.expression(hy.real(0.5, BITS))
+    system = [
+        (w[0], (i[1] - i[2]) / i[0] * w[1] * w[2]), (w[1], (i[2] - i[0]) / i[1] * w[2] * w[0]),
+        (w[2], (i[0] - i[1]) / i[2] * w[0] * w[1]),
+        (p[0], half * (p[3] * w[0] + p[1] * w[2] - p[2] * w[1])),
+        (p[1], half * (p[3] * w[1] + p[2] * w[0] - p[0] * w[2])),
+        (p[2], half * (p[3] * w[2] + p[0] * w[1] - p[1] * w[0])),
+        (p[3], -half * (p[0] * w[0] + p[1] * w[1] + p[2] * w[2])),
+    ]  # fmt: skip
+    rows = _solved(system, [*spin, 0.0, 0.0, 0.0, 1.0], times, 7)
+    return [["0", "0", "0", *row[3:]] for row in rows]
+
+
+def _solved(system: Any, start: Sequence[float], times: Sequence[float], count: int) -> list[list[str]]:
+    import heyoka as hy
+
+    state = [hy.real(float(x), BITS) for x in start]
+    ta = hy.taylor_adaptive(system, state, fp_type=hy.real, prec=BITS, tol=hy.real(1e-45, BITS), compact_mode=True)
+    out = []
+    for t in times:  # of exact symmetric rest the last coefficients may vanish: steps are short
+        ta.propagate_until(hy.real(float(t), BITS), max_delta_t=hy.real(0.05, BITS))
+        out.append([_digits(x) for x in ta.state[:count]])
+    return out
+
+
+def _digits(value: Any) -> str:
+    digits, _, power = str(value).partition("e")
+    return f"{digits[:27]}e{power}" if power else digits[:27]
+
+
+def planar_chain(masses: Sequence[float], angle: float, end: float, steps: int, samples: int) -> np.ndarray:
+    """q (samples + 1, n) of n uniform rods of 1 m, straight and at rest at `angle` from hanging, in long double.
+
+    Absolute angles th from hanging: sum_j M_ij cos(th_i - th_j) th_j'' + M_ij sin(th_i - th_j) th_j'^2 + g_i sin th_i
+    = 0, with M_ij = m_k l_i l_j sums. q: the first is th_1, the others are relative.
+    """
+    n, real = len(masses), np.longdouble
+    m = np.array(masses, real)
+    beyond = np.concatenate([np.cumsum(m[::-1])[::-1][1:], [real(0)]])  # the mass that hangs at each rod's end
+    later = np.maximum.outer(np.arange(n), np.arange(n))
+    coupling = (m / 2 + beyond)[later]
+    coupling[np.arange(n), np.arange(n)] = m / 3 + beyond
+    weight = real(G) * (m / 2 + beyond)
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        th, w = x[:n], x[n:]
+        off = th[:, None] - th
+        right = -(coupling * np.sin(off)) @ (w * w) - weight * np.sin(th)
+        return np.concatenate([w, _solve(coupling * np.cos(off), right)])
+
+    x = np.concatenate([np.full(n, real(angle)), np.zeros(n, real)])
+    out, h = [x[:n].copy()], real(end) / steps
+    for k in range(1, steps + 1):
+        x = _step(rate, x, h)
+        if k % (steps // samples) == 0:
+            out.append(x[:n].copy())
+    th = np.array(out)
+    return np.concatenate([th[:, :1], np.diff(th, axis=1)], axis=1)
+
+
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Gaussian elimination in long double: LAPACK has none."""
+    a, b, n = matrix.copy(), right.copy(), len(right)
+    for k in range(n):
+        factor = a[k + 1 :, k] / a[k, k]
+        a[k + 1 :, k + 1 :] -= np.outer(factor, a[k, k + 1 :])
+        b[k + 1 :] -= factor * b[k]
+    for k in reversed(range(n)):
+        b[k] = (b[k] - a[k, k + 1 :] @ b[k + 1 :]) / a[k, k]
+    return b
+
+
+def _step(rate: Any, x: np.ndarray, h: Any) -> np.ndarray:
+    """One step of Gragg's extrapolated midpoint rule, order 14: its coefficients are whole numbers in any precision."""
+    table: list[np.ndarray] = []
+    sizes = (2, 4, 6, 8, 10, 12, 14)
+    for j, n in enumerate(sizes):
+        s = h / n
+        before, now = x, x + s * rate(x)
+        for _ in range(n - 1):
+            before, now = now, before + 2 * s * rate(now)
+        row = [(before + now + s * rate(now)) / 2]
+        for k in range(1, j + 1):
+            ratio = (np.longdouble(n) / sizes[j - k]) ** 2
+            row.append(row[k - 1] + (row[k - 1] - table[j - 1][k - 1]) / (ratio - 1))
+        table.append(row)  # type: ignore[arg-type]
+    return np.asarray(table[-1][-1])
+
+
+BOX = (0.8083333333333335, 0.6833333333333335, 0.1416666666666667)
+CHAINS = (
+    ("chain-10", [1.0] * 10, 0.5),
+    ("chain-50", [1.0] * 50, 0.5),
+    ("chain-100", [1.0] * 100, 0.5),
+    ("chain-200", [1.0] * 200, 0.5),
+    ("chain-outward", [10.0**k for k in range(10)], 0.5),
+    ("chain-inward", [10.0**-k for k in range(10)], 0.5),
+)
+
+
+def main(names: Sequence[str]) -> None:
+    """Compute the references named, or all, and write them into the file."""
+    halves, ones, fives = (
+        [0.5 * k for k in range(1, 61)],
+        [float(k) for k in range(1, 11)],
+        [5.0 * k for k in range(1, 21)],
+    )
+    found: dict[str, Any] = json.loads(PATH.read_text(encoding="utf-8")) if PATH.exists() else {}
+    made: dict[str, tuple[list[float], Any]] = {
+        "arm-swing": (ones, lambda: two_rods((1, 1), (3, 1), (0, 0), ones)),
+        "chaos": (halves, lambda: two_rods((1, 1), (1, 1), (0, 0), halves)),
+        "light-tip": (ones[:5], lambda: two_rods((1, 1), (1, 1e-9), (0.3, -0.5), ones[:5])),
+        "heavy-tip": (ones[:5], lambda: two_rods((1, 1), (1e-9, 1), (0.3, -0.5), ones[:5])),
+        "dzhanibekov": (fives, lambda: free_body(BOX, (0.1, 5.0, 0.1), fives)),
+    }
+    tenths = [0.1 * k for k in range(1, 11)]
+    made |= {name: (tenths, functools.partial(_chain, name, masses, angle)) for name, masses, angle in CHAINS}
+    for name in names or made:
+        times, compute = made[name]
+        found[name] = {"t": times, "q": compute()}
+        PATH.write_text(json.dumps(found, indent=0) + "\n", encoding="utf-8")
+
+
+def _chain(name: str, masses: Sequence[float], angle: float) -> list[list[str]]:
+    sizes = (200, 300) if len(masses) <= 100 else (50, 80)  # long double is slow
+    if masses[-1] > masses[0]:  # light links that hold heavy ones oscillate at 1e5 rad/s
+        sizes = (30_000, 40_000)
+    coarse, fine = (planar_chain(masses, angle, 1.0, steps, 10) for steps in sizes)
+    print(f"{name}: two step sizes differ by {float(np.abs(coarse - fine).max()):.1e}", flush=True)
+    return [[str(x) for x in row] for row in fine[1:]]
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
