@@ -177,7 +177,7 @@ def certify(equations: Equations, method: Method, portable: StepMap, compiled: S
     x[:, 1:] += np.random.default_rng(1).uniform(-1, 1, (size, STATES - 1))
     x = _on_manifold(equations, x)
     _lock_some(equations, x)
-    h = 0.05 / (1.0 + np.fmax(np.abs(equations.rate(0.0, x)).max(axis=0, initial=0.0), fastest(equations, x)[0]))
+    h = 0.05 / (1.0 + np.maximum(np.abs(equations.rate(0.0, x)).max(axis=0, initial=0.0), fastest(equations, x)[0]))
     values = [nominal(equations.robot.model, name) for name in equations.parameters]
     state = portable.initial(x, 0.0, h, h, np.inf, np.array(values)[:, None] if values else None)
     ours, theirs = np.empty_like(state), np.empty_like(state)

@@ -129,7 +129,9 @@ def _worst(hybrid: Hybrid, modes: Modes, x: Array, t: float, again: set[Key]) ->
         if mode == "rolling":
             mu = hybrid.contacts[i].friction
             breaches.append((math.hypot(*rows[1:]) - mu * rows[0] - ALLOWED * scale, ("roll", i)))
-    size, what = max(breaches, default=(0.0, ("", 0)))
+    # What pulls is let go before what rubs too much: where several press, who rubs how much is not determined.
+    size, what = max(breaches, key=lambda breach: (breach[0] > 0.0 and breach[1][0] == "contact", breach),
+                     default=(0.0, ("", 0)))  # fmt: skip
     if size > 0.0:
         kind, which = what
         if kind == "joint":
