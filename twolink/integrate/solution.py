@@ -56,9 +56,9 @@ def not_finite(t: float, step: float | None = None) -> AccuracyError:
 
 
 def too_many_steps(t: float, limit: int = MAX_STEPS) -> AccuracyError:
-    """So many steps and not at the end."""
+    """So many steps are needed."""
     return AccuracyError(
-        f"{limit:,} steps and not at the end",
+        f"more than {limit:,} steps are needed to the end",
         where=f"t = {t:.6g} s",
         remedy="ask for a shorter duration or less accuracy",
     )
