@@ -16,7 +16,7 @@ from twolink.errors import AccuracyError, SceneError
 
 SEEDS = st.integers(0, 2**32 - 1)
 SMALL = ("revolute", "continuous", "prismatic")
-HANG = 30.0  # s
+HANG = 120.0  # s
 Check = Callable[[np.random.Generator], None]
 
 

@@ -48,7 +48,7 @@ def test_slow_clients_do_not_starve_others(served: Served, http: httpx.Client) -
             connection.sendall(part[: 30 + k % 60] if k % 2 else part + b"\r\n{")
         start = time.monotonic()
         assert all(http.post("/v1/robots/two_link/bias", json={"q": [0, 0]}).status_code == 200 for _ in range(50))
-        assert time.monotonic() - start < 20
+        assert time.monotonic() - start < 60  # they would be starved for longer
     finally:
         for connection in slow:
             connection.close()

@@ -125,8 +125,7 @@ def test_the_plots_zoom_hide_and_move_the_robot(page: Page) -> None:
 
 @pytest.mark.browser
 def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
-    """A newcomer's way, in seconds that a person's hand would add to."""
-    start = time.monotonic()
+    """A newcomer's way."""
     (tmp_path / "mine.urdf").write_text(pendulum(VISUAL, name="mine"))
     page.open()
     page.upload(tmp_path / "mine.urdf")
@@ -138,7 +137,6 @@ def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
     page.wait_for("document.getElementById('expected')")
     page.run()
     assert page.plays()
-    assert time.monotonic() - start < 60
     page.choose("#robot-select", "two_link")
     page.wait_for("document.getElementById('robot-facts').innerText.startsWith('two_link')")
     assert page.evaluate("document.getElementById('result').hidden")

@@ -145,7 +145,7 @@ class Browser:
             raise RuntimeError(f"{expression}: {json.dumps(answer['exceptionDetails'])[:1000]}")
         return answer["result"].get("value")
 
-    def wait_for(self, condition: str, limit: float = 60.0) -> None:
+    def wait_for(self, condition: str, limit: float = 120.0) -> None:
         """Wait until a JavaScript expression is true."""
         end = time.monotonic() + limit
         while not self.evaluate(f"!!({condition})"):
