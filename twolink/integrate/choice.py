@@ -91,11 +91,14 @@ def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: fl
 
 
 def _decay(equations: Equations) -> float:
-    """The fastest decay at the start, 1/s; 0 where what is fastest oscillates or grows."""
+    """The fastest decay at the start, 1/s; 0 where what is fastest oscillates or grows. Found once for equations."""
     if equations.space.size == 0:
         return 0.0
-    rates, dying = fastest(equations, equations.start[:, None])
-    return float(rates[0]) if dying[0] else 0.0
+    known: float | None = vars(equations).get("_decay")
+    if known is None:
+        rates, dying = fastest(equations, equations.start[:, None])
+        known = vars(equations)["_decay"] = float(rates[0]) if dying[0] else 0.0
+    return known
 
 
 def compiling_seconds(operations: int) -> float:
