@@ -19,8 +19,8 @@ import numpy as np
 
 import twolink as tl
 from twolink.effects import Effect
-from twolink.files import write_table
 from twolink.integrate.equations import equations_of
+from twolink.io.tables import write_table
 
 ROUNDS = 9
 

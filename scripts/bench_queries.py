@@ -22,7 +22,8 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from twolink.dynamics import functions, kernels
+from twolink.algorithms import functions
+from twolink.dynamics import kernels
 from twolink.dynamics.threads import thread_count
 
 OUT = Path(__file__).parents[1] / "out"
@@ -241,7 +242,7 @@ def picture(rows: list[list]) -> None:
     """Nanoseconds a state against degrees of freedom, one colour a contestant."""
     from matplotlib.ticker import NullLocator, ScalarFormatter
 
-    from twolink.show.plots import COLOURS, new_figure, save_figure
+    from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
 
     colour_of = {
         "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0], "pin.rneaInParallel": COLOURS[0],

@@ -56,7 +56,7 @@ def serve_bare() -> None:
     """Serve the bare application with the service's own options."""
     import uvicorn
 
-    from twolink.service.run import _options
+    from twolink.service.server import _options
     from twolink.service.settings import Settings
 
     config = uvicorn.Config(bare, **{**_options(Settings(data="")), "port": 0})

@@ -19,7 +19,7 @@ import numpy as np
 
 import twolink as tl
 from twolink.lagrange import formulas
-from twolink.lagrange.reference import arm_urdf
+from twolink.lagrange.pinocchio_arm import arm_urdf
 
 SECONDS, BITS, G = 10, 200, 9.81
 # th1, th2 absolute from downward; an independent program's, for g = 9.81.

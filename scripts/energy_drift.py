@@ -29,7 +29,7 @@ import numpy as np
 
 import twolink as tl
 from twolink.errors import AccuracyError
-from twolink.lagrange.reference import arm_urdf
+from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
 
 matplotlib.use("Agg")

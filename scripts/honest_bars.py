@@ -30,7 +30,7 @@ from twolink.errors import AccuracyError, CertificationError, TwolinkError
 from twolink.integrate import step_map, taylor
 from twolink.integrate.equations import Equations
 from twolink.scenes import Scene
-from twolink.trajectory import Trajectory
+from twolink.simulation.trajectory import Trajectory
 
 OUT = Path(__file__).parents[1] / "out" / "honest_bars.csv"
 SAMPLES = 20.0

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 import twolink as tl
-from twolink.show.paper import by_hand
-from twolink.show.plots import COLOURS, new_figure, save_figure
+from twolink.paper.figures import by_hand
+from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
 
 SECONDS = 2.48  # about one cycle
 

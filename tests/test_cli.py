@@ -15,7 +15,7 @@ import pytest
 
 import twolink as tl
 from tests.command import TOP, answer, call, one_line
-from twolink.cli import app, main
+from twolink.cli.app import app, main
 
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
             "hard-cases", "throw", "serve"]  # fmt: skip
@@ -186,7 +186,7 @@ def test_options_say_which_robot() -> None:
 
 
 def test_a_cross_check_judges(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    from twolink.robots import second_reading
+    from twolink.robots import cross_check as second_reading
 
     robot = tl.load_robot("two_link")
     for name in ("two_link", "alex_psyonic_hands"):  # whose fingers mimic joints that do not move

@@ -8,8 +8,8 @@ import pytest
 
 import twolink as tl
 from tests.command import answer, call, one_line
-from twolink.cli import main
-from twolink.cli_scenes import Bar
+from twolink.cli.app import main
+from twolink.cli.scenes import Bar
 from twolink.integrate.methods import METHODS
 
 STUDY = ["accuracy", "arm-swing", "--duration", "0.5", "--methods", "rk45, dop853", "--tolerances", "1e-3,1e-6",

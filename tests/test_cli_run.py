@@ -11,8 +11,8 @@ import pytest
 
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
-from twolink.cli import main
-from twolink.cli_print import Progress
+from twolink.cli.app import main
+from twolink.cli.printing import Progress
 
 
 def test_run_reports_and_writes(tmp_path: Path) -> None:

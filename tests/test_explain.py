@@ -45,9 +45,9 @@ def test_modules_of_absent_effects_are_not_imported() -> None:
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "twolink.effects.gravity" in loaded
-    assert not {f"twolink.effects.{name}" for name in ("air_drag", "joint_damping", "torque", "pd", "payload")} & {
-        *loaded
-    }
+    assert not {
+        f"twolink.effects.{name}" for name in ("air_drag", "joint_damping", "torque", "joint_pd", "payload")
+    } & {*loaded}
 
 
 def test_refusals() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from twolink.errors import TwolinkError
-from twolink.files import read_table, write_table
+from twolink.io.tables import read_table, write_table
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz", ".CSV", ".Npz"])

@@ -85,7 +85,7 @@ def test_worlds_bits_do_not_depend_on_their_number() -> None:
 
 
 def test_saving_does_not_overwrite_another_urdf(tmp_path) -> None:  # type: ignore[no-untyped-def]
-    from twolink.lagrange.reference import arm_urdf
+    from twolink.lagrange.pinocchio_arm import arm_urdf
 
     (tmp_path / "mine.urdf").write_text("something else")
     with pytest.raises(SceneError, match="another file"):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from twolink.dynamics.saved_robot import model_digest, robot_notes
 from twolink.errors import SceneError
-from twolink.files import read_table, write_table
-from twolink.identity import model_digest, robot_notes
+from twolink.io.tables import read_table, write_table
 
 LOADS = {
     "plain": ("two_link", {}),

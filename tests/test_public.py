@@ -32,12 +32,13 @@ def test_names_are_there() -> None:
     assert sorted(tl.__all__) == FACE[tl]
 
 
-def test_simulate_stays_a_function_when_its_module_is_imported() -> None:
-    import twolink.explain
-    import twolink.simulate
+def test_no_public_function_is_shadowed_by_a_module() -> None:
+    import twolink.service.client
+    import twolink.simulation.energy_balance
+    import twolink.simulation.explanation
+    import twolink.simulation.scene_run
 
-    assert callable(twolink.simulate)
-    assert callable(twolink.explain)
+    assert all(callable(getattr(twolink, name)) for name in ("simulate", "explain", "energy_book", "connect"))
 
 
 def test_public_functions_say_what_they_do() -> None:

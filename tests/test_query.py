@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from twolink.dynamics.named_queries import answer_query, parse_numbers, read_states
 from twolink.dynamics.threads import thread_count
 from twolink.errors import QueryError
-from twolink.query import answer_query, parse_numbers, read_states
 
 
 @pytest.fixture(scope="module")

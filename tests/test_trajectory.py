@@ -123,7 +123,7 @@ def test_names_are_drawn_to_the_letter(suffix: str, tmp_path: Path) -> None:
 
 
 def test_legends_show_every_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twolink.show import plots
+    from twolink.show import trajectory_plot as plots
 
     drawn = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
@@ -155,7 +155,7 @@ def test_plots(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
 
 
 def test_plot_draws_the_samples(run: tl.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twolink.show import plots
+    from twolink.show import trajectory_plot as plots
 
     drawn = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)

@@ -3,21 +3,27 @@
 from typing import TYPE_CHECKING, Any
 
 from twolink import effects, errors, lagrange
+from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
-from twolink.ensembles import Worlds, simulate_many
-from twolink.explain import explain
 from twolink.scenes import Scene, load_scene
-from twolink.simulate import simulate
-from twolink.trajectory import Trajectory
+from twolink.simulation import Worlds, simulate_many
+from twolink.simulation.explanation import explain
+from twolink.simulation.scene_run import simulate
+from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from twolink.book import Book, energy_book, loop_forces
-    from twolink.client import connect
+    from twolink.service.client import connect
+    from twolink.simulation.energy_balance import Book, energy_book, loop_forces
 
-__version__ = "0.1.0"
-
-_LATER = {"Book": "book", "energy_book": "book", "loop_forces": "book", "connect": "client"}  # imported when used
+# Imported when used.
+_BOOK = "twolink.simulation.energy_balance"
+_LATER = {
+    "Book": _BOOK,
+    "energy_book": _BOOK,
+    "loop_forces": _BOOK,
+    "connect": "twolink.service.client",
+}  # imported when used
 
 
 def __getattr__(name: str) -> Any:
@@ -25,7 +31,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'twolink' has no attribute {name!r}")
     import importlib
 
-    return getattr(importlib.import_module(f"twolink.{_LATER[name]}"), name)
+    return getattr(importlib.import_module(_LATER[name]), name)
 
 
 __all__ = [

@@ -1,6 +1,6 @@
 """`python -m twolink`: the command line."""
 
-from twolink.cli import main
+from twolink.cli.app import main
 
 if __name__ == "__main__":
     main()

@@ -20,52 +20,96 @@ from typing import Any
 class TwolinkError(Exception):
     """The root of all failures raised by twolink.
 
-    `what` went wrong (with the offending value and what was expected), `where` (file, link, joint, argument),
-    and the `remedy`. The message is these three in one line.
+    Parameters
+    ----------
+    what : str
+        What went wrong: the value that was found and what was expected.
+    where : str
+        The file, line, link, joint or argument it was found at.
+    remedy : str
+        What to do about it.
+    code : str, optional
+        The kind of failure for programs, lower case with hyphens. Programs decide by it, never by the message.
+    argument : str, optional
+        The argument of the public call that caused it.
+    **data
+        Plain numbers and texts that belong to the code, such as the time up to which a result can be trusted.
+
+    Notes
+    -----
+    The message is `where: what; remedy` in one line. Errors survive pickling with all their attributes.
     """
 
-    def __init__(self, what: str, *, where: str = "", remedy: str = "") -> None:
+    code = "error"
+
+    def __init__(
+        self, what: str, *, where: str = "", remedy: str = "", code: str = "", argument: str = "", **data: Any
+    ) -> None:
         self.what, self.where, self.remedy = what, where, remedy
+        self.code = code or type(self).code
+        self.argument, self.data = argument, data
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message}; {remedy}" if remedy else message)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (type(self), self.what, self.where, self.remedy)
+        return _rebuild, (type(self), self.args, self.__dict__)
 
 
-def _rebuild(kind: type[TwolinkError], what: str, where: str, remedy: str) -> TwolinkError:
-    """Unpickle an error (keyword-only arguments do not survive Exception's own pickling)."""
-    return kind(what, where=where, remedy=remedy)
+def _rebuild(kind: type[TwolinkError], args: tuple[object, ...], state: dict[str, Any]) -> TwolinkError:
+    """Unpickle an error (Exception's own pickling loses keyword-only arguments)."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class RobotError(TwolinkError):
     """The robot cannot be loaded."""
 
+    code = "robot"
+
 
 class QueryError(TwolinkError, ValueError):
     """A dynamics query got an argument it cannot answer."""
+
+    code = "query"
 
 
 class SceneError(TwolinkError, ValueError):
     """A scene names something that does not exist, or cannot be simulated."""
 
+    code = "scene"
+
 
 class AccuracyError(TwolinkError):
-    """The asked accuracy cannot be kept. `run` is the best trajectory that was found, with its error bar, if any."""
+    """The asked accuracy cannot be kept. `run` is the best trajectory that was found, with its error bar, if any.
 
-    run: Any = None
+    Code "accuracy-limit": a later sample is less accurate than asked. Its data has `trusted_until` [s], the time up to
+    which the accuracy is kept, and `precision`, the precision that would reach further ("quad"), or "".
+    """
+
+    code = "accuracy"
+
+    def __init__(self, what: str, *, run: Any = None, **parts: Any) -> None:
+        super().__init__(what, **parts)
+        self.run = run
 
 
 class CertificationError(TwolinkError):
     """A compiled function disagrees with Pinocchio."""
 
+    code = "certification"
+
 
 class ShowError(TwolinkError):
     """A figure or a playback cannot be made."""
 
+    code = "show"
+
 
 class MissingExtraError(TwolinkError, ImportError):
     """An optional library is needed and not installed."""
+
+    code = "missing-extra"
 
 
 def nearest(name: str, known: Iterable[str], *, most: int = 12) -> str:

@@ -1,4 +1,4 @@
-"""twolink.simulate, by its public call alone."""
+"""twolink.simulation.scene_run, by its public call alone."""
 
 from __future__ import annotations
 

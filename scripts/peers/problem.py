@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from twolink.dynamics.mechanism import mechanism
-from twolink.dynamics.recursions import forward_dynamics_crba
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.recursions import forward_dynamics_crba
 
 INTERVALS = 20
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}

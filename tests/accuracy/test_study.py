@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.accuracy import clock, conduct, ladder, reference
-from twolink.accuracy.study import Row, with_front
+from twolink.accuracy import settings as ladder
+from twolink.accuracy import study as conduct
+from twolink.accuracy import time_limit as clock
+from twolink.accuracy import truth as reference
+from twolink.accuracy.result import Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
-from twolink.files import read_table
 from twolink.integrate.equations import equations_of
 from twolink.integrate.methods import METHODS
+from twolink.io.tables import read_table
 
 END = (-0.2229716591521448578, 0.74849218369550184904)  # arm-swing at 10 s, by an independent program
 TOLERANCES = (1e-3, 1e-6, 1e-9)

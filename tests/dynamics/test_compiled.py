@@ -13,10 +13,12 @@ import pytest
 
 import twolink as tl
 from tests.dynamics.states import close, states
-from twolink.dynamics import cache, choice, compiled, functions, kernels
-from twolink.dynamics.certify import certify
+from twolink.algorithms import functions
+from twolink.dynamics import cache, compiled, kernels
+from twolink.dynamics import engine as choice
+from twolink.dynamics.certificates import certify
 from twolink.errors import CertificationError, MissingExtraError, QueryError
-from twolink.lagrange.reference import arm_urdf
+from twolink.lagrange.pinocchio_arm import arm_urdf
 
 ROBOTS = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
 

@@ -9,10 +9,10 @@ import pinocchio as pin
 import pytest
 
 from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
-from twolink.dynamics import derivatives, recursions
-from twolink.dynamics.branch_sparse import ldlt, ldlt_inverse
-from twolink.dynamics.mechanism import mechanism, nominal
-from twolink.dynamics.sincos import Traced
+from twolink.algorithms import derivatives, recursions
+from twolink.algorithms.mechanism import mechanism, nominal
+from twolink.algorithms.sincos import Traced
+from twolink.algorithms.sparse_factors import ldlt, ldlt_inverse
 from twolink.errors import QueryError
 
 STATES = 4

@@ -10,9 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import twolink
-from twolink.dynamics import articulated, recursions
-from twolink.dynamics.mechanism import Mechanism, mechanism, nominal, parameter_names
-from twolink.dynamics.spatial import Pose
+from twolink.algorithms import articulated_body as articulated
+from twolink.algorithms import recursions
+from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names
+from twolink.algorithms.spatial import Pose
 from twolink.errors import QueryError
 
 STATES = 8

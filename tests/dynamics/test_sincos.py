@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from twolink.dynamics.sincos import LIMIT, Traced, sin_cos
+from twolink.algorithms.sincos import LIMIT, Traced, sin_cos
 
 Pair = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 BOUND = 4e-16

@@ -6,9 +6,9 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import BALL, wheel
+from twolink.algorithms.namespaces import Numbers
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
-from twolink.integrate.namespaces import Numbers
 
 
 def test_pd_is_a_spring_and_damper_about_its_target() -> None:

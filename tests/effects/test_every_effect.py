@@ -9,10 +9,10 @@ import pytest
 
 import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
-from twolink.integrate import control
+from twolink.algorithms.namespaces import Numbers
+from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
-from twolink.integrate.namespaces import Numbers
 from twolink.integrate.step_map import step_map
 
 GRAVITY = E.Gravity()
@@ -100,7 +100,7 @@ def test_only_effects_in_use_are_imported() -> None:
         "print(*sorted(m.split('.')[-1] for m in sys.modules if m.startswith('twolink.effects.')))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    shared = {"effect", "inputs", "loop", "motion", "sampled", "switch"}  # what effects have in common
+    shared = {"effect", "inputs", "loop", "motion", "sampled", "switching"}  # what effects have in common
     assert set(out) == {"gravity", *shared}
 
 

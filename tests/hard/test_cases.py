@@ -9,8 +9,8 @@ import pytest
 from tests.command import call
 from twolink.errors import SceneError
 from twolink.hard import Motion, all_cases, chosen, run_case
+from twolink.hard.case_result import MET, SAID
 from twolink.hard.page import page
-from twolink.hard.result import MET, SAID
 
 PATIENCE = 300.0  # a hang, on any machine
 

@@ -6,9 +6,9 @@ import pytest
 from tests.integrate.problems import GRAVITY, arm, box, random_states, rods, tight
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
-from twolink.integrate.march import march, march_many
 from twolink.integrate.methods import METHODS
 from twolink.integrate.step_map import step_map
+from twolink.integrate.stepping import march, march_many
 from twolink.scenes import Scene
 
 TIMES = np.linspace(0, 2, 401)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import BOX_END, GRAVITY, arm, box, random_states, tight
-from twolink.integrate import control, taylor
+from twolink.integrate import step_control as control
+from twolink.integrate import taylor
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.step_map import StepMap, step_map

@@ -8,11 +8,11 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
-from twolink.integrate import control
+from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.lagrange.reference import arm_urdf
+from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
 
 OURS = [m for m in METHODS.values() if m.kind in ("semi-implicit", "explicit", "implicit")]

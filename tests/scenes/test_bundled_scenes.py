@@ -9,8 +9,8 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
+from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.equations import equations_of
-from twolink.integrate.namespaces import Numbers
 
 ACCURACY = {"crankshaft": 1e-8, "crank-spring": 1e-9, "squeezer": 1e-9}
 

@@ -5,12 +5,12 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loop import Loop
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations, equations_of
-from twolink.integrate.namespaces import Numbers
-from twolink.integrate.reference import loop_acceleration
+from twolink.integrate.pinocchio_rate import loop_acceleration
 
 E = tl.effects
 DISCS = """<robot name="discs"><link name="base"/>{}</robot>""".format("".join(

@@ -12,10 +12,10 @@ from scipy.integrate import solve_ivp
 
 import twolink as tl
 from tests.command import answer
-from twolink.cli import main
-from twolink.cli_scenes import Bar
+from twolink.cli.app import main
+from twolink.cli.scenes import Bar
 from twolink.effects import Gravity, Watch
-from twolink.ensembles.throw import AIMS, Throw, ball, throw
+from twolink.paper.throw import AIMS, Throw, ball, throw
 
 G, RADIUS, MASS = 9.81, 0.0366, 0.145
 LANE, BALL = 0.15, 0.108  # the lane's friction, the bowling ball's radius

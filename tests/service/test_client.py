@@ -11,8 +11,8 @@ import pytest
 import twolink as tl
 from tests.service.serving import Served
 from tests.service.urdfs import pendulum
-from twolink.client import Client
 from twolink.errors import QueryError, RobotError, SceneError, TwolinkError
+from twolink.service.client import Client
 
 RNG = np.random.default_rng(2)
 

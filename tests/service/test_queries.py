@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.query import QUERIES, answer_query
+from twolink.dynamics.named_queries import QUERIES, answer_query
 
 NPZ = {"Content-Type": "application/x-npz"}
 ROBOTS = ["two_link", "ur5", "kinova"]  # kinova has continuous joints

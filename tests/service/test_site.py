@@ -59,7 +59,7 @@ def test_health_and_metrics(http: httpx.Client) -> None:
 
 
 def test_import_loads_no_web_library() -> None:
-    code = "import sys, twolink, twolink.cli; print(*sys.modules)"
+    code = "import sys, twolink, twolink.cli.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
     assert not {"litestar", "uvicorn", "prometheus_client", "sqlite3"} & set(done.stdout.split())
 

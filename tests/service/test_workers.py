@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from twolink.service.workers import TaskFailed, Workers
+from twolink.service.worker_pool import TaskFailed, Workers
 
 
 def run(work: Callable[[Workers], Awaitable[Any]], most: int = 1) -> Any:

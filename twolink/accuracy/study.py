@@ -1,201 +1,170 @@
-"""Study: what accuracy costs in time, row by row, its Pareto front, and the price of each further digit."""
+"""accuracy_study: every method at every setting, against a reference, kept for method="auto"."""
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from twolink.accuracy.reference import BETTER, Reference
-from twolink.errors import AccuracyError, TwolinkError
-from twolink.files import SUFFIXES, require_format, write_table, write_whole
+from twolink.accuracy.result import Row, Study, with_front
+from twolink.accuracy.settings import Measuring, climb, count
+from twolink.accuracy.truth import BETTER, Truth, better_truth, first_truth
+from twolink.dynamics.arguments import positive
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate import calibration
+from twolink.integrate.equations import equations_of
+from twolink.integrate.methods import METHODS, Method, method_named
+from twolink.integrate.state import Array
+from twolink.scenes import Scene
+from twolink.scenes.scene import duration_of
 
-SAVED = (".json", *SUFFIXES)
-COARSEST, FINEST = 0.1, 1e-16  # rad or m: the first digit that has a price, and the last one of a double
+MAX_SAMPLES = 200_000  # each row keeps its own until the reference is settled
+StudyProgress = Callable[[int, int, str], None]
 
 
-@dataclass(frozen=True)
-class Row:
-    """A method at a setting: its error [rad, m], the largest of q at any sample, and its seconds of wall clock.
+def accuracy_study(
+    scene: Scene,
+    duration: float | None = None,
+    *,
+    methods: Sequence[str] | None = None,
+    tolerances: Sequence[float] | None = None,
+    repeats: int = 7,
+    samples: float = 50.0,
+    budget: float = 1.0,
+    progress: StudyProgress | None = None,
+) -> Study:
+    """Measure what accuracy costs on a scene: the error and the seconds of each method at several settings.
 
-    tolerance: of adaptive methods, else None. step: of methods with fixed steps [s], else None. seconds: the median of
-    some runs after a first one, compiling not counted; compile_seconds: that, 0 where it was at hand. front: no other
-    row is both more accurate and quicker. resolved: the reference is 100 times better than this row, so that the error
-    is known; where it is not, the error is at most `error` plus the reference's own.
+    methods: names of `twolink methods`; all that run here when left out. tolerances: of adaptive methods, and what the
+    steps of the others aim at; a ladder from rough to rounding when left out. repeats: timed runs after the first,
+    fewer of slow ones; the row has their median. samples: samples a second, at which errors are taken, and which the
+    runs must deliver. budget: seconds a run may take; a method's ladder ends there. progress: called with entries
+    done, entries in all, and the one that comes.
+
+    Errors are max |difference(q, q_reference)| over samples, rad or m; study.reference says what the reference is, and
+    its own error. What gave no row is in study.failures. Ctrl-C keeps what is done, and study.interrupted tells.
+    A complete study of all methods is remembered, so that simulate's method="auto" chooses by it.
+
+    Raises SceneError and AccuracyError for arguments and for scenes whose motion cannot be solved.
     """
-
-    method: str
-    tolerance: float | None
-    step: float | None
-    error: float
-    seconds: float
-    evaluations: int
-    steps: int
-    rejected: int = 0
-    compile_seconds: float = 0.0
-    front: bool = False
-    resolved: bool = True
-
-    @property
-    def setting(self) -> str:
-        """The tolerance or the step, as text."""
-        return f"tolerance {self.tolerance:.2g}" if self.step is None else f"step {self.step:.3g} s"
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A method, at a setting or altogether (both None), that gave no row, and why."""
-
-    method: str
-    tolerance: float | None
-    step: float | None
-    reason: str
-
-
-@dataclass(frozen=True)
-class Price:
-    """The cheapest row with an error of at most `accuracy` [rad, m]: its seconds, and those over the decade before."""
-
-    accuracy: float
-    seconds: float
-    ratio: float | None
-    row: Row
+    if not isinstance(scene, Scene):
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
+    began = time.perf_counter()
+    chosen, wanted = _methods(methods), _tolerances(tolerances)
+    times = _times(scene.duration if duration is None else duration_of(duration), samples)
+    equations = equations_of(scene)
+    if equations.space.nv == 0:
+        raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
+    tell = progress or _silent
+    limit = positive(budget, "budget", AccuracyError, "such as 1 second")
+    repeats = _repeats(repeats)
+    total = sum(count(method, wanted) for method in chosen) + repeats
+    tell(0, total, "the reference")
+    measuring = Measuring(equations, times, first_truth(equations, times), repeats, limit)
+    interrupted = False
+    try:
+        _climb_all(measuring, chosen, wanted, tell, total)
+        tell(total - repeats, total, "a reference of more digits")
+        _improve_reference(measuring)
+        for number in range(2, repeats + 1):
+            tell(total - repeats + number - 1, total, f"all once more, {number} of {repeats}")
+            measuring.time_again(number)
+        tell(total, total, "done")
+    except KeyboardInterrupt:
+        interrupted = True
+    rows = with_front(_sorted(measuring), measuring.truth.about)
+    if methods is None and not interrupted:
+        calibration.record(equations, float(times[-1]), _measured(rows, measuring.truth))
+    return Study(scene.robot.name, float(times[-1]), len(times), rows, tuple(measuring.failures),
+                 measuring.truth.about, time.perf_counter() - began, interrupted)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Study:
-    """What each method's accuracy costs on a scene.
+def _climb_all(
+    measuring: Measuring,
+    methods: Iterable[Method],
+    tolerances: tuple[float, ...] | None,
+    tell: StudyProgress,
+    total: int,
+) -> None:
+    done = 0
+    for method in methods:
 
-    robot: its name. duration [s], samples: how many. rows: by method, from rough to accurate. failures: what gave no
-    row, and why. reference: what the errors were measured against. interrupted: Ctrl-C ended it early.
-    """
+        def before(number: int, setting: float, method: Method = method, done: int = done) -> None:
+            what = "tolerance" if method.adaptive else "step"
+            tell(done + number, total, f"{method.name}, {what} {setting:.2g}")
 
-    robot: str
-    duration: float
-    samples: int
-    rows: tuple[Row, ...]
-    failures: tuple[Failure, ...]
-    reference: Reference
-    seconds: float
-    interrupted: bool = False
-
-    @property
-    def front(self) -> tuple[Row, ...]:
-        """The Pareto front: rows that no other beats in both error and seconds, from rough to accurate."""
-        return tuple(sorted((row for row in self.rows if row.front), key=lambda row: -row.error))
-
-    def cheapest(self, accuracy: float) -> Row:
-        """The row with the fewest seconds among those with an error of at most `accuracy` [rad, m].
-
-        The reference's own error counts as the row's. Raises AccuracyError with the best that was reached.
-        """
-        good = [row for row in self.rows if row.error + self.reference.error <= accuracy]
-        if good:
-            return min(good, key=lambda row: row.seconds)
-        best = min(self.rows, key=lambda row: row.error, default=None)
-        if best is None:
-            why = self.failures[0].reason if self.failures else "it was interrupted"
-            raise AccuracyError(f"the study has no rows: {why}", where="accuracy", remedy="a larger budget= or others")
-        raise AccuracyError(
-            f"nothing reached {accuracy:g}: the best was {best.error:.1e} by {best.method}, {best.setting}",
-            where="accuracy",
-            remedy="ask for less, or simulate with precision='quad'",
-        )
-
-    def price_of_digits(self) -> tuple[Price, ...]:
-        """For each decade of accuracy that was reached, 0.1 and better: the fewest seconds, and what that is as a
-        multiple of the decade before."""
-        prices: list[Price] = []
-        best = min((row.error + self.reference.error for row in self.rows), default=math.inf)
-        accuracy = COARSEST
-        while best <= accuracy and accuracy >= FINEST:
-            row = self.cheapest(accuracy)
-            prices.append(Price(accuracy, row.seconds, row.seconds / prices[-1].seconds if prices else None, row))
-            accuracy = float(f"1e{round(math.log10(accuracy)) - 1}")
-        return tuple(prices)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The study as plain data, which `save` writes as JSON."""
-        own = {name: getattr(self, name) for name in ("robot", "duration", "samples", "seconds", "interrupted")}
-        prices = [
-            {"accuracy": p.accuracy, "seconds": p.seconds, "ratio": p.ratio, "method": p.row.method,
-             "tolerance": p.row.tolerance, "step": p.row.step} for p in self.price_of_digits()
-        ]  # fmt: skip
-        reference = {**asdict(self.reference), "q_end": list(self.reference.q_end)}
-        return {**own, "reference": reference, "rows": [asdict(row) for row in self.rows],
-                "failures": [asdict(failure) for failure in self.failures], "price_of_digits": prices}  # fmt: skip
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Study:
-        """Read a study saved as .json. Raises TwolinkError for what is not one."""
-        try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-            own = {name: data[name] for name in ("robot", "duration", "samples", "seconds", "interrupted")}
-            reference = Reference(**{**data["reference"], "q_end": tuple(data["reference"]["q_end"])})
-            rows, failures = (Row(**row) for row in data["rows"]), (Failure(**f) for f in data["failures"])
-            return cls(**own, rows=tuple(rows), failures=tuple(failures), reference=reference)
-        except OSError as error:
-            what = f"cannot be read: {error.strerror or error}"
-            raise TwolinkError(what, where=str(path), remedy="check the path") from None
-        except (ValueError, KeyError, TypeError):
-            remedy = "save the study again, as .json"
-            raise TwolinkError("it is not a saved study", where=str(path), remedy=remedy) from None
-
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write all of it to .json, or its rows to .csv, .parquet or .npz; numbers keep every digit."""
-        target = Path(path)
-        suffix = require_format(target, SAVED)
-        if suffix == ".json":
-            text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-            return write_whole(target, lambda file: file.write(text.encode()))
-        notes = {"robot": self.robot, "duration": repr(self.duration), "reference": self.reference.how,
-                 "reference_error": repr(self.reference.error)}  # fmt: skip
-        return write_table(target, self._columns(as_text=suffix == ".csv"), notes)
-
-    def _columns(self, *, as_text: bool) -> dict[str, np.ndarray]:
-        """The rows by column. As text, what a row does not have is empty; as numbers it is NaN."""
-        table: dict[str, np.ndarray] = {}
-        for name in Row.__dataclass_fields__:
-            values = [getattr(row, name) for row in self.rows]
-            if as_text:
-                table[name] = np.array(["" if v is None else str(v) for v in values], dtype=str)
-            elif name in ("tolerance", "step"):
-                table[name] = np.array([math.nan if v is None else v for v in values], dtype=float)
-            else:
-                table[name] = np.array(values)
-        return table
-
-    def plot(self, path: str | os.PathLike[str]) -> Path:
-        """Draw seconds over error, a line a method, with the front and its prices, into a .png, .svg or .pdf."""
-        from twolink.show.accuracy_plot import plot_study
-
-        return plot_study(self, Path(path))
-
-    def text(self) -> str:
-        """The study as tables for people."""
-        from twolink.accuracy.report import report
-
-        return report(self)
-
-    def __str__(self) -> str:
-        return self.text()
+        climb(measuring, method, tolerances, before)
+        done += count(method, tolerances)
 
 
-def with_front(rows: Sequence[Row], reference: Reference) -> tuple[Row, ...]:
-    """The rows, each with whether it is on the Pareto front and whether its error is resolved."""
-    bounds = [row.error + reference.error for row in rows]
-    order = sorted(range(len(rows)), key=lambda i: (rows[i].seconds, bounds[i]))
-    best, front = math.inf, set()
-    for i in order:
-        if bounds[i] < best:
-            best = bounds[i]
-            front.add(i)
-    return tuple(
-        replace(row, front=i in front, resolved=row.error >= BETTER * reference.error) for i, row in enumerate(rows)
-    )
+def _improve_reference(measuring: Measuring) -> None:
+    """Take a reference of more digits where the best entry comes too near to this one's error."""
+    best = min((row.error for row in (entry.row for entry in measuring.found)), default=math.inf)
+    if best >= BETTER * measuring.truth.own or measuring.truth.precision != "extended":
+        return
+    better = better_truth(measuring.equations, measuring.times)
+    if better is None or better.own > measuring.truth.own:
+        return
+    space = measuring.equations.space
+    measuring.truth = better
+    for entry in measuring.found:
+        entry.row = replace(entry.row, error=better.error_of(space, entry.q))
+
+
+def _sorted(measuring: Measuring) -> list[Row]:
+    """By method in the order of METHODS, from rough to accurate."""
+    order = list(METHODS)
+    return sorted((row for row in (entry.row for entry in measuring.found)),
+                  key=lambda row: (order.index(row.method), -(row.tolerance or row.step or 0.0)))  # fmt: skip
+
+
+def _measured(rows: Iterable[Row], truth: Truth) -> list[calibration.Measured]:
+    """What method="auto" may choose from: rows that set a tolerance, as a step is no setting that refines by itself."""
+    return [
+        calibration.Measured(row.method, row.tolerance, row.error + truth.about.error, row.seconds)
+        for row in rows
+        if row.tolerance is not None
+    ]
+
+
+def _methods(names: Sequence[str] | None) -> list[Method]:
+    if names is None:
+        return list(METHODS.values())
+    names = [names] if isinstance(names, str) else list(names)
+    if not names:
+        raise SceneError("no method is named", where="methods", remedy=f"such as {', '.join(list(METHODS)[2:6])}")
+    if "auto" in names:
+        remedy = "leave methods out to measure all"
+        raise SceneError("'auto' chooses a method, it is none itself", where="methods", remedy=remedy)
+    return list({name: method_named(name) for name in names}.values())
+
+
+def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
+    if values is None:
+        return None
+    given = [values] if isinstance(values, (int, float)) else list(values)
+    if not given:
+        raise AccuracyError("no tolerance is given", where="tolerances", remedy="such as [1e-3, 1e-6, 1e-9]")
+    return tuple(positive(value, "tolerances", AccuracyError, "such as [1e-3, 1e-6, 1e-9]") for value in given)
+
+
+def _repeats(value: int) -> int:
+    if not isinstance(value, int) or value < 1:
+        raise SceneError(f"expected a whole number above 0, got {value!r}", where="repeats", remedy="such as 7")
+    return value
+
+
+def _times(duration: float, samples: float) -> Array:
+    """Samples from 0 to the duration, about that many a second and at least one of them at the end."""
+    rate = positive(samples, "samples", AccuracyError, "such as 50 a second")
+    if duration * rate > MAX_SAMPLES:
+        what = f"{duration * rate:.3g} samples, the limit is {MAX_SAMPLES:.0e}"
+        raise SceneError(what, where="samples", remedy="ask for fewer a second, or a shorter duration")
+    return np.linspace(0.0, duration, max(1, round(duration * rate)) + 1)
+
+
+def _silent(_done: int, _total: int, _label: str) -> None:
+    return

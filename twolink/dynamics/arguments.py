@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.errors import QueryError, TwolinkError
-from twolink.robots.layout import JointLayout
+from twolink.robots.joint_layout import JointLayout
 
 # Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
 UNIT_TOLERANCE = 1e-8

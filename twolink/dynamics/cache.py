@@ -96,7 +96,8 @@ def _surroundings() -> str:
     """Our own code, the versions of what it stands on, and the processor, as text."""
     code = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for path in sorted(p for part in ("dynamics", "effects", "integrate") for p in (package / part).glob("*.py")):
+    rooms = ("algorithms", "dynamics", "effects", "integrate")
+    for path in sorted(path for room in rooms for path in (package / room).rglob("*.py")):
         code.update(path.read_bytes())
     versions = [f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy")]
     try:

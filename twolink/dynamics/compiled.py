@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.algorithms.functions import FrameForce, frame_pose, function
+from twolink.algorithms.mechanism import nominal, parameter_names
+from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
-from twolink.dynamics.certify import Certificate, certify
-from twolink.dynamics.functions import FrameForce, frame_pose, function
+from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.mechanism import nominal, parameter_names
-from twolink.dynamics.sincos import LIMIT
 from twolink.dynamics.wrench import FExt, Wrench
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.dynamics import sincos
+from twolink.algorithms import sincos
+from twolink.algorithms.functions import Function
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.operation_count import Tape
 from twolink.dynamics.arguments import UNIT_TOLERANCE
-from twolink.dynamics.counting import Tape
 from twolink.dynamics.forks import is_forked_child
-from twolink.dynamics.functions import Function
-from twolink.dynamics.mechanism import mechanism
 from twolink.dynamics.threads import thread_count
-from twolink.robots.layout import joint_layouts
+from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
 CHUNK_WORK = 6_000_000  # operations a chunk is worth at least, lest its calls cost more than its answers

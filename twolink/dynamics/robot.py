@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.dynamics import reference
+from twolink.dynamics import pinocchio_batches as reference
 from twolink.dynamics.arguments import UNIT_TOLERANCE, array, batch_shape, configuration, rows
-from twolink.dynamics.choice import SMALLEST, Choice
 from twolink.dynamics.compiled import Compiled
+from twolink.dynamics.engine import SMALLEST, Choice
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.wrench import Applied, FExt, read_wrenches
 from twolink.errors import QueryError, nearest

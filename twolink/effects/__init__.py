@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from twolink.effects.hinge_loop import HingeLoop
     from twolink.effects.inputs import Polynomial, Sine
     from twolink.effects.joint_damping import JointDamping
+    from twolink.effects.joint_pd import JointPD
     from twolink.effects.joint_spring import JointSpring
     from twolink.effects.joint_stops import JointStops
     from twolink.effects.payload import Payload
-    from twolink.effects.pd import JointPD
     from twolink.effects.plane_contact import PlaneContact
     from twolink.effects.point_loop import PointLoop
     from twolink.effects.release import Release
@@ -42,7 +42,7 @@ EFFECTS = {
     "Gravity": "gravity",
     "GravityCompensation": "gravity_compensation",
     "JointDamping": "joint_damping",
-    "JointPD": "pd",
+    "JointPD": "joint_pd",
     "JointSpring": "joint_spring",
     "Payload": "payload",
     "Rotor": "rotor",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from twolink.algorithms.spatial import add, dot, scale, times
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import add, dot, scale, times
 from twolink.effects.effect import Effect, finite
-from twolink.effects.frames import check_frame, check_three, floats, three
+from twolink.effects.frame_checks import check_frame, check_three, floats, three
 from twolink.effects.inputs import Input, check_input, value_at
 from twolink.effects.motion import Loads, Motion
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from twolink.algorithms.recursions import newton_euler
+from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.dynamics.recursions import newton_euler
-from twolink.dynamics.spatial import Scalar, minus, plus, times
 from twolink.effects.effect import Effect, finite
 from twolink.effects.inputs import Input, check_input, derivatives_at, twice_differentiable
-from twolink.effects.joints import Limits, check_joints, check_limits, clamped
+from twolink.effects.joint_checks import Limits, check_joints, check_limits, clamped
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 

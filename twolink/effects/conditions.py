@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import msgspec
 
+from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, dot
 from twolink.effects.effect import finite
-from twolink.effects.frames import check_frame
-from twolink.effects.joints import check_joint
+from twolink.effects.frame_checks import check_frame
+from twolink.effects.joint_checks import check_joint
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
 

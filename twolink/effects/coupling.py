@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, minus, plus, times
 from twolink.effects.effect import finite, one_of
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import one_of
-from twolink.effects.joints import check_joints, check_values
-from twolink.effects.switch import Switch
+from twolink.effects.joint_checks import check_joints, check_values
+from twolink.effects.switching import Switch
 from twolink.errors import SceneError
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
+from twolink.algorithms.functions import frame_pose
+from twolink.algorithms.spatial import Vec, add, cross, force_to_parent, plus
 from twolink.dynamics import Robot
-from twolink.dynamics.functions import frame_pose
-from twolink.dynamics.spatial import Vec, add, cross, force_to_parent, plus
 from twolink.effects.effect import Effect, one_of
-from twolink.effects.frames import check_frame, check_three, floats, three
+from twolink.effects.frame_checks import check_frame, check_three, floats, three
 from twolink.effects.inputs import Input, check_input, value_at
 from twolink.effects.motion import Loads, Motion
 

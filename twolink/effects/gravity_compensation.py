@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from twolink.algorithms.recursions import newton_euler
 from twolink.dynamics import Robot
-from twolink.dynamics.recursions import newton_euler
 from twolink.effects.effect import Effect
-from twolink.effects.joints import Limits, check_joint, check_limits, clamped, single_joints
+from twolink.effects.joint_checks import Limits, check_joint, check_limits, clamped, single_joints
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 

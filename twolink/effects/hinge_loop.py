@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from twolink.algorithms.spatial import Scalar, Vec, dot
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, Vec, dot
-from twolink.effects.frames import apart, check_place, check_three
+from twolink.effects.frame_checks import apart, check_place, check_three
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError

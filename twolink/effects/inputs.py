@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from twolink.dynamics.spatial import Scalar, plus, times
+from twolink.algorithms.spatial import Scalar, plus, times
 from twolink.effects.effect import Effect, finite
 from twolink.effects.sampled import Piece, Sampled, check_table
 from twolink.errors import SceneError

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from twolink.algorithms.spatial import plus, times
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import plus, times
 from twolink.effects.effect import Effect, one_of
-from twolink.effects.joints import check_joints, check_values
+from twolink.effects.joint_checks import check_joints, check_values
 from twolink.effects.motion import Loads, Motion
 
 

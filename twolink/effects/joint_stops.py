@@ -8,8 +8,8 @@ from typing import Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import finite
-from twolink.effects.joints import check_joints
-from twolink.effects.switch import Switch
+from twolink.effects.joint_checks import check_joints
+from twolink.effects.switching import Switch
 from twolink.errors import SceneError
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twolink.dynamics.spatial import Scalar
+from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.motion import Motion
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pinocchio as pin
 
-from twolink.dynamics.functions import frame_pose
-from twolink.dynamics.mechanism import Mechanism
-from twolink.dynamics.recursions import STILL, poses
-from twolink.dynamics.spatial import (
+from twolink.algorithms.functions import frame_pose
+from twolink.algorithms.mechanism import Mechanism
+from twolink.algorithms.recursions import STILL, poses
+from twolink.algorithms.spatial import (
     AT_PARENT,
     ZERO,
     Mat,

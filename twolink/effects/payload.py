@@ -7,9 +7,9 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, finite
-from twolink.effects.frames import check_frame, check_three
+from twolink.effects.frame_checks import check_frame, check_three
 from twolink.errors import SceneError
-from twolink.robots.physics import semidefinite_defect, triangle_excess
+from twolink.robots.physical_checks import semidefinite_defect, triangle_excess
 
 
 class Payload(Effect, frozen=True):

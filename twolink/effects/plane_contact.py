@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Literal
 
+from twolink.algorithms.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.effects.conditions import unit
 from twolink.effects.effect import Effect, finite
-from twolink.effects.frames import check_frame, check_three
+from twolink.effects.frame_checks import check_frame, check_three
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
-from twolink.effects.switch import Switch
+from twolink.effects.switching import Switch
 
 Mode = Literal["free", "sliding", "rolling"]
 

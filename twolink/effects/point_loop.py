@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from twolink.algorithms.spatial import Scalar
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import Scalar
-from twolink.effects.frames import apart, check_place
+from twolink.effects.frame_checks import apart, check_place
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, one_of
-from twolink.effects.joints import check_joints, check_values
+from twolink.effects.joint_checks import check_joints, check_values
 
 
 class Rotor(Effect, frozen=True):

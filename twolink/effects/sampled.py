@@ -11,10 +11,10 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from twolink.dynamics.spatial import Scalar
+from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import finite
 from twolink.errors import SceneError, nearest
-from twolink.files import read_text
+from twolink.io.tables import read_text
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MAX_BYTES = 2**28

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from twolink.algorithms.spatial import times
 from twolink.dynamics import Robot
-from twolink.dynamics.spatial import times
 from twolink.effects.effect import Effect, finite
-from twolink.effects.joints import check_joints, check_values
+from twolink.effects.joint_checks import check_joints, check_values
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 

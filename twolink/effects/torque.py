@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Input, check_input, value_at
-from twolink.effects.joints import check_joints
+from twolink.effects.joint_checks import check_joints
 from twolink.effects.motion import Loads, Motion
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from twolink.dynamics import Robot
 from twolink.effects.conditions import Condition, check_when
 from twolink.effects.motion import Motion
-from twolink.effects.switch import Switch
+from twolink.effects.switching import Switch
 from twolink.errors import SceneError
 
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from twolink.files import write_whole
 from twolink.hard.case import NAMES, Motion
+from twolink.hard.case_result import MET, MISSED, SAID, UNABLE, WRONG, Attempt, Result
 from twolink.hard.plot import plot
-from twolink.hard.result import MET, MISSED, SAID, UNABLE, WRONG, Attempt, Result
 from twolink.hard.table import number
+from twolink.io.tables import write_whole
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 KINDS = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", UNABLE: "unable"}

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twolink.hard.result import Curve, Result
+from twolink.hard.case_result import Curve, Result
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 230, 46, 12, 10, 26
 FLOOR = 1e-17

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from twolink.hard.result import WRONG, Attempt, Result
+from twolink.hard.case_result import WRONG, Attempt, Result
 
 HEAD = f"{'case':<22}{'setting':<34}{'error':>10}{'bar':>10}{'seconds':>9}  verdict"
 

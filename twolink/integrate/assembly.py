@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.errors import SceneError
-from twolink.integrate.loops import Loops
-from twolink.integrate.namespaces import Numbers
+from twolink.integrate.constraints import Loops
 from twolink.integrate.state import Array
 
 RANK = 1e-9  # singular values below it, relative, are rows that say nothing new

@@ -12,24 +12,24 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from twolink.algorithms.functions import function
+from twolink.algorithms.mechanism import Mechanism, mechanism
+from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.operation_count import Tape
+from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
+from twolink.algorithms.sparse_factors import ldlt_solve
+from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot, cache
-from twolink.dynamics.branch_sparse import ldlt_solve
-from twolink.dynamics.counting import Tape
-from twolink.dynamics.functions import function
-from twolink.dynamics.mechanism import Mechanism, mechanism
-from twolink.dynamics.recursions import composite_bodies, newton_euler, poses
-from twolink.dynamics.spatial import minus, plus, times
 from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.inputs import Slot, tables_of, with_pieces
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Loads, Motion
-from twolink.effects.switch import Switch
+from twolink.effects.switching import Switch
 from twolink.errors import SceneError
-from twolink.integrate import reference
+from twolink.integrate import pinocchio_rate as reference
 from twolink.integrate.assembly import assembled, independent_rows
-from twolink.integrate.loops import Loops, locked_matrix
-from twolink.integrate.namespaces import Numbers
+from twolink.integrate.constraints import Loops, locked_matrix
 from twolink.integrate.solution import FEWEST, Solution, joined
 from twolink.integrate.state import Array, StateSpace
 from twolink.scenes import Scene

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.events.event import Event
+from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
 MAX_STEPS = 10_000_000

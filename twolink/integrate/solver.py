@@ -10,11 +10,11 @@ import numpy as np
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import scipy_solver, taylor
 from twolink.integrate.equations import Equations
-from twolink.integrate.march import march
 from twolink.integrate.methods import Method
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
+from twolink.integrate.stepping import march
 
 SMALLEST = {"explicit": 1e-15, "implicit": 1e-15, "scipy": scipy_solver.SMALLEST_TOLERANCE, "taylor": 1e-16}
 SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
@@ -55,7 +55,7 @@ def solve(
         raise SceneError(f"{method.name} does not locate events", where="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
     if equations.switches or (stepping and equations.kinks):
-        from twolink.integrate.events.run import solve as solve_events  # with it come the effects of modes
+        from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
         return solve_events(equations, method, times, setting, progress)
     if method.kind == "taylor":

@@ -19,11 +19,11 @@ import numpy as np
 
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka, pays_threads
-from twolink.integrate import control
+from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
-from twolink.integrate.step_build import certify, compiled_map, portable_map
+from twolink.integrate.step_building import certify, compiled_map, portable_map
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 KEPT = 64  # maps kept in this process

@@ -20,12 +20,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from twolink.algorithms.mechanism import nominal, parameter_names
+from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
-from twolink.dynamics.mechanism import nominal, parameter_names
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
-from twolink.integrate.namespaces import Expressions
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
 from twolink.integrate.state import Array
 

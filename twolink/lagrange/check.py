@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twolink.errors import AccuracyError, QueryError
-from twolink.lagrange import derive, reference
+from twolink.lagrange import derive
+from twolink.lagrange import pinocchio_arm as reference
+from twolink.lagrange.check_result import CheckReport, Energy, Row
 from twolink.lagrange.formulas import Variant
-from twolink.lagrange.reference import Samples
-from twolink.lagrange.report import CheckReport, Energy, Row
+from twolink.lagrange.pinocchio_arm import Samples
 from twolink.lagrange.two_link import two_link
 
 Array: TypeAlias = NDArray[Any]

@@ -2,7 +2,7 @@
 
 from twolink.robots.catalogue import catalogue_names
 from twolink.robots.load import load_model
+from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.model import RobotModel
-from twolink.robots.report import Finding, LoadReport
 
 __all__ = ["Finding", "LoadReport", "RobotModel", "catalogue_names", "load_model"]

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 
 from twolink.errors import nearest
-from twolink.robots.report import Finding
+from twolink.robots.load_report import Finding
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element
 

@@ -13,13 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError, nearest
-from twolink.robots import catalogue, meshes, physics
-from twolink.robots.agreement import check_agreement
+from twolink.robots import catalogue, meshes
+from twolink.robots import physical_checks as physics
 from twolink.robots.canonical import canonical
 from twolink.robots.findings import findings
-from twolink.robots.layout import joint_layouts
+from twolink.robots.joint_layout import joint_layouts
+from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.model import RobotModel, Visuals
-from twolink.robots.report import Finding, LoadReport
+from twolink.robots.pinocchio_check import check_agreement
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import MAX_BYTES, parse_xml
 

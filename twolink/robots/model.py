@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import QueryError
-from twolink.robots.layout import JointLayout, joint_layouts
-from twolink.robots.report import LoadReport
+from twolink.robots.joint_layout import JointLayout, joint_layouts
+from twolink.robots.load_report import LoadReport
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from twolink.dynamics import Robot, load_robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, TwolinkError, nearest
-from twolink.files import read_text
+from twolink.io.tables import read_text
 from twolink.scenes.scene import Scene
 
 MAX_BYTES = 2**20

@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
+from twolink.dynamics.saved_robot import robot_notes
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
-from twolink.files import write_whole
-from twolink.identity import robot_notes
+from twolink.io.tables import write_whole
 from twolink.scenes.file import SceneFile
 from twolink.scenes.scene import Scene
 

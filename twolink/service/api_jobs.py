@@ -8,9 +8,9 @@ from litestar import MediaType, Response, delete, get, post
 from litestar.params import Parameter
 from litestar.response import File, Stream
 
-from twolink.service.requests import SimulationRequest, StudyRequest
+from twolink.service.components import Shared
+from twolink.service.job_requests import SimulationRequest, StudyRequest
 from twolink.service.results import MEDIA, MOST_POINTS, motion_file, result_file, samples_json
-from twolink.service.service import Shared
 from twolink.service.store import ACTIVE
 
 Points = Annotated[int, Parameter(ge=2, le=MOST_POINTS)]

@@ -12,14 +12,14 @@ import msgspec
 from litestar import MediaType, Request, Response, delete, get, post
 from litestar.params import Parameter
 
-from twolink import __version__
+from twolink._version import __version__
 from twolink.robots.catalogue import find
-from twolink.service.describe import describe
-from twolink.service.http import JSON, UNTOLD, media_type
+from twolink.service.components import Service, Shared
+from twolink.service.http_io import JSON, UNTOLD, media_type
 from twolink.service.problems import Refusal
+from twolink.service.robot_pool import catalogue
+from twolink.service.robot_record import describe
 from twolink.service.robot_tasks import RobotOptions
-from twolink.service.robots_loaded import catalogue
-from twolink.service.service import Service, Shared
 
 _XML = ("application/xml", "text/xml", "application/urdf+xml")
 _ZIP = ("application/zip", "application/x-zip-compressed")

@@ -13,9 +13,9 @@ from litestar import get, post
 from twolink.integrate.methods import METHODS
 from twolink.scenes import bundled_scenes
 from twolink.scenes.save import scene_schema
+from twolink.service.components import Shared
+from twolink.service.job_requests import ExplainRequest, SceneRequest
 from twolink.service.problems import Refusal
-from twolink.service.requests import ExplainRequest, SceneRequest
-from twolink.service.service import Shared
 
 
 @functools.cache

@@ -9,13 +9,13 @@ from typing import Any
 
 from litestar import MediaType, Request, Response, get
 
-from twolink import __version__
+from twolink._version import __version__
 from twolink.service import metrics
+from twolink.service.access import PAGE_POLICY
+from twolink.service.components import Shared
 from twolink.service.docs import docs_page
-from twolink.service.guard import PAGE_POLICY
 from twolink.service.openapi import described
 from twolink.service.problems import Refusal
-from twolink.service.service import Shared
 
 PAGE = Path(__file__).with_name("page")
 _KINDS = {

@@ -11,15 +11,15 @@ from litestar import Litestar, Request, Response
 from litestar.di import Provide
 from litestar.openapi import OpenAPIConfig
 
-from twolink import __version__
+from twolink._version import __version__
 from twolink.service import api_jobs, api_robots, api_scenes, api_site
-from twolink.service.guard import DENY_ALL, SECURITY, Guard, Header, cors_headers
-from twolink.service.http import read_body, send_answer
+from twolink.service.access import DENY_ALL, SECURITY, Guard, Header, cors_headers
+from twolink.service.components import Service
+from twolink.service.http_io import read_body, send_answer
 from twolink.service.problems import answer_of, problem_of
 from twolink.service.queries import PREFIX, QUERIES
-from twolink.service.service import Service
 from twolink.service.settings import Settings
-from twolink.service.workers import TaskFailed
+from twolink.service.worker_pool import TaskFailed
 
 ENVIRONMENT = "TWOLINK_SERVICE"  # the settings, for processes that uvicorn starts
 _HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]

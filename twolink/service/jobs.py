@@ -15,12 +15,12 @@ from typing import Any
 
 import msgspec
 
+from twolink.service.job_requests import SimulationRequest, StudyRequest, content_id
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, problem_of
-from twolink.service.requests import SimulationRequest, StudyRequest, content_id
 from twolink.service.settings import Settings
 from twolink.service.store import ACTIVE, Store
-from twolink.service.workers import TaskFailed, Workers
+from twolink.service.worker_pool import TaskFailed, Workers
 
 Request = SimulationRequest | StudyRequest
 KINDS: dict[str, tuple[str, type[Request]]] = {

@@ -8,7 +8,7 @@ import msgspec
 from litestar import Litestar
 
 from twolink.service import npz
-from twolink.service.http import JSON
+from twolink.service.http_io import JSON
 from twolink.service.problems import MEDIA_TYPE, Problem
 from twolink.service.queries import PREFIX, QUERIES, body_of
 from twolink.service.robot_tasks import RobotOptions

@@ -47,13 +47,6 @@ class Refusal(errors.TwolinkError):
         super().__init__(what, where=where, remedy=remedy)
         self.status, self.retry_after = status, retry_after
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return _refusal, (self.status, self.what, self.where, self.remedy)
-
-
-def _refusal(status: int, what: str, where: str, remedy: str) -> Refusal:
-    return Refusal(status, what, where=where, remedy=remedy)
-
 
 def problem_of(error: BaseException) -> Problem:
     """Any failure as a Problem. What nobody foresaw is logged with its traceback, and the answer says no more."""

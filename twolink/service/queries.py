@@ -14,16 +14,16 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
+from twolink.dynamics.named_queries import QUERIES as OWN
+from twolink.dynamics.named_queries import answer_query
 from twolink.errors import QueryError
-from twolink.query import QUERIES as OWN
-from twolink.query import answer_query
 from twolink.service import npz
-from twolink.service.describe import link_names
-from twolink.service.http import JSON, UNTOLD, accepts, header, media_type, read_body
+from twolink.service.http_io import JSON, UNTOLD, accepts, header, media_type, read_body
 from twolink.service.kinematics import derivatives, frame_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
-from twolink.service.robots_loaded import LoadedRobots
+from twolink.service.robot_pool import LoadedRobots
+from twolink.service.robot_record import link_names
 from twolink.service.settings import Settings
 
 Numbers = list[float | list[float]]

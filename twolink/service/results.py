@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twolink.files import read_table
-from twolink.service.experiment_tasks import ROWS, SAMPLES
-from twolink.service.service import Service
+from twolink.io.tables import read_table
+from twolink.service.components import Service
+from twolink.service.scene_tasks import ROWS, SAMPLES
 
 MEDIA = {
     "json": "application/json",

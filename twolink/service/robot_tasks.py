@@ -13,7 +13,7 @@ import msgspec
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import RobotError
 from twolink.robots.catalogue import catalogue_names
-from twolink.service.describe import describe
+from twolink.service.robot_record import describe
 from twolink.service.uploads import check_files, choose_urdf, local_urdf, unpack
 from twolink.service.visuals import visuals_of
 

@@ -11,7 +11,7 @@ import umsgpack
 
 from twolink.dynamics import Robot
 from twolink.errors import ShowError
-from twolink.service.describe import link_frames, link_names
+from twolink.service.robot_record import link_frames, link_names
 from twolink.show.meshcat_scene import scene_nodes
 
 _ARRAYS = {0x17: "Float32Array", 0x13: "Int16Array", 0x14: "Uint16Array", 0x16: "Uint32Array", 0x12: "Uint8Array"}

@@ -19,7 +19,7 @@ import umsgpack
 from numpy.typing import ArrayLike
 
 from twolink.errors import MissingExtraError, ShowError, TwolinkError
-from twolink.files import write_whole
+from twolink.io.tables import write_whole
 from twolink.show.meshcat_scene import Node, poses, scene_nodes, set_object, set_pose
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import Side, View, check_motion, look_at, resample, stage, to_three

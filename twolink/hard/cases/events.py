@@ -12,7 +12,7 @@ from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import SCENES, Motion, Probe, Refusals, Truth, at
 from twolink.scenes import Scene
-from twolink.simulate import simulate
+from twolink.simulation.scene_run import simulate
 
 GRAVITY = 9.81
 METRES = "error of q [m]"

@@ -9,7 +9,7 @@ from twolink.effects import Gravity
 from twolink.hard import truths
 from twolink.hard.case import Motion, Truth, at
 from twolink.hard.high_precision import stored
-from twolink.lagrange.reference import arm_urdf
+from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene, load_scene
 
 G = 9.81

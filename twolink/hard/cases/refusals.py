@@ -10,12 +10,12 @@ from typing import Any
 
 from twolink import effects as fx
 from twolink.dynamics import load_robot
-from twolink.ensembles import simulate_many
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
 from twolink.hard.case import SCENES, Case, Probe, Refusals
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
-from twolink.simulate import simulate
+from twolink.simulation import simulate_many
+from twolink.simulation.scene_run import simulate
 
 NAN, INF = math.nan, math.inf
 BAD = {"nan": NAN, "inf": INF, "-inf": -INF}

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from twolink.hard.case import NAMES, Motion, Track
+from twolink.hard.case_result import MET, SAID, UNABLE, WRONG, Attempt, Curve
 from twolink.hard.peers.limited import limited
 from twolink.hard.peers.problem import CannotError, Problem, SaidError, Way
-from twolink.hard.result import MET, SAID, UNABLE, WRONG, Attempt, Curve
 from twolink.scenes import Scene
 
 MODULES = {"scipy": "scipy_peer", "mujoco": "mujoco_peer", "drake": "drake_peer"}

@@ -1,0 +1,3 @@
+"""The version of twolink."""
+
+__version__ = "0.1.0"

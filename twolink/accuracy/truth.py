@@ -1,0 +1,154 @@
+"""The reference that a study's errors are measured against, and how far it can be trusted.
+
+It is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, solved twice at two tolerances: the
+distance of the two says how far off the worse one is, and the better one is used. Numbers of so many digits are kept
+as the sum of two doubles, q + rest.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twolink.accuracy.time_limit import Clock, OverBudget
+from twolink.dynamics.kernels import heyoka
+from twolink.errors import AccuracyError
+from twolink.integrate import scipy_solver, taylor
+from twolink.integrate.equations import Equations
+from twolink.integrate.method_choice import MAX_COMPILING, compiling_seconds
+from twolink.integrate.methods import METHODS
+from twolink.integrate.solution import Solution
+from twolink.integrate.solver import solve
+from twolink.integrate.state import Array, StateSpace
+
+BETTER = 100.0  # how many times better than an entry the reference must be for the entry's error to be known
+SAFETY = 4.0  # the two solutions may err to the same side
+TAYLOR_COMPILES_LIKE = 12.0  # evaluations of straight code
+MAX_SECONDS = 60.0  # for a solution in quadruple precision
+TOLERANCES: dict[taylor.Precision, tuple[float, float]] = {"extended": (1e-19, 1e-18), "quad": (1e-25, 1e-22)}
+EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
+DIGITS = {"extended": "19", "quad": "33"}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """How the reference was computed, its own error [rad, m], what it took [s], and q at its end (nq,)."""
+
+    how: str
+    error: float
+    seconds: float
+    q_end: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A reference with its samples: q (n, nq) on its manifold, and `rest` (n, nq), what a double cannot hold of it.
+
+    own: the error of its digits, without the rounding that a comparison on a curved manifold adds. precision: of them.
+    """
+
+    about: Reference
+    q: Array
+    rest: Array
+    own: float
+    precision: taylor.Precision
+
+    def error_of(self, space: StateSpace, q: Array) -> float:
+        """max over samples of |difference(q, reference)| for q (n, nq) on the manifold, rad or m."""
+        if space.curved:
+            return float(space.distance(q, self.q).max(initial=0.0))
+        return float(np.abs((q - self.q) - self.rest).max(initial=0.0))
+
+
+def first_truth(equations: Equations, times: Array) -> Truth:
+    """The quickest good reference at the samples `times` (n,). Raises AccuracyError where the motion cannot be solved.
+
+    Without heyoka, or where Taylor's method would take too long to compile, it is SciPy's at its tightest tolerance.
+    """
+    if heyoka() is None:
+        return _by_scipy(equations, times, "heyoka is not installed")
+    seconds = compiling_seconds(int(equations.operations * TAYLOR_COMPILES_LIKE))
+    if seconds > MAX_COMPILING:
+        return _by_scipy(equations, times, f"Taylor's method would take about {seconds:.0f} s to compile")
+    if np.finfo(np.longdouble).eps < 1e-18:
+        return _by_taylor(equations, times, "extended")
+    return better_truth(equations, times) or _by_scipy(equations, times, "numbers of more digits are not there")
+
+
+def better_truth(equations: Equations, times: Array) -> Truth | None:
+    """A reference of 33 digits; None where there is none, or where it takes too long."""
+    if not hasattr(heyoka(), "real128"):
+        return None
+    try:
+        return _by_taylor(equations, times, "quad", MAX_SECONDS)
+    except OverBudget:
+        return None
+
+
+def _by_taylor(equations: Equations, times: Array, precision: taylor.Precision, limit: float | None = None) -> Truth:
+    tolerances = TOLERANCES[precision]
+    return _of_two(
+        equations,
+        lambda tolerance: taylor.solve(equations, times, tolerance, Clock.of(limit), precision=precision),
+        tolerances,
+        f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)",
+        precision,
+    )
+
+
+def _by_scipy(equations: Equations, times: Array, why: str) -> Truth:
+    least = scipy_solver.SMALLEST_TOLERANCE
+    return _of_two(
+        equations,
+        lambda tolerance: solve(equations, METHODS["scipy-dop853"], times, tolerance),
+        (least, 10 * least),
+        f"SciPy's DOP853 in double precision, as {why},",
+        "double",
+    )
+
+
+def _of_two(
+    equations: Equations,
+    solution: Callable[[float], Solution],
+    tolerances: tuple[float, float],
+    how: str,
+    precision: taylor.Precision,
+) -> Truth:
+    """The better of two solutions, with their distance as its error."""
+    start = time.perf_counter()
+    space = equations.space
+    (q, rest), (other, other_rest) = (_parts(_whole(solution(t)), space) for t in tolerances)
+    own = SAFETY * (2.0 if space.curved else 1.0) * float(np.abs((q - other) + (rest - other_rest)).max(initial=0.0))
+    own = max(own, EPSILON[precision])  # two solutions may agree by chance, or be the start itself
+    error = own
+    if space.curved:
+        q = space.rows(np.pad(q.T, ((0, space.nv), (0, 0))))[0]
+        # The difference of two rotations is computed in doubles, and so is that of two places.
+        error += 2.0 * float(np.finfo(float).eps * (1.0 + np.abs(q).max(initial=0.0)))
+    said = f"{how} at tolerance {tolerances[0]:.2g}, its error by a second one at {tolerances[1]:.2g}"
+    about = Reference(said, error, time.perf_counter() - start, tuple(q[-1].tolist()))
+    return Truth(about, q, rest, own, precision)
+
+
+def _whole(solution: Solution) -> Solution:
+    """The solution, unless Ctrl-C has cut it short: half a reference is of no use."""
+    if solution.interrupted:
+        raise KeyboardInterrupt
+    if not np.isfinite(solution.x).all():
+        raise AccuracyError("the reference is not finite", where="reference", remedy="a shorter duration")
+    return solution
+
+
+def _parts(solution: Solution, space: StateSpace) -> tuple[Array, Array]:
+    """q (n, nq) as a sum of two doubles: of 32 digits, all that 19 have and all that matter of 33."""
+    digits: Any = solution.precise
+    if digits is None:
+        q = space.rows(solution.x)[0]
+        return q, np.zeros_like(q)
+    digits = digits[:, : space.nq]
+    q = digits.astype(float)
+    return q, (digits - q.astype(digits.dtype)).astype(float)

@@ -1,0 +1,212 @@
+"""Mechanism: the constants of a pin.Model, as Python floats, any of which may be replaced by a run-time parameter.
+
+Bodies are numbered as in Pinocchio and in Featherstone 2008, chapter 4: body 0 is the world, parents[i] < i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.joint_models import Joint, read_joint
+from twolink.algorithms.spatial import (
+    AT_PARENT,
+    ENTRIES,
+    NO_INERTIA,
+    ZERO,
+    Inertia,
+    Pose,
+    Scalar,
+    Vec,
+    constant,
+    inertia_add,
+    inertia_to_parent,
+    negative,
+    scale,
+    second_moment,
+)
+from twolink.errors import QueryError, nearest
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What the recursions read. Lists over bodies start with the world, whose joint is a placeholder.
+
+    placements: the pose of each joint's fixed frame in its parent's frame.
+    inertias: the ten parameters of each body, about its joint's frame.
+    armature, damping (nv): kg m^2 and N m s; a damping torque -d v acts only where damping was asked for.
+    """
+
+    nq: int
+    nv: int
+    parents: tuple[int, ...]
+    joints: tuple[Joint, ...]
+    placements: tuple[Pose, ...]
+    inertias: tuple[Inertia, ...]
+    armature: tuple[Scalar, ...]
+    damping: tuple[Scalar, ...]
+    gravity: Vec
+
+    @property
+    def bodies(self) -> range:
+        """The moving bodies, parents first."""
+        return range(1, len(self.parents))
+
+    @property
+    def has_mimic(self) -> bool:
+        """Whether some joints follow others."""
+        return any(joint.mimic for joint in self.joints)
+
+    def support(self, body: int) -> list[int]:
+        """The bodies from the given one to the root, both included: kappa(i) in Featherstone's chapter 4."""
+        path = []
+        while body:
+            path.append(body)
+            body = self.parents[body]
+        return path
+
+    def dof_parents(self) -> list[int]:
+        """lambda over degrees of freedom, -1 at a root: Featherstone's expanded parent array, section 6.5.
+
+        A mimic joint couples branches, so that its robot's mass matrix is taken as dense: every dof after the other.
+        """
+        if self.has_mimic:
+            return [k - 1 for k in range(self.nv)]
+        parents, last = [-1] * self.nv, [-1] * len(self.parents)
+        for i in self.bodies:
+            last[i] = last[self.parents[i]]
+            for k in self.joints[i].dofs:
+                parents[k], last[i] = last[i], k
+        return parents
+
+
+_WORLD = Joint("revolute", ZERO, (), ())
+_COORDINATES = ("x", "y", "z")
+_MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in ENTRIES)
+
+
+def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None, *, regroup: bool = True) -> Mechanism:
+    """The model's constants, those named in `parameters` replaced by the given scalars, arrays or symbols.
+
+    Names: see `parameter_names`. regroup passes on to each body's parent the part of its inertia that does not feel
+    the joint between them (`Joint.passed_on`): the motion and the energies are the same, with fewer operations; the
+    inertias are then no longer those of the single bodies. Raises QueryError for an unknown name.
+    """
+    given = dict(parameters or {})
+    values = _nominal_values(model)
+    for name, value in given.items():
+        if name not in values:
+            raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, values))
+        values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
+    bodies, joints = _body_names(model), range(1, model.njoints)
+    gravity = (values["gravity.x"], values["gravity.y"], values["gravity.z"])
+    built = Mechanism(
+        nq=model.nq,
+        nv=model.nv,
+        parents=tuple(model.parents.tolist()),
+        gravity=gravity,
+        joints=(_WORLD, *(read_joint(model, data, i) for i in joints)),
+        placements=(AT_PARENT, *(_placement(model, i, values) for i in joints)),
+        inertias=(NO_INERTIA, *(_inertia(bodies[i], values) for i in joints)),
+        armature=_per_dof(model, "armature", values, model.armature.tolist()),
+        damping=_per_dof(model, "damping", {name: values[name] for name in given}, [0.0] * model.nv),
+    )
+    return _regrouped(built) if regroup else built
+
+
+def parameter_names(model: pin.Model) -> tuple[str, ...]:
+    """The physical constants that can be kept as run-time parameters.
+
+    gravity.x|y|z. Of a link that moves: LINK.mass, LINK.com.x|y|z and LINK.inertia.xx|xy|xz|yy|yz|zz (about the
+    centre of mass), along the axes of the joint that carries it; links fixed to it are part of it, and it has the
+    name of the first. Of a joint: JOINT.origin.x|y|z, where it sits in its parent's joint frame; and with one
+    degree of freedom, JOINT.armature and JOINT.damping.
+    """
+    return tuple(_nominal_values(model))
+
+
+def nominal(model: pin.Model, name: str) -> float:
+    """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
+    values = _nominal_values(model)
+    if name not in values:
+        raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, values))
+    return values[name]
+
+
+def _nominal_values(model: pin.Model) -> dict[str, float]:
+    names = _body_names(model)
+    values = dict(zip(("gravity.x", "gravity.y", "gravity.z"), model.gravity.linear.tolist(), strict=True))
+    for i in range(1, model.njoints):
+        body, name = model.inertias[i], model.names[i]
+        rotational = body.inertia
+        values[f"{names[i]}.mass"] = float(body.mass)
+        for axis, value in zip(_COORDINATES, body.lever.tolist(), strict=True):
+            values[f"{names[i]}.com.{axis}"] = value
+        for moment, (j, k) in zip(_MOMENTS, ENTRIES, strict=True):
+            values[f"{names[i]}.inertia.{moment}"] = float(rotational[j, k])
+        for axis, value in zip(_COORDINATES, model.jointPlacements[i].translation.tolist(), strict=True):
+            values[f"{name}.origin.{axis}"] = value
+        if model.joints[i].nv == 1:
+            values[f"{name}.armature"] = float(model.armature[model.joints[i].idx_v])
+            values[f"{name}.damping"] = float(model.damping[model.joints[i].idx_v])
+    return values
+
+
+def _body_names(model: pin.Model) -> list[str]:
+    """The link each joint carries: the first BODY frame on it; the joint's own name where there is none."""
+    names: dict[int, str] = {}
+    for frame in model.frames:
+        if frame.type == pin.FrameType.BODY:
+            names.setdefault(frame.parentJoint, frame.name)
+    return [names.get(i, model.names[i]) for i in range(model.njoints)]
+
+
+def _placement(model: pin.Model, index: int, values: Mapping[str, Scalar]) -> Pose:
+    x, y, z = ((_exact(a), _exact(b), _exact(c)) for a, b, c in model.jointPlacements[index].rotation.tolist())
+    origin = tuple(values[f"{model.names[index]}.origin.{axis}"] for axis in _COORDINATES)
+    return Pose(((x, y, z),), (origin[0], origin[1], origin[2]))
+
+
+def _exact(entry: float) -> float:
+    """A rotation's entry, which rounding of right angles may have moved off 0 or 1 by a unit in the last place."""
+    nearest_whole = round(entry)
+    return float(nearest_whole) if abs(entry - nearest_whole) < 1e-15 else entry
+
+
+def _inertia(link: str, values: Mapping[str, Scalar]) -> Inertia:
+    mass = values[f"{link}.mass"]
+    x, y, z = (values[f"{link}.com.{axis}"] for axis in _COORDINATES)
+    xx, xy, xz, yy, yz, zz = (values[f"{link}.inertia.{moment}"] for moment in _MOMENTS)
+    return Inertia(mass, scale(mass, (x, y, z)), second_moment(mass, (x, y, z), (xx, xy, xz, yy, yz, zz)))
+
+
+def _per_dof(model: pin.Model, what: str, values: Mapping[str, Scalar], default: list[Scalar]) -> tuple[Scalar, ...]:
+    for i in range(1, model.njoints):
+        if model.joints[i].nv == 1:
+            k = model.joints[i].idx_v
+            default[k] = values.get(f"{model.names[i]}.{what}", default[k])
+    return tuple(default)
+
+
+def _regrouped(mech: Mechanism) -> Mechanism:
+    """The same mechanism with its inertias passed on towards the root, as far as they do not feel the joints."""
+    inertias = list(mech.inertias)
+    for i in reversed(mech.bodies):
+        placement, parent = mech.placements[i], mech.parents[i]
+        if not all(map(constant, placement.origin)):
+            continue  # a length that is a parameter: what is passed on would have to be computed every time
+        part = mech.joints[i].passed_on(inertias[i])
+        left = inertia_add(inertias[i], _minus(part))
+        inertias[i] = left
+        inertias[parent] = inertia_add(inertias[parent], inertia_to_parent(placement, part))
+    return replace(mech, inertias=tuple(inertias))
+
+
+def _minus(body: Inertia) -> Inertia:
+    xx, xy, xz, yy, yz, zz = map(negative, body.second)
+    return Inertia(negative(body.mass), scale(-1.0, body.first), (xx, xy, xz, yy, yz, zz))

@@ -1,0 +1,69 @@
+"""Branch-sparse factors of a mass matrix, M = L^T D L, over plain arithmetic. Featherstone 2008, section 6.5.
+
+The entry (i, j) of M is zero unless one of the degrees of freedom i and j carries the other. L has zeros in the
+same places. parents: the parent of each degree of freedom, -1 at a root (`Mechanism.dof_parents`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from twolink.algorithms.spatial import Matrix, Scalar, Scalars, minus, reciprocal, times
+
+
+def ldlt_solve(matrix: Matrix, parents: Sequence[int], b: Scalars, xp: Any = None) -> list[Scalar]:
+    """x of M x = b by M = L^T D L, without fill-in: L has M's sparsity."""
+    lower, inverse = ldlt(matrix, parents, xp)
+    return ldlt_apply(lower, inverse, parents, b)
+
+
+def ldlt(matrix: Matrix, parents: Sequence[int], xp: Any = None) -> tuple[Matrix, list[Scalar]]:
+    """L (unit lower triangular, its strict part) and 1 / D of M = L^T D L, Featherstone table 6.3."""
+    h, inverse = [list(row) for row in matrix], [0.0 for _ in matrix]
+    for k in reversed(range(len(matrix))):
+        inverse[k] = reciprocal(h[k][k], xp)
+        for i in _ancestors(parents, k):
+            ratio = times(h[k][i], inverse[k])
+            for j in (i, *_ancestors(parents, i)):
+                h[i][j] = minus(h[i][j], times(ratio, h[k][j]))
+            h[k][i] = ratio
+    return h, inverse
+
+
+def ldlt_apply(lower: Matrix, inverse: Scalars, parents: Sequence[int], b: Scalars) -> list[Scalar]:
+    """x of L^T D L x = b, Featherstone table 6.4."""
+    x = list(b)
+    for k in reversed(range(len(x))):
+        for i in _ancestors(parents, k):
+            x[i] = minus(x[i], times(lower[k][i], x[k]))
+    for k in range(len(x)):
+        x[k] = times(x[k], inverse[k])
+        for i in _ancestors(parents, k):
+            x[k] = minus(x[k], times(lower[k][i], x[i]))
+    return x
+
+
+def ldlt_inverse(lower: Matrix, inverse: Scalars, parents: Sequence[int]) -> Matrix:
+    """M^-1 of M = L^T D L: its lower triangle by L^-1 D^-1 L^-T, column by column, the rest by symmetry."""
+    n = len(parents)
+    answer: Matrix = [[0.0] * n for _ in range(n)]
+    for k in range(n):
+        x: list[Scalar] = [0.0] * n
+        x[k] = 1.0
+        for j in (k, *_ancestors(parents, k)):
+            for i in _ancestors(parents, j):
+                x[i] = minus(x[i], times(lower[j][i], x[j]))
+        for j in range(k + 1):
+            x[j] = times(x[j], inverse[j])
+            for i in _ancestors(parents, j):
+                x[j] = minus(x[j], times(lower[j][i], x[i]))
+            answer[k][j] = answer[j][k] = x[j]
+    return answer
+
+
+def _ancestors(parents: Sequence[int], k: int) -> list[int]:
+    path = []
+    while (k := parents[k]) >= 0:
+        path.append(k)
+    return path

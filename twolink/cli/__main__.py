@@ -1,0 +1,6 @@
+"""`python -m twolink.cli`: the command line."""
+
+from twolink.cli.app import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Dynamics queries by name, on states that come as text: what the command line and the service share."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.errors import QueryError, nearest
+from twolink.robots.joint_layout import JointLayout
+
+# name -> the arguments it takes; q must be given, the others are zero when left out
+QUERIES: dict[str, tuple[str, ...]] = {
+    "forward-dynamics": ("q", "v", "tau"),
+    "inverse-dynamics": ("q", "v", "a"),
+    "mass-matrix": ("q",),
+    "bias": ("q", "v"),
+    "coriolis": ("q", "v"),
+    "gravity-torque": ("q",),
+    "energy": ("q", "v"),
+}
+_RESULT = {
+    "forward-dynamics": "a",
+    "inverse-dynamics": "tau",
+    "mass-matrix": "M",
+    "bias": "h",
+    "coriolis": "C",
+    "gravity-torque": "g",
+}
+
+
+def answer_query(
+    robot: Robot, what: str, arguments: Mapping[str, Any], f_ext: Any = None, method: str | None = None
+) -> dict[str, np.ndarray]:
+    """The answer, by the name of its symbol. Raises QueryError for an unknown query or argument, or one it has not.
+
+    method: of forward-dynamics alone, "aba" when it is left out.
+    """
+    if what not in QUERIES:
+        raise QueryError(f"{what!r} is unknown", where="query", remedy=nearest(what, QUERIES))
+    takes = QUERIES[what]
+    for name in arguments:
+        if name not in takes:
+            raise QueryError(f"{what} takes no {name}", where=name, remedy=f"it takes {', '.join(takes)}")
+    if f_ext is not None and what not in ("forward-dynamics", "inverse-dynamics"):
+        raise QueryError(f"{what} takes no f_ext", where="f_ext", remedy="leave it out")
+    if method is not None and what != "forward-dynamics":
+        raise QueryError(f"{what} takes no method", where="method", remedy="leave it out")
+    if "q" not in arguments:
+        raise QueryError("it is not given", where="q", remedy=f"give the {robot.nq} numbers of a configuration")
+    values = [arguments.get(name, np.zeros(robot.nv)) for name in takes]
+    if what == "energy":
+        kinetic, potential = robot.energy(*values)
+        return {"kinetic": kinetic, "potential": potential}
+    if what == "forward-dynamics":
+        q, v, tau = values
+        return {"a": robot.forward_dynamics(q, v, tau, f_ext, method or "aba")}  # type: ignore[arg-type]  # checked there
+    if what == "inverse-dynamics":
+        q, v, a = values
+        return {"tau": robot.inverse_dynamics(q, v, a, f_ext)}
+    return {_RESULT[what]: getattr(robot, what.replace("-", "_"))(*values)}
+
+
+def read_states(robot: Robot, given: Mapping[str, str | None], path: Path | None) -> dict[str, Any]:
+    """The arguments of a query: those given as text, and those from a JSON or CSV file ("-": stdin)."""
+    arguments = {name: parse_numbers(name, text) for name, text in given.items() if text is not None}
+    if path is None:
+        return arguments
+    text = _read(path)
+    from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
+    twice = [name for name in from_file if name in arguments]
+    if twice:
+        raise QueryError("it is given twice, in the file and as an option", where=twice[0], remedy="keep one")
+    return arguments | from_file
+
+
+def parse_numbers(name: str, text: str) -> list[Any]:
+    """Numbers from "0.1 0.2", "0.1,0.2" or JSON "[0.1, 0.2]"."""
+    try:
+        if text.lstrip().startswith("["):
+            values = parse_json(text, name)
+            return values if isinstance(values, list) else [values]
+        return [_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
+    except ValueError:
+        raise QueryError(f"{text!r} is not a list of numbers", where=name, remedy='such as "0.1 0.2"') from None
+
+
+def parse_json(text: str, where: str, remedy: str = "check that place") -> Any:
+    """JSON as Python data; all numbers are floats. Raises QueryError for what is not JSON, or repeats a key."""
+    try:
+        # As a float, an integer of any length is a number or infinite: Python's own refuses long ones.
+        return json.loads(text, parse_int=float, object_pairs_hook=_unrepeated)
+    except json.JSONDecodeError as error:
+        raise QueryError(f"not JSON: {error}", where=where, remedy=remedy) from None
+    except RecursionError:
+        raise QueryError("not our JSON: it is nested too deep", where=where, remedy=remedy) from None
+    except _RepeatedKey as error:
+        raise QueryError(f"{error.args[0]!r} is there twice", where=where, remedy="keep one") from None
+
+
+class _RepeatedKey(Exception):
+    """A key that a JSON object has twice."""
+
+
+def _unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    repeated = _first_repeated([key for key, _ in pairs])
+    if repeated is not None:
+        raise _RepeatedKey(repeated)
+    return dict(pairs)
+
+
+def _first_repeated(names: Sequence[str]) -> str | None:
+    return next((name for i, name in enumerate(names) if name in names[:i]), None)
+
+
+def _number(text: str) -> float:
+    """A float as everybody writes it: Python alone reads 1_0 as ten."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text!r} is not a number")
+    return float(text)
+
+
+def _read(path: Path) -> str:
+    """The text of a file, or of stdin ("-"), with or without the mark that spreadsheets put first."""
+    try:
+        data = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        return data.decode("utf-8-sig")
+    except (OSError, ValueError) as error:
+        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise QueryError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+
+
+def _from_json(text: str) -> dict[str, Any]:
+    content = parse_json(text, "states")
+    if isinstance(content, list) and content and all(isinstance(c, dict) for c in content):
+        names = list(content[0])
+        odd = next((i for i, c in enumerate(content) if set(c) != set(names)), None)
+        if odd is not None:
+            raise QueryError(
+                f"state {odd} has {list(content[odd])}, the first has {names}",
+                where="states",
+                remedy="give every state the same entries",
+            )
+        return {name: [c[name] for c in content] for name in names}
+    if isinstance(content, dict):
+        return content
+    raise QueryError(
+        "expected an object, or a list of objects",
+        where="states",
+        remedy='such as {"q": [[0, 0]], "v": [[0, 0]]}',
+    )
+
+
+def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
+    """Columns q0, q1, ..., v0, ... by number, or q.JOINT, v.JOINT by name as `run.save` writes them."""
+    table = _table(text)
+    out: dict[str, Any] = {}
+    left = set(table)
+    for name, size in (("q", robot.nq), ("v", robot.nv), ("tau", robot.nv), ("a", robot.nv)):
+        numbered = [f"{name}{i}" for i in range(size)]
+        wanted = numbered if left & set(numbered) else [column for column, _ in joint_columns(robot.joints, name)]
+        if not left & set(wanted):
+            continue
+        lacking = [column for column in wanted if column not in left]
+        if lacking:
+            raise QueryError(f"column {lacking[0]!r} is missing", where="states", remedy="give all of them, or none")
+        out[name] = np.column_stack([table[column] for column in wanted])
+        left -= set(wanted)
+    unknown = [column for column in table if column in left - {"t", "energy", "error"}]
+    if unknown:
+        raise QueryError(
+            f"column {unknown[0]!r} is unknown",
+            where="states",
+            remedy="columns are q0, q1, ... or q.JOINT, and so on for v, tau, a",
+        )
+    return out
+
+
+def _table(text: str) -> dict[str, np.ndarray]:
+    """The columns of a CSV by their names; blank lines do not count."""
+    reader = csv.reader(io.StringIO(text))
+    try:
+        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise QueryError(f"not CSV: {error}", where="states", remedy="save it as CSV again") from None
+    if len(lines) < 2:
+        raise QueryError("expected a header and at least one row", where="states", remedy="such as q0,q1,v0,v1")
+    header = [name.strip() for name in lines[0][1]]
+    repeated = _first_repeated(header)
+    if repeated is not None:
+        raise QueryError(f"column {repeated!r} is there twice", where="states", remedy="keep one")
+    values = np.empty((len(lines) - 1, len(header)))
+    for k, (line, row) in enumerate(lines[1:]):
+        if len(row) != len(header):
+            what = f"it has {len(row)} cells, the header has {len(header)}"
+            raise QueryError(what, where=f"states, line {line}", remedy="give each row a cell for each column")
+        try:
+            values[k] = [_number(cell.strip()) for cell in row]
+        except ValueError as error:
+            remedy = "check the numbers and their decimal points"
+            raise QueryError(f"not a row of numbers: {error}", where=f"states, line {line}", remedy=remedy) from None
+    return dict(zip(header, values.T, strict=True))
+
+
+def joint_columns(joints: Iterable[JointLayout], name: str) -> list[tuple[str, str]]:
+    """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
+    columns = []
+    for joint in joints:
+        part = joint.q if name == "q" else joint.v
+        size = part.stop - part.start
+        columns += [(f"{name}.{joint.name}" + (f".{k}" if size > 1 else ""), joint.name) for k in range(size)]
+    return columns

@@ -1,5 +1,0 @@
-"""Ensembles: many worlds of one scene at once, in one compiled batch."""
-
-from twolink.ensembles.many import Worlds, simulate_many
-
-__all__ = ["Worlds", "simulate_many"]

@@ -1,0 +1,1 @@
+"""The paper: its figures and claims, and the throws it opens with."""

@@ -1,0 +1,137 @@
+"""Checks that a robot can exist: inertias of real bodies, and a mass matrix that can be inverted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.errors import RobotError
+from twolink.robots.load_report import Finding
+from twolink.robots.tree import Tree
+from twolink.robots.urdf import Link
+
+# Relative to the largest principal moment; URDFs carry six or so digits.
+_ROUNDING = 1e-6
+# Below m * (1 micrometre)^2 a moment of inertia is rounding noise of the file.
+_NOISE_LENGTH_SQUARED = 1e-12
+
+
+def triangle_excess(inertia: np.ndarray, mass: float) -> float:
+    """How far the principal moments I1 <= I2 <= I3 break I1 + I2 >= I3, relative to I3 (0: they do not).
+
+    Every distribution of positive mass obeys it: I1 + I2 - I3 = 2 * integral of z^2 dm.
+    """
+    i1, i2, i3 = np.linalg.eigvalsh(inertia)
+    excess = i3 - i1 - i2
+    if excess <= _ROUNDING * i3 + _NOISE_LENGTH_SQUARED * mass:
+        return 0.0
+    return float(excess / i3)
+
+
+def semidefinite_defect(inertia: np.ndarray, mass: float) -> float:
+    """The smallest principal moment when it is below zero by more than rounding, else 0 [kg m^2]."""
+    lowest, _, highest = np.linalg.eigvalsh(inertia)
+    return float(lowest) if lowest < -(_ROUNDING * highest + _NOISE_LENGTH_SQUARED * mass) else 0.0
+
+
+def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[Finding]:
+    """Refuse a body whose inertia no real body has; report odd parts of a body that is sound as a whole.
+
+    A body is a link with all links fixed to it: only their sum enters the equations of motion. Files often give
+    sensors and covers impossible inertias; judged alone they would refuse half of the published robots.
+    """
+    for joint in range(model.njoints):
+        inertia = model.inertias[joint]
+        if not np.isfinite(inertia.inertia).all():
+            raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
+        if unphysical == "refuse" and (
+            semidefinite_defect(inertia.inertia, inertia.mass) < 0 or triangle_excess(inertia.inertia, inertia.mass) > 0
+        ):
+            _refuse(_culprit(tree, model, joint))
+    odd = [
+        link.name
+        for link in tree.links.values()
+        if semidefinite_defect(link.inertia, link.mass) < 0 or triangle_excess(link.inertia, link.mass) > 0
+    ]
+    if not odd:
+        return []
+    what = "inertias that no real body has, taken as they are"
+    if unphysical == "refuse":
+        what += " (the bodies they are fixed to are sound)"
+    return [Finding("assumed", what, tuple(odd))]
+
+
+def _refuse(link: Link) -> None:
+    moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
+    tail = 'correct it, or load it as it is with unphysical="report"'
+    if semidefinite_defect(link.inertia, link.mass) < 0:
+        raise RobotError(
+            f"inertia is not positive semi-definite: principal moments ({moments}) kg m^2",
+            where=link.where,
+            remedy=f"give the inertia about the centre of mass of a real body; {tail}",
+        )
+    raise RobotError(
+        f"inertia breaks the triangle inequality: no body has the principal moments ({moments}) kg m^2",
+        where=link.where,
+        remedy=f"the two smaller ones must add up to the largest at least; {tail}",
+    )
+
+
+def _culprit(tree: Tree, model: pin.Model, joint: int) -> Link:
+    """The link to blame for a body: the part that is worst."""
+    parts = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
+    links = [tree.links[name] for name in parts if name in tree.links]
+    return max(links, key=lambda k: (-semidefinite_defect(k.inertia, k.mass), triangle_excess(k.inertia, k.mass)))
+
+
+def check_invertible(tree: Tree, model: pin.Model) -> None:
+    """Refuse a robot with a joint that has no inertia to move, whatever the configuration.
+
+    The pivots of L^T D L, taken from the last joint to the first, are what the articulated-body algorithm divides
+    by: D_i = S_i^T I^A_i S_i (Featherstone 2008, eq. 7.44). A pivot that is zero next to M_ii in every one of
+    several configurations belongs to a massless leaf, or to links without inertia about the joint's axis.
+    """
+    smallest = np.zeros(model.nv)
+    for q in _configurations(model):
+        matrix = pin.crba(model, model.createData(), q)  # a new data each: mimic joints add to what it holds
+        smallest = np.maximum(smallest, _relative_pivots(matrix))
+    bad = np.flatnonzero(smallest <= 1e-15 * model.nv)
+    if bad.size == 0:
+        return
+    owners = [j for j in range(1, model.njoints) for i in bad if model.idx_vs[j] <= i < model.idx_vs[j] + model.nvs[j]]
+    names = list(dict.fromkeys(model.names[j] for j in owners))
+    name = names[-1]
+    moved = next((j for j in tree.joints if j.name == name), None)
+    link = tree.root if moved is None else moved.child
+    why = (
+        "the link it moves has no mass"
+        if model.inertias[owners[-1]].mass == 0
+        else ("what it moves has no inertia about its axis")
+    )
+    lock = ", ".join(f"{n!r}: 0" for n in names)
+    raise RobotError(
+        f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined",
+        where=tree.links[link].where,
+        remedy=f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}",
+    )
+
+
+def _configurations(model: pin.Model) -> list[np.ndarray]:
+    """The neutral configuration and three fixed, generic ones (tangent steps from it: limits do not matter)."""
+    rng = np.random.default_rng(20)
+    neutral = pin.neutral(model)
+    return [neutral, *(pin.integrate(model, neutral, rng.uniform(-1, 1, model.nv)) for _ in range(3))]
+
+
+def _relative_pivots(matrix: np.ndarray) -> np.ndarray:
+    """D_i / M_ii of M = L^T D L, 0 where there is nothing to divide by."""
+    work = matrix.copy()
+    diagonal = np.diag(matrix)
+    pivots = np.zeros(len(work))
+    for i in range(len(work) - 1, -1, -1):
+        if not (diagonal[i] > 0 and work[i, i] > 1e-300):
+            continue
+        pivots[i] = work[i, i] / diagonal[i]
+        row = work[i, :i].copy()
+        work[:i, :i] -= np.outer(row, row) / work[i, i]
+    return pivots

@@ -1,0 +1,70 @@
+"""The bodies of requests about scenes, simulations and studies."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Annotated, Literal
+
+import msgspec
+
+from twolink._version import __version__
+from twolink.errors import SceneError
+from twolink.scenes.file import SceneFile
+from twolink.service.settings import Quotas
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
+FORMATS = ("json", "csv", "parquet", "npz")
+
+
+class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """scene: the name of a bundled scene, or a scene file's content, its robot by id."""
+
+    scene: str | SceneFile
+
+
+class ExplainRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.explain`: accuracy in rad or m, duration in simulated seconds (the scene's own when left out)."""
+
+    accuracy: Positive = 1e-6
+    duration: Positive | None = None
+    method: str = "auto"
+
+
+class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead."""
+
+    samples: Positive = 200.0
+    verify: bool = True
+    precision: Literal["double", "quad"] = "double"
+    tolerance: Positive | None = None
+    step: Positive | None = None
+    wait: Wait = 2.0
+
+
+class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.accuracy_study`. wait: as of simulations."""
+
+    duration: Positive | None = None
+    methods: Annotated[list[str], msgspec.Meta(max_length=50)] | None = None
+    tolerances: Annotated[list[Positive], msgspec.Meta(max_length=50)] | None = None
+    samples: Positive = 50.0
+    repeats: Annotated[int, msgspec.Meta(ge=1, le=50)] = 7
+    budget: Annotated[float, msgspec.Meta(gt=0, le=60)] = 1.0
+    wait: Wait = 0.0
+
+
+def content_id(prefix: str, request: SimulationRequest | StudyRequest) -> str:
+    """An id of what is asked for: the same request has the same one. How long to wait is no part of it."""
+    content = msgspec.json.encode(msgspec.structs.replace(request, wait=0.0), order="sorted")
+    return f"{prefix}-{hashlib.sha256(__version__.encode() + content).hexdigest()[:20]}"
+
+
+def check_quotas(quotas: Quotas, duration: float, samples: float) -> None:
+    """Raise SceneError for a run that is longer, or has more samples, than may be."""
+    if duration > quotas.duration:
+        what = f"{duration:g} s are too long, the service simulates up to {quotas.duration:g} s"
+        raise SceneError(what, where="duration", remedy="ask for less")
+    if duration * samples > quotas.samples:
+        what = f"{duration * samples:.3g} samples are too many, the limit is {quotas.samples}"
+        raise SceneError(what, where="samples", remedy="ask for fewer a second, or a shorter duration")

@@ -1,0 +1,168 @@
+"""explain: what a scene computes, what each effect costs, and how it would be solved. Nothing is run to the end."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from twolink.effects.effect import Effect, type_name
+from twolink.errors import SceneError
+from twolink.integrate.equations import Equations, equations_of
+from twolink.integrate.method_choice import Choice, choose
+from twolink.integrate.methods import METHODS
+from twolink.integrate.solution import Solution
+from twolink.integrate.solver import solve
+from twolink.integrate.step_map import step_map
+from twolink.scenes import Scene
+from twolink.scenes.scene import accuracy_of, duration_of
+
+BATCH = 1024  # worlds that an evaluation is timed in
+PILOT = 0.05  # of the duration, solved to tell what the whole will take
+ROUNDS = 5
+PATIENCE = 1.0  # seconds of solving parts of a run, after which one round must do
+LONGEST_PILOT = 10.0  # simulated seconds
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one effect adds to the operations of an evaluation: what they are less without it."""
+
+    effect: str
+    operations: int
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """How a scene is computed.
+
+    formulation: the simplest that covers its effects. states: entries of x = (q, v). operations: of one evaluation of
+    x' = f(t, x), equal ones counted once. shares: by effect. nanoseconds: of one evaluation in a batch, and alone,
+    measured in compiled steps; None where steps are not compiled. expected_seconds: of solving once, extrapolated from
+    the first part of the run.
+    """
+
+    scene: str
+    effects: tuple[str, ...]
+    formulation: str
+    states: int
+    operations: int
+    shares: tuple[Share, ...]
+    nanoseconds: tuple[float, float] | None
+    method: str
+    setting: float
+    why: str
+    accuracy: float
+    duration: float
+    expected_seconds: float
+
+    def __str__(self) -> str:
+        lines = [
+            self.scene,
+            f"  effects      {', '.join(self.effects) or 'none: free motion'}",
+            f"  formulation  {self.formulation}, {self.states} states",
+            f"  operations   {self.operations} an evaluation",
+            *(f"    {share.operations:>8,}  {share.effect}" for share in self.shares),
+        ]
+        if self.nanoseconds is not None:
+            batch, alone = self.nanoseconds
+            lines.append(f"  evaluation   {batch:.1f} ns in a batch, {alone:.0f} ns alone (measured)")
+        lines += [
+            f"  method       {self.method}, setting {self.setting:.1e}: {self.why}",
+            f"  expected     {self.expected_seconds:.2g} s for {self.duration:g} s at accuracy {self.accuracy:g}, "
+            f"error bar{' and later events' if self.formulation.startswith('events') else ''} not included",
+        ]
+        return "\n".join(lines)
+
+
+def explain(
+    scene: Scene, accuracy: float = 1e-6, duration: float | None = None, *, method: str = "auto"
+) -> Explanation:
+    """Say what a scene computes: its effects and what each costs, the formulation, the method and the expected cost."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
+    accuracy = accuracy_of(accuracy)
+    equations = equations_of(scene)
+    length = scene.duration if duration is None else duration_of(duration)
+    choice = choose(equations, accuracy, length, method)
+    shares = [
+        Share(type_name(type(effect).__name__), equations.operations - Equations(scene.without(i)).operations)
+        for i, effect in enumerate(scene.effects)
+    ]
+    return Explanation(
+        scene.title or scene.robot.name,
+        tuple(_described(effect) for effect in scene.effects),
+        _formulation(equations),
+        equations.moving,
+        equations.operations,
+        tuple(shares),
+        _nanoseconds(equations, choice),
+        choice.method.name,
+        choice.setting,
+        choice.why,
+        accuracy,
+        length,
+        _expected(equations, choice, length),
+    )
+
+
+def _formulation(equations: Equations) -> str:
+    loops = equations.loops
+    kind, text = "smooth", "forces: an ODE"
+    if loops is not None:
+        kind, text = "loops", f"{len(loops.kept)} constraints: an ODE with multipliers, projected after every step"
+    if equations.switches or equations.kinks:
+        return f"events ({text}, between events that are located)"
+    return f"{kind} ({text})"
+
+
+def _described(effect: Effect) -> str:
+    """An effect with its fields, as the scene gives them."""
+    return repr(effect)
+
+
+def _nanoseconds(equations: Equations, choice: Choice) -> tuple[float, float] | None:
+    """One evaluation in a batch and alone, ns, from steps of an explicit method."""
+    method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
+    if choice.method.kind == "scipy":
+        return None
+    compiled = step_map(equations, method)
+    if not compiled.compiled:
+        return None
+    found = []
+    for worlds in (BATCH, 1):
+        x = np.repeat(equations.start[:, None], worlds, axis=1)
+        state = compiled.initial(x, 0.0, 1e-3, 1.0, np.inf)
+        out = np.empty_like(state)
+        compiled(state, out)
+        calls = max(1, 512 // worlds)
+        rounds = []
+        for _ in range(ROUNDS):
+            start = time.perf_counter()
+            for _ in range(calls):
+                compiled(state, out)
+            rounds.append((time.perf_counter() - start) / calls)
+        found.append(1e9 * float(np.median(rounds)) / (worlds * method.evaluations))
+    return found[0], found[1]
+
+
+def _expected(equations: Equations, choice: Choice, duration: float) -> float:
+    """Seconds of solving once: two first parts of the run tell what a call costs, and what simulated time costs."""
+
+    def solved(part: float) -> Solution:
+        times = np.array([0.0, part * pilot])
+        return solve(equations, choice.method, times, choice.setting, None, choice.precision)
+
+    def seconds(part: float) -> float:
+        solved(part)  # what is compiled is compiled now
+        taken: list[float] = []
+        while len(taken) < ROUNDS and sum(taken) < PATIENCE:
+            start = time.perf_counter()
+            compiling = solved(part).compile_seconds
+            taken.append(time.perf_counter() - start - compiling)
+        return min(taken)
+
+    pilot = min(duration, LONGEST_PILOT / PILOT)
+    short, long = seconds(PILOT), seconds(2 * PILOT)
+    return short + max(0.0, long - short) * (duration / pilot - PILOT) / PILOT
