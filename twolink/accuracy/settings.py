@@ -14,8 +14,9 @@ from twolink.accuracy.time_limit import Clock, OverBudget
 from twolink.accuracy.truth import TAYLOR_COMPILES_LIKE, Truth
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, TwolinkError
+from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MAX_COMPILING, compiling_seconds, first_setting
+from twolink.integrate.method_choice import first_setting
 from twolink.integrate.methods import Method
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import smallest_tolerance, solve

@@ -18,8 +18,8 @@ from twolink.accuracy.time_limit import Clock, OverBudget
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate import scipy_solver, taylor
+from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MAX_COMPILING, compiling_seconds
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve

@@ -30,13 +30,11 @@ from twolink.errors import SceneError
 from twolink.integrate import pinocchio_rate as reference
 from twolink.integrate.assembly import assembled, independent_rows
 from twolink.integrate.constraints import Loops, locked_matrix
-from twolink.integrate.solution import FEWEST, Solution, joined
+from twolink.integrate.solution import Solution, joined
 from twolink.integrate.state import Array, StateSpace
 from twolink.scenes import Scene
 
 _E = TypeVar("_E", bound=Effect)
-NUDGE = 2e-15  # relative: about what the roundings on the way change
-FEWEST_AGAIN = 2.6 * FEWEST  # of the second solution: two that take the longest steps must not take the same ones
 CLOSE = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 
 
@@ -82,8 +80,6 @@ class Equations:
         self.lockable = tuple(sorted({k for e in self.switches for k in e.lockable(self.robot)}))
         self.locked = np.zeros(2 * len(self.lockable))
         self.slots: Mapping[str, float] = {}
-        self.margin = 0.0
-        self.fewest: float = FEWEST
         rows = sum(table.rows for table in self.tables) + len(self.locked)
         self.space = _WithRows(self.robot, rows) if rows else StateSpace(self.robot)
         self.moving = self.robot.nq + self.robot.nv
@@ -157,19 +153,6 @@ class Equations:
             if part.interrupted:
                 break
         return joined(parts)
-
-    def nudged(self, margin: float = 0.0) -> Equations:
-        """The same equations from a start some roundings away: what becomes of those, rounding does on the way too.
-
-        margin: near misses of stops and planes that are taken for touches.
-        """
-        moved = copy.copy(self)
-        moved.margin = margin
-        moved.fewest = FEWEST_AGAIN
-        moved.start = self.start.copy()
-        signs = np.where(np.arange(self.moving) % 2, -1.0, 1.0)
-        moved.start[: self.moving] += NUDGE * signs * np.fmax(1.0, np.abs(self.start[: self.moving]))
-        return moved
 
     def require(self, start: float, end: float) -> None:
         """Require that tables reach so far. Raises SceneError."""

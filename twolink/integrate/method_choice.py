@@ -16,6 +16,7 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor
+from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.solver import smallest_tolerance
@@ -27,7 +28,6 @@ MARGINS = {"taylor": 3.0, "dop853": 30.0}
 MARGIN = 100.0
 SAFETY = 2.0  # an error bar over the distance of two solutions: the second has errors of its own
 ROUGHEST = 1e-4  # a larger tolerance saves little, and what a run's error has to do with it is chance
-MAX_COMPILING = 20.0  # seconds: what takes longer to compile is not worth it unasked
 CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
 ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
@@ -99,11 +99,6 @@ def _decay(equations: Equations) -> float:
         rates, dying = fastest(equations, equations.start[:, None])
         known = vars(equations)["_decay"] = float(rates[0]) if dying[0] else 0.0
     return known
-
-
-def compiling_seconds(operations: int) -> float:
-    """What compiling so many operations takes, roughly: measured on UR5 (8,000: 2 s), ANYmal (44,000) and Talos."""
-    return operations / 4_000 * (1.0 + operations / 20_000)
 
 
 def expected_seconds(method: Method, tolerance: float, operations: int, compact: bool) -> float:

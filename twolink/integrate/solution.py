@@ -13,7 +13,6 @@ from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
 MAX_STEPS = 10_000_000
-FEWEST = 16  # steps of an adaptive method: an instability grows unseen within one that is too long
 
 
 @dataclass(frozen=True)

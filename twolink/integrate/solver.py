@@ -11,6 +11,7 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import scipy_solver, taylor
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
@@ -34,12 +35,13 @@ def solve(
     setting: float,
     progress: Progress | None = None,
     precision: taylor.Precision = "double",
+    perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
     """Solve from the equations' start for the samples `times` (n,).
 
     setting: the tolerance of an adaptive method, or the step of a fixed one [s]. precision: of the numbers, beyond
-    "double" by Taylor's method only. No step goes across a time at which the equations are not smooth. Raises
-    AccuracyError and SceneError.
+    "double" by Taylor's method only. perturbation: of the second solution behind an error bar. No step goes across a
+    time at which the equations are not smooth. Raises AccuracyError and SceneError.
     """
     if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
         name = "tolerance" if method.adaptive else "step"
@@ -50,6 +52,9 @@ def solve(
         setting = max(setting, smallest_tolerance(method, precision))
     if equations.space.size == 0:  # nothing moves
         return Solution(times, np.empty((0, len(times))), 0, 0)
+    if perturbation.start_shift:
+        start = perturbation.shifted(equations.start[: equations.moving])
+        equations = equations.beginning(start, float(times[0]))
     stepping = method.kind not in ("taylor", "scipy")
     if equations.switches and not stepping:
         raise SceneError(f"{method.name} does not locate events", where="method",
@@ -57,14 +62,19 @@ def solve(
     if equations.switches or (stepping and equations.kinks):
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
-        return solve_events(equations, method, times, setting, progress)
+        return solve_events(equations, method, times, setting, progress, perturbation)
     if method.kind == "taylor":
-        return taylor.solve(equations, times, setting, progress, precision=precision)
+        return taylor.solve(equations, times, setting, progress, precision=precision, min_steps=perturbation.min_steps)
     if method.kind == "scipy":
         return equations.in_pieces(times, lambda e, part: scipy_solver.solve(e, method, part, setting, progress))
     if not method.adaptive:
         _require_pieces(equations, times, setting)
-    return equations.in_pieces(times, lambda e, part: march(step_map(e, method), part, setting, progress))
+
+    def smooth(piece: Equations, part: Array) -> Solution:
+        longest = float(part[-1] - part[0]) / perturbation.min_steps
+        return march(step_map(piece, method), part, setting, progress, longest=longest)
+
+    return equations.in_pieces(times, smooth)
 
 
 def _require_pieces(equations: Equations, times: Array, step: float) -> None:

@@ -13,8 +13,8 @@ from twolink.errors import AccuracyError
 from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
+from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.solution import (
-    FEWEST,
     MAX_STEPS,
     Progress,
     Solution,
@@ -46,7 +46,7 @@ def march(
     progress: Progress | None = None,
     *,
     watcher: Watcher | None = None,
-    span: float | None = None,
+    longest: float | None = None,
 ) -> Solution:
     """Solve from the equations' start at times[0] for the samples `times` (n,).
 
@@ -54,13 +54,14 @@ def march(
     last sample. A sample is one step from the state before it: as exact as the method. Raises AccuracyError when the
     step size collapses or the state stops being finite.
 
-    watcher: ends the march at the first event that it finds. span: of the run that this is a piece of, s.
+    watcher: ends the march at the first event that it finds. longest: no step of an adaptive method is longer, s; by
+    default a sixteenth of the time from the first sample to the last.
     """
     equations, method = step_map.equations, step_map.method
     size, x0 = equations.space.size, equations.start[:, None]
     start, end = float(times[0]), float(times[-1])
     first, tolerance, limit = _first_step(equations, method, x0, setting, start, end)
-    initial = step_map.initial(x0, start, first, end, tolerance, longest=(span or end - start) / equations.fewest)
+    initial = step_map.initial(x0, start, first, end, tolerance, longest=longest or (end - start) / MIN_STEPS)
     states = np.empty((BLOCK + 1, *initial.shape))
     states[0] = initial
     out = np.empty((size, len(times)))
@@ -126,7 +127,7 @@ def march_many(
     first, tolerance, limit = _first_step(equations, method, x0, setting, start, stops[0])
     if not method.adaptive:  # equal steps to the end, where there are no breaks
         first, _, limit = _first_step(equations, method, x0, setting, start, float(times[-1]))
-    longest = min(longest, (float(times[-1]) - start) / FEWEST)
+    longest = min(longest, (float(times[-1]) - start) / MIN_STEPS)
     state = step_map.initial(x0, start, first, float(times[-1]), tolerance, parameters, longest)
     out = np.empty((len(times), moving, count))
     out[0] = x0[:moving]
@@ -212,7 +213,7 @@ def _first_step(
     # It depends on the tolerance even where a piece is short: else two tolerances might take the same steps, and their
     # solutions say nothing of each other's error.
     natural = setting ** (1 / method.error_order)
-    first = np.minimum(0.5 * natural / np.maximum(change, 1e-3), natural * duration / FEWEST)
+    first = np.minimum(0.5 * natural / np.maximum(change, 1e-3), natural * duration / MIN_STEPS)
     return (float(first[0]) if first.size == 1 else first), setting, MAX_STEPS
 
 

@@ -26,6 +26,7 @@ from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
+from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
@@ -56,19 +57,26 @@ def solve(
     progress: Progress | None = None,
     *,
     precision: Precision = "double",
+    min_steps: float = MIN_STEPS,
 ) -> Solution:
     """Solve for the samples `times` (n,), from the equations' start.
 
     precision: "double" (16 digits), "extended" (19, where the processor has it) or "quad" (33). Of the last two the
     states are in Solution.precise as well, and the model's constants keep their digits when products are made of them.
-    No step goes across a time at which the equations are not smooth. Raises AccuracyError when a step or the state
+    min_steps: the smallest number of steps of a piece. No step goes across a time at which the equations are not
+    smooth. Raises AccuracyError when a step or the state
     stops being finite.
     """
-    return equations.in_pieces(times, lambda e, part: _solve_piece(e, part, tolerance, progress, precision))
+    return equations.in_pieces(times, lambda e, part: _solve_piece(e, part, tolerance, progress, precision, min_steps))
 
 
 def _solve_piece(
-    equations: Equations, times: Array, tolerance: float, progress: Progress | None, precision: Precision
+    equations: Equations,
+    times: Array,
+    tolerance: float,
+    progress: Progress | None,
+    precision: Precision,
+    min_steps: float,
 ) -> Solution:
     module = heyoka()
     if module is None:
@@ -79,7 +87,7 @@ def _solve_piece(
     integrator = _take(name) or _build(name, equations, tolerance, precision)
     compile_seconds = time.perf_counter() - start
     try:
-        return _propagate(integrator, equations, times, progress, precision, compile_seconds, order)
+        return _propagate(integrator, equations, times, progress, precision, min_steps, compile_seconds, order)
     finally:
         _pool.setdefault(name, []).append(integrator)
 
@@ -138,6 +146,7 @@ def _propagate(
     times: Array,
     progress: Progress | None,
     precision: Precision,
+    min_steps: float,
     compile_seconds: float,
     order: int,
 ) -> Solution:
@@ -155,7 +164,7 @@ def _propagate(
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
-            taken, found = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / equations.fewest))
+            taken, found = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
             steps += taken
             out[done:stop] = found[1:, :size]
             done = stop

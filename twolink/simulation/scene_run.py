@@ -15,6 +15,7 @@ from twolink.integrate.equations import Equations, equations_of
 from twolink.integrate.event import Event
 from twolink.integrate.method_choice import SAFETY, Choice, choose, second_tolerance
 from twolink.integrate.methods import METHODS
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution
 from twolink.integrate.solver import smallest_tolerance, solve
 from twolink.integrate.taylor import Precision
@@ -80,8 +81,8 @@ def simulate(
     before = compiling = 0.0  # seconds of solutions that were given up
     while verify and not coarse.solution.interrupted:
         margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
-        other = equations.nudged(margin) if precision == "double" else equations
-        fine = _solve(other, _finer(coarse.choice, equations, accuracy), times, progress)
+        perturbation = second_solution(margin) if precision == "double" else NO_PERTURBATION
+        fine = _solve(equations, _finer(coarse.choice, equations, accuracy), times, progress, perturbation)
         compiling += coarse.solution.compile_seconds + fine.solution.compile_seconds
         run = _verified(scene, equations, coarse, fine, 0.0 if free else accuracy, before)
         if run.cost is not None:
@@ -94,9 +95,15 @@ def simulate(
     return _trajectory(scene, equations, coarse, _cost(coarse))
 
 
-def _solve(equations: Equations, choice: Choice, times: np.ndarray, progress: Progress | None) -> Solved:
+def _solve(
+    equations: Equations,
+    choice: Choice,
+    times: np.ndarray,
+    progress: Progress | None,
+    perturbation: Perturbation = NO_PERTURBATION,
+) -> Solved:
     start = time.perf_counter()
-    solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision)
+    solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision, perturbation)
     return Solved(choice, solution, time.perf_counter() - start - solution.compile_seconds)
 
 

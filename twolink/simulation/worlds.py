@@ -17,9 +17,10 @@ from twolink.dynamics.kernels import heyoka
 from twolink.effects.switching import Switch
 from twolink.errors import AccuracyError, MissingExtraError, SceneError, nearest
 from twolink.integrate.assembly import assembled
-from twolink.integrate.equations import NUDGE, Equations
+from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import SAFETY, first_tolerance, second_tolerance
 from twolink.integrate.methods import METHODS
+from twolink.integrate.perturbation import second_solution
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.step_map import StepMap, step_map
@@ -178,9 +179,9 @@ def _verified(
     longest = float(np.diff(times).min()) / 4
     while True:
         own = None if rows is None else rows[:, going]
-        nudged = _nudged(states[:, going])
+        perturbed = second_solution().shifted(states[:, going])
         tolerance = second_tolerance(compiled.method, tolerance)
-        finer, _, tried = march_many(compiled, nudged, times, tolerance, own, None, longest)
+        finer, _, tried = march_many(compiled, perturbed, times, tolerance, own, None, longest)
         distance = SAFETY * _distance(compiled, current, finer)
         error[going], found[:, :, going] = distance, current
         attempts += tried
@@ -190,12 +191,6 @@ def _verified(
         own = None if rows is None else rows[:, going]
         current, steps[going], tried = march_many(compiled, states[:, going], times, tolerance, own)
         attempts += tried
-
-
-def _nudged(states: np.ndarray) -> np.ndarray:
-    """Starts some roundings away: what becomes of those, rounding does on the way too."""
-    signs = np.where(np.arange(len(states)) % 2, -1.0, 1.0)[:, None]
-    return np.asarray(states + NUDGE * signs * np.fmax(1.0, np.abs(states)))
 
 
 def _distance(compiled: StepMap, coarse: np.ndarray, fine: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from twolink.integrate.hybrid.mode_selection import Key, decide, slide, unlock
 from twolink.integrate.hybrid.modes import Hybrid
 from twolink.integrate.hybrid.snapshot import Moment
 from twolink.integrate.methods import Method
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.solution import Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
@@ -35,15 +36,28 @@ BEYOND = 1e-9  # m or rad: a start so far beyond a stop or a plane is a mistake
 
 
 def solve(
-    equations: Equations, method: Method, times: Array, setting: float, progress: Progress | None = None
+    equations: Equations,
+    method: Method,
+    times: Array,
+    setting: float,
+    progress: Progress | None = None,
+    perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
     """Solve a scene with switches for the samples `times` (n,). Raises AccuracyError and SceneError."""
-    return _Run(equations, method, setting, progress).to(times)
+    return _Run(equations, method, setting, progress, perturbation).to(times)
 
 
 class _Run:
-    def __init__(self, equations: Equations, method: Method, setting: float, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        method: Method,
+        setting: float,
+        progress: Progress | None,
+        perturbation: Perturbation,
+    ) -> None:
         self.whole, self.method, self.setting, self.progress = equations, method, setting, progress
+        self.perturbation = perturbation
         self.hybrid = Hybrid.of(equations)
         self.nq = equations.space.nq
         self.x = equations.start[: equations.moving].copy()
@@ -120,13 +134,13 @@ class _Run:
         """Solve from now to the next event or stop."""
         middle = 0.5 * (self.t + stop)
         equations = self.hybrid.beginning(self.modes, self.x, middle)
-        equations.fewest = self.whole.fewest
         self.piece = equations
         steps = step_map(equations, self.method)
         here = Moment(equations, np.array([self.t]), equations.start[:, None])
         watching = guards(self.hybrid, self.modes, here, self.sides)
-        watcher = Watcher(equations, steps, watching, self.t, self.whole.margin)
-        part = march(steps, grid, self.setting, self.progress, watcher=watcher, span=self.span)
+        watcher = Watcher(equations, steps, watching, self.t, self.perturbation.touch_margin)
+        longest = self.span / self.perturbation.min_steps
+        part = march(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
         for guard in watching:

@@ -20,8 +20,8 @@ from twolink.algorithms.spatial import minus, times
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import CertificationError
+from twolink.integrate.compile_time import compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import compiling_seconds
 from twolink.integrate.state import Array
 
 PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
