@@ -1,6 +1,6 @@
 # Sourced by scripts/demo and scripts/test: makes .venv with pinned versions, and does nothing when that is done.
-# usage: . scripts/setup.sh [extras]      e.g. "[test]"
-extras="${1:-}"
+# usage: . scripts/setup.sh [EXTRAS]      "[service,sweeps]" unless given; scripts/test asks for "[test]", which holds both
+extras="${1:-[service,sweeps]}"
 
 python="${PYTHON:-}"
 if [ -z "$python" ]; then
@@ -19,12 +19,12 @@ fi
 
 # A stamp says what the environment was made from and where: a change of either makes it again.
 wanted="$(pwd) $(cat pyproject.toml scripts/constraints.txt | cksum)"
-stamp=".venv/stamp$extras"
+stamp=".venv/stamp-$extras"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
   echo "setting up .venv (a minute or two) ..."
   .venv/bin/python -c '' 2>/dev/null || { rm -rf .venv; "$python" -m venv .venv; }
   .venv/bin/python -m pip install --quiet --disable-pip-version-check -c scripts/constraints.txt -e ".$extras" \
     2> .venv/pip.log || { cat .venv/pip.log >&2; exit 1; }
   echo "$wanted" > "$stamp"
-  echo "$wanted" > .venv/stamp  # the test extras hold all that the plain installation does
+  if [ "$extras" = "[test]" ]; then echo "$wanted" > ".venv/stamp-[service,sweeps]"; fi
 fi

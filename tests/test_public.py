@@ -1,9 +1,14 @@
 """The public face: its names, what importing costs, and errors that pickle and have one root."""
 
+import ast
+import importlib.metadata
 import inspect
+import itertools
 import pickle
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -78,3 +83,62 @@ def test_every_module_says_its_job_and_no_product_code_asserts() -> None:
         text = path.read_text()
         assert text.startswith('"""'), path
         assert not any(line.strip().startswith("assert ") for line in text.splitlines()), path
+
+
+def test_imported_libraries_are_declared() -> None:
+    project = tomllib.loads((TOP / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *itertools.chain(*project["optional-dependencies"].values())]
+    declared = {re.split(r"[^\w.-]", text)[0].lower().replace("_", "-") for text in wanted}
+    provided = importlib.metadata.packages_distributions()
+    provided["pinocchio"] = ["pin"]  # a cmeel wheel: its modules are beside site-packages' own
+    provided["coal"], provided["example_robot_data"] = ["coal"], ["example-robot-data"]
+    undeclared: dict[str, str] = {}
+    for path in (TOP / "twolink").rglob("*.py"):
+        for name in imported_packages(path) - set(sys.stdlib_module_names) - {"twolink"}:
+            names = {each.lower().replace("_", "-") for each in provided.get(name, [name])}
+            if not names & declared:
+                undeclared[name] = str(path)
+    assert undeclared == {}
+
+
+def imported_packages(path: Path) -> set[str]:
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    return {name.partition(".")[0] for name in plain | {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom)}}
+
+
+WITHOUT_SERVICE = """
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("litestar", "uvicorn", "prometheus_client", "httptools", "xarray", "pandas"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Absent())
+"""
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=False)
+
+
+def test_the_core_and_the_client_need_no_extra() -> None:
+    code = "import twolink as tl; tl.connect; tl.simulate(tl.load_scene('arm-swing'), 0.01)"
+    done = run_python(WITHOUT_SERVICE + code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_serve_without_its_extra_names_the_command_that_installs_it(tmp_path: Path) -> None:
+    arguments = ["twolink", "serve", "--data", str(tmp_path)]
+    code = f"import sys; sys.argv = {arguments}; from twolink.cli.app import main; main()"
+    done = run_python(WITHOUT_SERVICE + code)
+    assert done.returncode == 1
+    assert "pip install 'twolink[service]'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_tab_completion_lists_the_public_names_only() -> None:
+    assert set(tl.__all__) <= set(dir(tl))
+    assert not {"TYPE_CHECKING", "Any", "annotations"} & set(dir(tl))
+    assert all(getattr(tl, name) is not None for name in dir(tl))

@@ -1,5 +1,6 @@
 """twolink: ask a URDF a dynamics question and get an answer you can trust, with its price."""
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from twolink import effects, errors, lagrange
@@ -16,22 +17,24 @@ if TYPE_CHECKING:
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
 
-# Imported when used.
-_BOOK = "twolink.simulation.energy_balance"
-_LATER = {
-    "Book": _BOOK,
-    "energy_book": _BOOK,
-    "loop_forces": _BOOK,
+_IMPORTED_WHEN_USED = {
+    "Book": "twolink.simulation.energy_balance",
+    "energy_book": "twolink.simulation.energy_balance",
+    "loop_forces": "twolink.simulation.energy_balance",
     "connect": "twolink.service.client",
-}  # imported when used
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATER:
+    """Import a public name when it is first used (PEP 562)."""
+    if name not in _IMPORTED_WHEN_USED:
         raise AttributeError(f"module 'twolink' has no attribute {name!r}")
-    import importlib
+    return getattr(importlib.import_module(_IMPORTED_WHEN_USED[name]), name)
 
-    return getattr(importlib.import_module(_LATER[name]), name)
+
+def __dir__() -> list[str]:
+    """List the public names, for dir() and tab completion."""
+    return sorted([*__all__, "__version__"])
 
 
 __all__ = [

@@ -13,6 +13,7 @@ TwolinkError
 from __future__ import annotations
 
 import difflib
+import importlib
 from collections.abc import Iterable
 from typing import Any
 
@@ -120,3 +121,33 @@ def nearest(name: str, known: Iterable[str], *, most: int = 12) -> str:
         return f"did you mean {close[0]!r}?"
     listed = ", ".join(names[:most]) + (", ..." if len(names) > most else "")
     return f"known: {listed}" if names else "there is none"
+
+
+def import_extra(module: str, extra: str) -> Any:
+    """Import a module that needs an optional library.
+
+    Parameters
+    ----------
+    module : str
+        The module, such as "xarray".
+    extra : str
+        The extra of twolink that installs the library.
+
+    Returns
+    -------
+    module
+        The imported module.
+
+    Raises
+    ------
+    MissingExtraError
+        The library is not installed; the message has the command that installs it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as missing:
+        library = (missing.name or module).partition(".")[0]
+        if library == "twolink":
+            raise
+        remedy = f"pip install 'twolink[{extra}]'"
+        raise MissingExtraError(f"{library} is not installed", remedy=remedy, extra=extra) from missing

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from twolink.cli.options import Misuse, misuse
+from twolink.errors import import_extra
 
 
 def register(app: typer.Typer) -> None:
@@ -74,7 +75,8 @@ def serve(
     )  # fmt: skip
     if not local and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
-    from twolink.service.server import ensure_folder, run
-
-    ensure_folder(Path(settings.data))
-    run(settings, on_start=lambda url: typer.echo(f"twolink serves {url}  (data in {settings.data}; Ctrl-C ends it)"))
+    server = import_extra("twolink.service.server", "service")
+    server.ensure_folder(Path(settings.data))
+    server.run(
+        settings, on_start=lambda url: typer.echo(f"twolink serves {url}  (data in {settings.data}; Ctrl-C ends it)")
+    )
