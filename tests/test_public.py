@@ -20,7 +20,7 @@ TOP = Path(__file__).parents[1]
 FACE = {
     tl: ["Book", "Robot", "Scene", "Study", "Trajectory", "Worlds", "Wrench", "accuracy_study", "connect",
          "effects", "energy_book", "errors", "explain", "lagrange", "load_robot", "load_scene", "loop_forces",
-         "simulate", "simulate_many"],
+         "methods", "simulate", "simulate_many"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy"],
     tl.Scene: ["robot", "q", "v", "effects", "duration", "save"],

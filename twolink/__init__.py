@@ -7,6 +7,7 @@ from twolink import effects, errors, lagrange
 from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
+from twolink.integrate.methods import methods
 from twolink.scenes import Scene, load_scene
 from twolink.simulation import Worlds, simulate_many
 from twolink.simulation.explanation import explain
@@ -55,6 +56,7 @@ __all__ = [
     "load_robot",
     "load_scene",
     "loop_forces",
+    "methods",
     "simulate",
     "simulate_many",
 ]

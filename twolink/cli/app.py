@@ -14,9 +14,10 @@ import typer
 from twolink._version import __version__
 from twolink.cli import hard_cases, scenes, serve, throw
 from twolink.cli.options import Misuse, misuse, takes_robot
-from twolink.cli.printing import describe, print_json, print_robot, print_robots, say_skipped
+from twolink.cli.printing import print_json, print_robot, print_robots, say_skipped
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.named_queries import QUERIES, answer_query, parse_json, read_states
+from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError, TwolinkError
 
 app = typer.Typer(
@@ -80,7 +81,7 @@ def inspect(
 
         second = compare(robot)
     if as_json:
-        print_json({**describe(robot), **({"second_reading": second} if second else {})})
+        print_json({**robot_record(robot), **({"second_reading": second} if second else {})})
     else:
         print_robot(robot)
         if second:

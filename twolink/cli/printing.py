@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from twolink.dynamics import Robot
+from twolink.dynamics.robot_record import robot_record
 from twolink.integrate.event import Event
 from twolink.integrate.methods import METHODS
 
@@ -41,27 +42,11 @@ def print_robots(rows: Sequence[dict[str, Any]]) -> None:
             typer.echo(f"{row['name']:<28}{sizes}  {row['root']:<6} {row['from']}")
 
 
-def describe(robot: Robot) -> dict[str, Any]:
-    """A robot as plain data: sizes, joints and the load report."""
-    joints = [
-        {
-            "name": j.name,
-            "kind": robot.model.joints[j.index].shortname().removeprefix("JointModel"),
-            "q": [j.q.start, j.q.stop],
-            "v": [j.v.start, j.v.stop],
-            "mass": robot.model.inertias[j.index].mass,
-        }
-        for j in robot.joints
-    ]
-    sizes = {"name": robot.name, "nq": robot.nq, "nv": robot.nv, "mass": robot.mass}
-    return {**sizes, "joints": joints, "report": robot.report.to_dict()}
-
-
 def print_robot(robot: Robot) -> None:
     """A robot for people: joints, the load report, and how batches are answered."""
     typer.echo(f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving\n")
     typer.echo(f"{'joint':<32}{'kind':<24}{'q':>8}{'v':>8}{'kg moved with it':>18}")
-    for j in describe(robot)["joints"]:
+    for j in robot_record(robot)["joints"]:
         q, v = ("-" if a == b else f"{a}" if b == a + 1 else f"{a}:{b}" for a, b in (j["q"], j["v"]))
         typer.echo(f"{j['name']:<32}{j['kind']:<24}{q:>8}{v:>8}{j['mass']:>18.6g}")
     typer.echo(f"\n{robot.report}")
@@ -100,7 +85,7 @@ def print_run(summary: dict[str, Any]) -> None:
         for line in _cost_lines(cost):
             typer.echo(f"  {line}")
     digits = summary.get("q_precise")
-    end = np.array2string(summary["q"], precision=15) if digits is None else f"[{' '.join(digits)}]"
+    end = np.array2string(np.array(summary["q"]), precision=15) if digits is None else f"[{' '.join(digits)}]"
     typer.echo(f"  q(end) = {end}")
     for path in summary["written"]:
         typer.echo(f"  wrote    {path}")

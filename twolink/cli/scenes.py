@@ -15,11 +15,11 @@ from twolink.cli.options import Misuse, misuse
 from twolink.cli.printing import Progress, print_json, print_run
 from twolink.cli.writing import require_formats, write
 from twolink.errors import TwolinkError
-from twolink.integrate.methods import METHODS
+from twolink.integrate.methods import methods as method_table
 from twolink.io.tables import SUFFIXES
 from twolink.scenes import bundled_scenes, load_scene
 from twolink.show.trajectory_plot import FORMATS
-from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.records import run_record
 
 SceneArgument = Annotated[str, typer.Argument(help="A bundled scene, or the path of a scene file (.toml).")]
 Duration = Annotated[float | None, typer.Option(help="Seconds; the scene's own when left out.")]
@@ -110,7 +110,7 @@ def run(
             precision=cast(Any, precision), tolerance=tolerance, step=step, progress=progress,
         )  # fmt: skip
     written, failures = write(result, outs)
-    summary = _summary(scene, loaded.robot.name, result) | {"written": written}
+    summary = {"scene": scene} | run_record(result) | {"written": written}
     if book:
         from twolink.simulation.energy_balance import energy_book
 
@@ -128,25 +128,6 @@ def run(
         raise failures[0]
     if result.interrupted:
         raise TwolinkError("interrupted", remedy=KEPT)
-
-
-def _summary(scene: str, robot: str, result: Trajectory) -> dict[str, Any]:
-    summary = {
-        "scene": scene,
-        "robot": robot,
-        "duration": float(result.t[-1]),
-        "error": None if result.error is None else float(result.error.max()),
-        "energy_drift": float(np.ptp(result.energy)),
-        "q": result.q[-1],
-        "v": result.v[-1],
-        "cost": None if result.cost is None else vars(result.cost),
-        "events": [vars(event) for event in result.events],
-        "interrupted": result.interrupted,
-    }
-    if result.precise is not None:  # as text: JSON's numbers are read as doubles
-        digits = [str(x) for x in result.precise[-1]]
-        summary |= {"q_precise": digits[: result.robot.nq], "v_precise": digits[result.robot.nq :]}
-    return summary
 
 
 def accuracy(
@@ -235,19 +216,12 @@ class Bar:
 
 def methods(as_json: JsonOption = False) -> None:
     """List the methods that simulate: order, kind, adaptive or of fixed steps, what for, and where they come from."""
-    rows = [
-        {"name": m.name, "order": m.order, "kind": m.kind, "adaptive": m.adaptive, "good_for": m.good_for,
-         "source": m.source} for m in METHODS.values()
-    ]  # fmt: skip
+    table = method_table()
     if as_json:
-        print_json(rows)
+        print_json(table.to_records())
         return
-    typer.echo(f"{'name':<21}{'order':>5}  {'kind':<14}{'steps':<10}good for")
-    for row in rows:
-        steps = "adaptive" if row["adaptive"] else "fixed"
-        order = "any" if row["kind"] == "taylor" else row["order"]
-        typer.echo(f"{row['name']:<21}{order:>5}  {row['kind']:<14}{steps:<10}{row['good_for']}")
+    typer.echo(table.select("name", "order", "kind", "adaptive", "good_for"))
     typer.echo("\nAdaptive methods take --tolerance, the others --step; auto takes the cheapest for --accuracy.")
     typer.echo("Sources:")
-    for row in rows:
+    for row in table:
         typer.echo(f"  {row['name']:<21}{row['source']}")

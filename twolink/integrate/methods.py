@@ -18,6 +18,7 @@ from twolink.integrate.coefficients import (
     SUZUKI,
 )
 from twolink.integrate.tableau import Tableau
+from twolink.io.listing import Table
 
 ITERATIONS = 6  # of Newton's method a stage: from a guess within 1e-2 to rounding, as the matrix is kept for a step
 Kind = Literal["semi-implicit", "explicit", "implicit", "taylor", "scipy"]
@@ -142,3 +143,16 @@ def method_named(name: str) -> Method:
     if str(name) not in METHODS:
         raise SceneError(f"{name!r} is unknown", where="method", remedy=nearest(str(name), ("auto", *METHODS)))
     return METHODS[str(name)]
+
+
+def methods() -> Table:
+    """The methods that simulate, as a table.
+
+    Returns
+    -------
+    Table
+        Columns name, order (of the global error), kind, adaptive (whether the method chooses its steps), good_for and
+        source.
+    """
+    columns = ("name", "order", "kind", "adaptive", "good_for", "source")
+    return Table(columns, tuple(tuple(getattr(method, name) for name in columns) for method in METHODS.values()))

@@ -13,12 +13,12 @@ from litestar import MediaType, Request, Response, delete, get, post
 from litestar.params import Parameter
 
 from twolink._version import __version__
+from twolink.dynamics.robot_record import robot_record
 from twolink.robots.catalogue import find
 from twolink.service.components import Service, Shared
 from twolink.service.http_io import JSON, UNTOLD, media_type
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
-from twolink.service.robot_record import describe
 from twolink.service.robot_tasks import RobotOptions
 
 _XML = ("application/xml", "text/xml", "application/urdf+xml")
@@ -69,7 +69,7 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     loaded = await service.robots.get(robot)
     entry = find(robot)
     about = {"id": robot, "origin": "catalogue", "from": entry.origin, "usual_root": entry.usual_root, "root": "fixed"}
-    return {**about, **describe(loaded)}
+    return {**about, **robot_record(loaded)}
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 from litestar import get, post
 
-from twolink.integrate.methods import METHODS
+from twolink.integrate.methods import methods
 from twolink.scenes import bundled_scenes
 from twolink.scenes.save import scene_schema
 from twolink.service.components import Shared
@@ -56,12 +56,9 @@ async def schema() -> dict[str, Any]:
 
 
 @get("/v1/methods", tags=["scenes"], summary="The methods that simulate")
-async def methods() -> list[dict[str, Any]]:
+async def list_methods() -> list[dict[str, Any]]:
     """Name, order, kind, whether it chooses its steps, what it is good for, and its source."""
-    return [
-        {"name": m.name, "order": m.order, "kind": m.kind, "adaptive": m.adaptive, "good_for": m.good_for,
-         "source": m.source} for m in METHODS.values()
-    ]  # fmt: skip
+    return methods().to_records()
 
 
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
@@ -79,4 +76,4 @@ async def explain(service: Shared, data: ExplainRequest) -> dict[str, Any]:
     return found
 
 
-HANDLERS = [list_scenes, show_scene, schema, methods, validate, explain]
+HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain]

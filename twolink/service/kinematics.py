@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.robot_record import link_frames
 from twolink.errors import QueryError, nearest
-from twolink.service.robot_record import link_frames
 
 
 def frame_poses(robot: Robot, q: ArrayLike, frames: Sequence[str] | None = None) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.dynamics.named_queries import QUERIES as OWN
 from twolink.dynamics.named_queries import answer_query
+from twolink.dynamics.robot_record import link_names
 from twolink.errors import QueryError
 from twolink.service import npz
 from twolink.service.http_io import JSON, UNTOLD, accepts, header, media_type, read_body
@@ -23,7 +24,6 @@ from twolink.service.kinematics import derivatives, frame_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import LoadedRobots
-from twolink.service.robot_record import link_names
 from twolink.service.settings import Settings
 
 Numbers = list[float | list[float]]

@@ -11,9 +11,9 @@ from typing import Any, Literal
 import msgspec
 
 from twolink.dynamics import Robot, load_robot
+from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError
 from twolink.robots.catalogue import catalogue_names
-from twolink.service.robot_record import describe
 from twolink.service.uploads import check_files, choose_urdf, local_urdf, unpack
 from twolink.service.visuals import visuals_of
 
@@ -60,7 +60,7 @@ def receive(*, folder: str, kind: str, options: dict[str, Any], most: dict[str, 
     if robot.nv > most["nv"]:
         what = f"{robot.nv} degrees of freedom, the service takes up to {most['nv']}"
         raise RobotError(what, where=robot.name, remedy="lock some joints, or start it with a larger quota")
-    return {"robot": pickle.dumps(robot), "description": describe(robot)}
+    return {"robot": pickle.dumps(robot), "description": robot_record(robot)}
 
 
 def _text(data: bytes, name: str) -> str:

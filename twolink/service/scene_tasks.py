@@ -11,11 +11,11 @@ import msgspec
 import numpy as np
 
 from twolink.accuracy import Study, accuracy_study
+from twolink.dynamics.robot_record import link_names, robot_record
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest, check_quotas
 from twolink.service.kinematics import frame_poses
-from twolink.service.robot_record import describe, link_names
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Tell
@@ -33,7 +33,7 @@ def validate(*, request: dict[str, Any], robots: str, **_: Any) -> dict[str, Any
     scene = scene_of(msgspec.convert(request, SceneRequest).scene, robots)
     return {
         "title": scene.title,
-        "robot": describe(scene.robot),
+        "robot": robot_record(scene.robot),
         "duration": scene.duration,
         "q": scene.q.tolist(),
         "v": scene.v.tolist(),

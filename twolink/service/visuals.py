@@ -10,8 +10,8 @@ import pinocchio as pin
 import umsgpack
 
 from twolink.dynamics import Robot
+from twolink.dynamics.robot_record import link_frames, link_names
 from twolink.errors import ShowError
-from twolink.service.robot_record import link_frames, link_names
 from twolink.show.meshcat_scene import scene_nodes
 
 _ARRAYS = {0x17: "Float32Array", 0x13: "Int16Array", 0x14: "Uint16Array", 0x16: "Uint32Array", 0x12: "Uint8Array"}

@@ -1,4 +1,4 @@
-"""A robot as plain data: sizes, joints with their limits, links, and the load report."""
+"""A robot as plain data: what the command line prints as JSON and the service answers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.dynamics import Robot
+from twolink.dynamics.robot import Robot
 
 
-def describe(robot: Robot) -> dict[str, Any]:
-    """What a client needs to ask about a robot. Limits that are not there are None."""
+def robot_record(robot: Robot) -> dict[str, Any]:
+    """A robot as plain data, for JSON.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    dict
+        name, nq, nv, mass [kg], gravity [m/s^2] and neutral (nq numbers); joints: dictionaries with name, kind
+        (Pinocchio's), layout, q and v (start and stop of the joint's entries), limits (None where there is none) and
+        the mass moved [kg]; links (names); report (the load report).
+    """
     return {
         "name": robot.name,
         "nq": robot.nq,
@@ -43,15 +55,15 @@ def _joint(robot: Robot, i: int) -> dict[str, Any]:
 
 
 def _limits(values: np.ndarray) -> list[float | None]:
-    """Pinocchio writes no limit as infinity, or as the largest double."""
+    """Limits as numbers. Pinocchio writes a missing limit as infinity or as the largest double."""
     return [float(x) if math.isfinite(x) and abs(x) < 1e300 else None for x in values]
 
 
 def link_frames(robot: Robot) -> list[int]:
-    """The frames of the links, in the model's order."""
+    """The indices of the links' frames, in the model's order."""
     return [i for i, frame in enumerate(robot.model.frames) if frame.type == pin.FrameType.BODY]
 
 
 def link_names(robot: Robot) -> list[str]:
-    """The links, in the model's order."""
+    """The names of the links, in the model's order."""
     return [robot.model.frames[i].name for i in link_frames(robot)]

@@ -1,0 +1,48 @@
+"""A run as plain data: what the command line prints as JSON and the service answers."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from twolink.simulation.trajectory import Trajectory
+
+
+def run_record(run: Trajectory) -> dict[str, Any]:
+    """The summary of a run as numbers, texts, lists and dictionaries.
+
+    Parameters
+    ----------
+    run : Trajectory
+
+    Returns
+    -------
+    dict
+        robot, joints (names); duration [s], samples (a count); error (the largest error bar, rad or m; None when the
+        run is not verified), accuracy, trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
+        cost: the fields of `Cost`, or None; events: dictionaries with t, kind, what, detail, energy; interrupted.
+        q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
+    """
+    record = {
+        "robot": run.robot.name,
+        "joints": list(run.robot.joint_names),
+        "duration": float(run.t[-1]),
+        "samples": len(run.t),
+        "error": None if run.error is None else float(run.error.max()),
+        "accuracy": run.accuracy,
+        "trusted_until": run.trusted_until,
+        "energy_drift": float(np.ptp(run.energy)),
+        "q": run.q[-1].tolist(),
+        "v": run.v[-1].tolist(),
+        "cost": None if run.cost is None else dataclasses.asdict(run.cost),
+        "events": [
+            {**dataclasses.asdict(event), "t": float(event.t), "energy": float(event.energy)} for event in run.events
+        ],
+        "interrupted": run.interrupted,
+    }
+    if run.precise is not None:  # as texts, because readers of JSON take numbers as doubles
+        digits = [str(x) for x in run.precise[-1]]
+        record |= {"q_precise": digits[: run.robot.nq], "v_precise": digits[run.robot.nq :]}
+    return record
