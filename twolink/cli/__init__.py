@@ -1,1 +1,1 @@
-"""The command line."""
+"""The command line: one file a command group; `app` assembles them. Nothing else imports this room."""

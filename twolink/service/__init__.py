@@ -1,1 +1,5 @@
-"""The service: queries, experiments and playback over HTTP. `twolink serve` starts it; `app.build` makes it."""
+"""The service: queries, simulations, studies and playback over HTTP, with a page; `client` asks it from Python.
+
+In: HTTP requests. Out: records as JSON or npz, jobs, problems after RFC 9457. `app.build` makes the application,
+`server.run` serves it. Nothing but the command line imports the server; the client needs no web framework.
+"""

@@ -1,4 +1,9 @@
-"""Ensembles: many worlds of one scene at once, in one compiled batch."""
+"""Simulation: a scene becomes a trajectory with an error bar and a price.
+
+In: a scene, a duration and an accuracy. Out: a `Trajectory` (one world) or `Worlds` (many), each verified by a second
+solution; the energy balance of a run; an explanation of what a run will take. This room knows no command line and no
+service.
+"""
 
 from twolink.simulation.worlds import Worlds, simulate_many
 
