@@ -1,7 +1,7 @@
 """Effects: what a scene calls for. One file an effect, with its equation and source, imported when it is used.
 
-In: joints, frames and numbers with units. Out: forces, controllers, constraints and, for effects that switch, their own
-modes and guards, as formulas. This room knows no integration method and no scene.
+In: joints, frames and numbers with units. Out: forces, controllers, constraints and, for effects that switch, their
+own modes and guards, as formulas. This room knows no integration method and no scene.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Hard cases: scenes that break simulators, with their truth, what twolink gets and what its peers get.
 
-In: names of cases, accuracies. Out: judged results. `twolink.hard.peers` runs SciPy, MuJoCo and Drake on the same tasks,
-here and for `scripts/compare_peers.py`.
+In: names of cases, accuracies. Out: judged results. `twolink.hard.peers` runs SciPy, MuJoCo and Drake on the same
+tasks, here and for `scripts/compare_peers.py`.
 """
 
 from twolink.hard.case import Case, Motion, Probe, Refusals, Track, Truth, at

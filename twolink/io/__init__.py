@@ -1,4 +1,5 @@
-"""Files and listings: tables of named columns, files written whole or not at all, fingerprints, tables that print well.
+"""Files and listings: tables, files written whole or not at all, fingerprints.
 
-In: arrays, texts and paths. Out: files, their contents, digests, listings. This room knows nothing of robots or dynamics.
+In: arrays, texts and paths. Out: files, their contents, digests, listings. This room knows nothing of robots or
+dynamics.
 """
