@@ -93,8 +93,7 @@ def _along_motion(loops: Loops, q: np.ndarray, every: Sequence[int], random: np.
 
 def _mass(loops: Loops, q: np.ndarray) -> np.ndarray:
     """M(q) of one configuration, by Pinocchio."""
-    mass = pin.crba(loops.model, loops.model.createData(), q)
-    return np.asarray(np.triu(mass) + np.triu(mass, 1).T)
+    return np.asarray(pin.crba(loops.model, loops.model.createData(), q))
 
 
 def _closed(loops: Loops, q: np.ndarray, every: Sequence[int]) -> tuple[np.ndarray, float]:

@@ -59,8 +59,7 @@ def _bound(equations: Equations, t: Any, q: Array, v: Array, rows: Sequence[Arra
         free = np.array(equations.free(numbers), dtype=float)
         bias = pin.rnea(model, data, q[row], v[row], np.zeros(equations.space.nv), forces)
         right = free * (np.array(loads.tau, dtype=float) - bias)
-        upper = np.triu(pin.crba(model, data, q[row]))
-        mass: Array = np.array(locked_matrix((upper + np.triu(upper, 1).T).tolist(), free.tolist()))
+        mass: Array = np.array(locked_matrix(pin.crba(model, data, q[row]).tolist(), free.tolist()))
         if equations.loops is None:
             out[row] = np.linalg.solve(mass, right)
         else:

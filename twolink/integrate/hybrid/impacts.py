@@ -96,8 +96,7 @@ def _touching(hybrid: Hybrid, modes: Modes, x: Array, t: float, hit: Key) -> lis
 
 def _mass(hybrid: Hybrid, modes: Modes, x: Array) -> Array:
     model = hybrid.equations(modes, x).robot.model
-    upper = np.triu(pin.crba(model, model.createData(), x[: model.nq]))
-    return np.asarray(upper + np.triu(upper, 1).T)
+    return np.asarray(pin.crba(model, model.createData(), x[: model.nq]))
 
 
 def _met(hybrid: Hybrid, modes: Modes, x: Array, t: float, key: Key) -> Met:

@@ -1,0 +1,40 @@
+"""Accelerations along a solution, and the torques that effects, friction and holds apply in the joints."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.forces import forces
+from twolink.integrate.state import Array
+
+
+def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) -> tuple[Array, Array]:
+    """Accelerations and applied joint torques at states of one smooth piece.
+
+        M(q) a + h(q, v) = tau + J^T f_ext + J_c^T lambda
+
+    Without external wrenches f_ext and constraint forces lambda, tau is RNEA(q, v, a).
+
+    Parameters
+    ----------
+    equations : Equations
+        Equations of the piece; their start holds the numbers of the piece behind (q, v).
+    t : ndarray (n,)
+        Times, s.
+    x : ndarray (nq + nv, n) or (size, n)
+        States (q, v), with or without the numbers of the piece behind them.
+
+    Returns
+    -------
+    a : ndarray (nv, n)
+        Accelerations, in the tangent space, per s^2.
+    tau : ndarray (nv, n)
+        Joint torques and forces of effects, dry friction and holds, N m or N.
+    """
+    rows = equations.start[len(x) :]
+    states = np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
+    found = forces(equations, t, states)
+    tau = found.loads[: equations.space.nv].copy()
+    tau[list(equations.lockable)] += found.held
+    return found.a, tau
