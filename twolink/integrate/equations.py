@@ -30,7 +30,7 @@ from twolink.errors import SceneError
 from twolink.integrate import pinocchio_rate as reference
 from twolink.integrate.assembly import assembled, independent_rows
 from twolink.integrate.constraints import Loops, locked_matrix
-from twolink.integrate.solution import Solution, joined
+from twolink.integrate.solution import Piece, Solution, joined
 from twolink.integrate.state import Array, StateSpace
 from twolink.scenes import Scene
 
@@ -148,7 +148,7 @@ class Equations:
             x = part.x[:, -1] if part.precise is None else part.precise[-1]
             taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
             count = len(part.t[taken])
-            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken], pieces=((piece, count),),
+            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken], pieces=(Piece(piece, begin, count),),
                                  precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
             if part.interrupted:
                 break

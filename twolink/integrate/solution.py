@@ -16,13 +16,25 @@ MAX_STEPS = 10_000_000
 
 
 @dataclass(frozen=True)
+class Piece:
+    """A smooth part of a solution: its equations, whose `start` is the state at its begin [s], and its samples' number.
+
+    A piece between two events may have no sample.
+    """
+
+    equations: Any
+    begin: float
+    samples: int
+
+
+@dataclass(frozen=True)
 class Solution:
     """States x (size, n) at times t (n,); fewer than asked when `interrupted` by Ctrl-C.
 
     steps, rejected: steps taken and refused. evaluations: of the equations. compile_seconds: what compiling or
     loading took, not part of the solving. precise: the states (n, size) in a higher precision where it was asked
     for. events: what happened on the way. hit: the event that ended a piece, as a watcher found it.
-    pieces: the equations of each smooth piece, and how many samples it has; empty where the asked ones hold throughout.
+    pieces: its smooth parts; of what `solver.solve` returns there is one at least.
     """
 
     t: np.ndarray
@@ -36,7 +48,7 @@ class Solution:
     precise: Any = None
     events: tuple[Event, ...] = ()
     hit: Any = None
-    pieces: tuple[tuple[Any, int], ...] = ()
+    pieces: tuple[Piece, ...] = ()
 
 
 def collapsed(t: float) -> AccuracyError:

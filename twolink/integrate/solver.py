@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from twolink.integrate import scipy_solver, taylor
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
 from twolink.integrate.stepping import march
@@ -50,11 +51,26 @@ def solve(
         raise SceneError(f"{method.name} works in double precision", where="precision", remedy='method="taylor"')
     if method.adaptive:
         setting = max(setting, smallest_tolerance(method, precision))
-    if equations.space.size == 0:  # nothing moves
-        return Solution(times, np.empty((0, len(times))), 0, 0)
     if perturbation.start_shift:
         start = perturbation.shifted(equations.start[: equations.moving])
         equations = equations.beginning(start, float(times[0]))
+    solution = _solve(equations, method, times, setting, progress, precision, perturbation)
+    whole = Piece(equations, float(times[0]), len(solution.t))
+    return solution if solution.pieces else replace(solution, pieces=(whole,))
+
+
+def _solve(
+    equations: Equations,
+    method: Method,
+    times: Array,
+    setting: float,
+    progress: Progress | None,
+    precision: taylor.Precision,
+    perturbation: Perturbation,
+) -> Solution:
+    """Solve by the method's own solver."""
+    if equations.space.size == 0:  # nothing moves
+        return Solution(times, np.empty((0, len(times))), 0, 0)
     stepping = method.kind not in ("taylor", "scipy")
     if equations.switches and not stepping:
         raise SceneError(f"{method.name} does not locate events", where="method",

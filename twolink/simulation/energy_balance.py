@@ -113,7 +113,8 @@ def moments(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[tuple[
     whole = equations_of(scene)
     solution = solve(whole, METHODS[run.cost.method], times, run.cost.tolerance)
     first = 0
-    for equations, count in solution.pieces or ((whole, len(solution.t)),):
+    for piece in solution.pieces:
+        equations, count = piece.equations, piece.samples
         place = slice(first, first + count)
         rows = np.repeat(equations.start[equations.moving :, None], count, axis=1)
         yield Moment(equations, solution.t[place], np.concatenate([solution.x[:, place], rows])), place

@@ -222,7 +222,7 @@ def _trajectory(scene: Scene, equations: Equations, solved: Solved, cost: Cost) 
     if max(equations.assembled) > ASSEMBLED:
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
         events = (Event(0.0, "assembled", "loops", moved), *events)
-    robots = [(piece.robot, count) for piece, count in solution.pieces]
+    robots = [(piece.equations.robot, piece.samples) for piece in solution.pieces]
     same = all(robot is robots[0][0] for robot, _ in robots)
     return Trajectory(scene.robot, solution.t, q, v, None, cost, events, solution.interrupted,
                       precise=solution.precise, robots=() if same else robots)  # fmt: skip

@@ -21,7 +21,7 @@ from twolink.integrate.hybrid.modes import Hybrid
 from twolink.integrate.hybrid.snapshot import Moment
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.solution import Progress, Solution, joined
+from twolink.integrate.solution import Piece, Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.integrate.stepping import march
@@ -107,7 +107,7 @@ class _Run:
         taken = np.isin(part.t, times)
         taken[0] &= first
         kept = replace(part, t=part.t[taken], x=part.x[: self.whole.moving, taken],
-                       pieces=((self.piece, int(taken.sum())),))  # fmt: skip
+                       pieces=(Piece(self.piece, begin, int(taken.sum())),))  # fmt: skip
         if part.interrupted:
             return kept
         if hit is not None and not extra and stop - hit.t <= SAME * max(1.0, stop) and kept.t[-1:] != stop:
@@ -299,9 +299,9 @@ class _Run:
 
 def _with(part: Solution, t: float, x: Array) -> Solution:
     """A solution with a sample more, of its last piece."""
-    *before, (equations, count) = part.pieces
+    *before, last = part.pieces
     return replace(part, t=np.append(part.t, t), x=np.concatenate([part.x, x[:, None]], axis=1),
-                   pieces=(*before, (equations, count + 1)))  # fmt: skip
+                   pieces=(*before, replace(last, samples=last.samples + 1)))  # fmt: skip
 
 
 def _checked(given: Any, nq: int, nv: int, name: str) -> Array:
