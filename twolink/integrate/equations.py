@@ -148,7 +148,8 @@ class Equations:
             x = part.x[:, -1] if part.precise is None else part.precise[-1]
             taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
             count = len(part.t[taken])
-            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken], pieces=(Piece(piece, begin, count),),
+            pieces = (Piece(piece, begin, count),)
+            parts.append(replace(part, t=part.t[taken], x=part.x[: self.moving, taken], pieces=pieces,
                                  precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
             if part.interrupted:
                 break
