@@ -26,7 +26,7 @@ class TwolinkError(Exception):
     what : str
         What went wrong: the value that was found and what was expected.
     where : str
-        The file, line, link, joint or argument it was found at.
+        The file, line, link or joint it was found at; `argument` when left out.
     remedy : str
         What to do about it.
     code : str, optional
@@ -46,6 +46,7 @@ class TwolinkError(Exception):
     def __init__(
         self, what: str, *, where: str = "", remedy: str = "", code: str = "", argument: str = "", **data: Any
     ) -> None:
+        where = where or argument
         self.what, self.where, self.remedy = what, where, remedy
         self.code = code or type(self).code
         self.argument, self.data = argument, data

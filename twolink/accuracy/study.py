@@ -135,11 +135,11 @@ def _methods(names: Sequence[str] | None) -> list[Method]:
         return list(METHODS.values())
     names = [names] if isinstance(names, str) else list(names)
     if not names:
-        raise SceneError("no method is named", where="methods", remedy=f"such as {', '.join(list(METHODS)[2:6])}")
+        raise SceneError("no method is named", argument="methods", remedy=f"such as {', '.join(list(METHODS)[2:6])}")
     if "auto" in names:
         remedy = "leave methods out to measure all"
-        raise SceneError("'auto' chooses a method, it is none itself", where="methods", remedy=remedy)
-    return list({name: method_named(name) for name in names}.values())
+        raise SceneError("'auto' chooses a method, it is none itself", argument="methods", remedy=remedy)
+    return list({name: method_named(name, "methods") for name in names}.values())
 
 
 def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
@@ -147,13 +147,13 @@ def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
         return None
     given = [values] if isinstance(values, (int, float)) else list(values)
     if not given:
-        raise AccuracyError("no tolerance is given", where="tolerances", remedy="such as [1e-3, 1e-6, 1e-9]")
+        raise AccuracyError("no tolerance is given", argument="tolerances", remedy="such as [1e-3, 1e-6, 1e-9]")
     return tuple(positive(value, "tolerances", AccuracyError, "such as [1e-3, 1e-6, 1e-9]") for value in given)
 
 
 def _repeats(value: int) -> int:
     if not isinstance(value, int) or value < 1:
-        raise SceneError(f"expected a whole number above 0, got {value!r}", where="repeats", remedy="such as 7")
+        raise SceneError(f"expected a whole number above 0, got {value!r}", argument="repeats", remedy="such as 7")
     return value
 
 
@@ -162,7 +162,7 @@ def _times(duration: float, samples: float) -> Array:
     rate = positive(samples, "samples", AccuracyError, "such as 50 a second")
     if duration * rate > MAX_SAMPLES:
         what = f"{duration * rate:.3g} samples, the limit is {MAX_SAMPLES:.0e}"
-        raise SceneError(what, where="samples", remedy="ask for fewer a second, or a shorter duration")
+        raise SceneError(what, argument="samples", remedy="ask for fewer a second, or a shorter duration")
     return np.linspace(0.0, duration, max(1, round(duration * rate)) + 1)
 
 

@@ -25,31 +25,33 @@ def positive(
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not 0.0 < number < math.inf:
-        raise error(f"expected {expected}, got {value!r:.60}", where=name, remedy=remedy)
+        raise error(f"expected {expected}, got {value!r:.60}", argument=name, remedy=remedy)
     return number
 
 
 def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
     """`value` as finite float64 of shape (..., size). Raises QueryError that names the argument."""
     if isinstance(value, np.ma.MaskedArray):
-        raise QueryError("expected an array, got one with a mask", where=name, remedy="fill it: value.filled(...)")
+        raise QueryError("expected an array, got one with a mask", argument=name, remedy="fill it: value.filled(...)")
     try:
         out = np.asarray(value)
     except ValueError:
         raise QueryError(
-            "expected an array, got rows of different lengths", where=name, remedy=f"give shape (..., {size})"
+            "expected an array, got rows of different lengths", argument=name, remedy=f"give shape (..., {size})"
         ) from None
     if out.dtype != np.float64:
         if out.dtype.kind not in "fiu":
-            raise QueryError(f"expected real numbers, got {out.dtype}", where=name, remedy="convert it to float")
+            raise QueryError(f"expected real numbers, got {out.dtype}", argument=name, remedy="convert it to float")
         out = out.astype(np.float64)
     if out.ndim == 0 or out.shape[-1] != size:
-        raise QueryError(f"expected shape (..., {size}), got {out.shape}", where=name, remedy=_shape_remedy(out, size))
+        raise QueryError(
+            f"expected shape (..., {size}), got {out.shape}", argument=name, remedy=_shape_remedy(out, size)
+        )
     if not np.isfinite(out).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
         raise QueryError(
             f"expected finite numbers, got {out[index]} at {list(index)}",
-            where=name,
+            argument=name,
             remedy="check where it comes from",
         )
     return out
@@ -76,7 +78,7 @@ def configuration(name: str, value: ArrayLike, nq: int, joints: Sequence[JointLa
             raise QueryError(
                 f"{what} of joint {joint.name!r}, entries {joint.unit.start}:{joint.unit.stop}, expected length 1, "
                 f"got {float(length[tuple(index)]):.12g}{at}",
-                where=name,
+                argument=name,
                 remedy=f"{name} = robot.normalize({name})",
             )
     return q

@@ -45,17 +45,17 @@ def answer_query(
     method: of forward-dynamics alone, "aba" when it is left out.
     """
     if what not in QUERIES:
-        raise QueryError(f"{what!r} is unknown", where="query", remedy=nearest(what, QUERIES))
+        raise QueryError(f"{what!r} is unknown", where="query", argument="what", remedy=nearest(what, QUERIES))
     takes = QUERIES[what]
     for name in arguments:
         if name not in takes:
-            raise QueryError(f"{what} takes no {name}", where=name, remedy=f"it takes {', '.join(takes)}")
+            raise QueryError(f"{what} takes no {name}", argument=name, remedy=f"it takes {', '.join(takes)}")
     if f_ext is not None and what not in ("forward-dynamics", "inverse-dynamics"):
-        raise QueryError(f"{what} takes no f_ext", where="f_ext", remedy="leave it out")
+        raise QueryError(f"{what} takes no f_ext", argument="f_ext", remedy="leave it out")
     if method is not None and what != "forward-dynamics":
-        raise QueryError(f"{what} takes no method", where="method", remedy="leave it out")
+        raise QueryError(f"{what} takes no method", argument="method", remedy="leave it out")
     if "q" not in arguments:
-        raise QueryError("it is not given", where="q", remedy=f"give the {robot.nq} numbers of a configuration")
+        raise QueryError("it is not given", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
     values = [arguments.get(name, np.zeros(robot.nv)) for name in takes]
     if what == "energy":
         kinetic, potential = robot.energy(*values)
@@ -78,7 +78,7 @@ def read_states(robot: Robot, given: Mapping[str, str | None], path: Path | None
     from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
     twice = [name for name in from_file if name in arguments]
     if twice:
-        raise QueryError("it is given twice, in the file and as an option", where=twice[0], remedy="keep one")
+        raise QueryError("it is given twice, in the file and as an option", argument=twice[0], remedy="keep one")
     return arguments | from_file
 
 
@@ -90,20 +90,20 @@ def parse_numbers(name: str, text: str) -> list[Any]:
             return values if isinstance(values, list) else [values]
         return [_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
     except ValueError:
-        raise QueryError(f"{text!r} is not a list of numbers", where=name, remedy='such as "0.1 0.2"') from None
+        raise QueryError(f"{text!r} is not a list of numbers", argument=name, remedy='such as "0.1 0.2"') from None
 
 
-def parse_json(text: str, where: str, remedy: str = "check that place") -> Any:
+def parse_json(text: str, argument: str, remedy: str = "check that place") -> Any:
     """JSON as Python data; all numbers are floats. Raises QueryError for what is not JSON, or repeats a key."""
     try:
         # As a float, an integer of any length is a number or infinite: Python's own refuses long ones.
         return json.loads(text, parse_int=float, object_pairs_hook=_unrepeated)
     except json.JSONDecodeError as error:
-        raise QueryError(f"not JSON: {error}", where=where, remedy=remedy) from None
+        raise QueryError(f"not JSON: {error}", argument=argument, remedy=remedy) from None
     except RecursionError:
-        raise QueryError("not our JSON: it is nested too deep", where=where, remedy=remedy) from None
+        raise QueryError("not our JSON: it is nested too deep", argument=argument, remedy=remedy) from None
     except _RepeatedKey as error:
-        raise QueryError(f"{error.args[0]!r} is there twice", where=where, remedy="keep one") from None
+        raise QueryError(f"{error.args[0]!r} is there twice", argument=argument, remedy="keep one") from None
 
 
 class _RepeatedKey(Exception):

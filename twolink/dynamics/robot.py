@@ -200,9 +200,9 @@ class Robot(RobotModel):
 
     def _forward(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, f_ext: FExt | None, method: str) -> Array:
         if method not in ("aba", "crba"):
-            raise QueryError(f"{method!r} is unknown", where="method", remedy=nearest(str(method), ("aba", "crba")))
+            raise QueryError(f"{method!r} is unknown", argument="method", remedy=nearest(str(method), ("aba", "crba")))
         if method == "aba" and self.has_mimic:
-            raise QueryError('"aba" cannot follow mimic joints', where="method", remedy='use method="crba"')
+            raise QueryError('"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"')
         states, batch = self._states(q=q, v=v, tau=tau)
         if method == "crba":
             return self._forward_by_matrix(states, batch, f_ext)

@@ -47,17 +47,19 @@ def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
     if not isinstance(f_ext, Mapping):
         raise QueryError(
             f"expected a mapping of frame name to wrench, got {type(f_ext).__name__}",
-            where="f_ext",
+            argument="f_ext",
             remedy='such as {"tip": [fx, fy, fz, tx, ty, tz]}',
         )
     applied = []
     names = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
     for name, given in f_ext.items():
         if name not in names:
-            raise QueryError(f"there is no frame {name!r}", where="f_ext", remedy=nearest(str(name), names))
+            raise QueryError(f"there is no frame {name!r}", argument="f_ext", remedy=nearest(str(name), names))
         wrench = given if isinstance(given, Wrench) else Wrench(given)
         if wrench.axes not in ("frame", "world"):
-            raise QueryError(f"axes {wrench.axes!r} is unknown", where=f"f_ext[{name!r}]", remedy='"frame" or "world"')
+            raise QueryError(
+                f"axes {wrench.axes!r} is unknown", argument=f"f_ext[{name!r}]", remedy='"frame" or "world"'
+            )
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         value = array(f"f_ext[{name!r}]", wrench.value, 6)
         applied.append(Applied(frame.parentJoint, frame.placement, value, wrench.axes))

@@ -51,10 +51,10 @@ def choose(
     """The method called `name` with the setting for an accuracy; of "auto", the cheapest method."""
     if precision == "quad":
         if name not in ("auto", "taylor"):
-            raise SceneError(f"{name} works in double precision", where="method", remedy='method="taylor" or "auto"')
+            raise SceneError(f"{name} works in double precision", argument="method", remedy='method="taylor" or "auto"')
         return Choice(METHODS["taylor"], accuracy / MARGINS["taylor"], "quadruple precision", "quad")
     if precision != "double":
-        raise SceneError(f"{precision!r} is unknown", where="precision", remedy='"double" or "quad"')
+        raise SceneError(f"{precision!r} is unknown", argument="precision", remedy='"double" or "quad"')
     if name != "auto":
         method = method_named(name)
         return Choice(method, first_setting(equations, method, accuracy), "asked for")

@@ -138,10 +138,11 @@ METHODS: dict[str, Method] = {
 }
 
 
-def method_named(name: str) -> Method:
+def method_named(name: str, argument: str = "method") -> Method:
     """The method of this name. Raises SceneError with the nearest name for an unknown one."""
     if str(name) not in METHODS:
-        raise SceneError(f"{name!r} is unknown", where="method", remedy=nearest(str(name), ("auto", *METHODS)))
+        raise SceneError(f"{name!r} is unknown", where="method", argument=argument,
+                         remedy=nearest(str(name), ("auto", *METHODS)))  # fmt: skip
     return METHODS[str(name)]
 
 

@@ -46,9 +46,9 @@ def solve(
     """
     if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
         name = "tolerance" if method.adaptive else "step"
-        raise AccuracyError(f"expected a number above 0, got {setting!r}", where=name, remedy="such as 1e-6")
+        raise AccuracyError(f"expected a number above 0, got {setting!r}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
-        raise SceneError(f"{method.name} works in double precision", where="precision", remedy='method="taylor"')
+        raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     if method.adaptive:
         setting = max(setting, smallest_tolerance(method, precision))
     if perturbation.start_shift:
@@ -73,7 +73,7 @@ def _solve(
         return Solution(times, np.empty((0, len(times))), 0, 0)
     stepping = method.kind not in ("taylor", "scipy")
     if equations.switches and not stepping:
-        raise SceneError(f"{method.name} does not locate events", where="method",
+        raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
     if equations.switches or (stepping and equations.kinks):
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
@@ -99,4 +99,5 @@ def _require_pieces(equations: Equations, times: Array, step: float) -> None:
     shortest = min(b - a for a, b in itertools.pairwise(edges))
     if step > shortest * (1 + 1e-9):
         raise AccuracyError(f"steps of {step:.3g} s are longer than {shortest:.3g} s, what lies between two breaks",
-                            where="step", remedy=f"step={shortest:.3g}, or a method that adapts its steps")  # fmt: skip
+                            argument="step",
+                            remedy=f"step={shortest:.3g}, or a method that adapts its steps")  # fmt: skip

@@ -204,7 +204,7 @@ def _first_step(
     if not method.adaptive:
         if duration / setting > MAX_FIXED:
             raise AccuracyError(f"{duration / setting:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED:.0e}",
-                                where="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
+                                argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
         steps = max(1, math.ceil(duration / setting * (1 - 1e-12)))
         return duration / steps, math.inf, 2 * steps + BLOCK
     # A fraction of the time in which the state changes by its own size; the control grows it sixfold a step.

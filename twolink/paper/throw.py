@@ -123,7 +123,7 @@ def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) 
     will be, about, and words. Ctrl-C keeps the best so far. Raises SceneError and AccuracyError.
     """
     if name not in AIMS:
-        raise SceneError(f"there is no throw {name!r}", where="what", remedy=nearest(name, AIMS))
+        raise SceneError(f"there is no throw {name!r}", argument="what", remedy=nearest(name, AIMS))
     accuracy, began, aim, scene = accuracy_of(accuracy), time.perf_counter(), AIMS[name], load_scene(name)
     tried: list[Throw] = []
 

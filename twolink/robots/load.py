@@ -169,14 +169,14 @@ def _check_mimic(tree: Tree) -> None:
 def _locked(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
     """Indices of the joints to lock, and a configuration that holds their values."""
     if not isinstance(lock, Mapping):
-        raise RobotError(f"expected joints with their configurations, got {lock!r}", where="lock",
+        raise RobotError(f"expected joints with their configurations, got {lock!r}", argument="lock",
                          remedy="such as {'elbow': 0.5}")  # fmt: skip
     reference = np.asarray(pin.neutral(model))
     layouts = {joint.name: joint for joint in joint_layouts(model)}
     for name, value in lock.items():
         if name not in layouts:
             what = f"there is no moving joint {name!r} to lock"
-            raise RobotError(what, where="lock", remedy=nearest(str(name), list(layouts)))
+            raise RobotError(what, argument="lock", remedy=nearest(str(name), list(layouts)))
         joint = layouts[name]
         size = joint.q.stop - joint.q.start
         values = _numbers(value)
@@ -184,12 +184,12 @@ def _locked(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
             values = np.array([np.cos(values[0]), np.sin(values[0])])
         if values.shape != (size,) or not np.isfinite(values).all():
             expected = f"expected {size} finite number{'s' if size > 1 else ''}"
-            raise RobotError(f"{expected}, got {value!r}", where=f"lock[{name!r}]", remedy="give its configuration")
+            raise RobotError(f"{expected}, got {value!r}", argument=f"lock[{name!r}]", remedy="give its configuration")
         reference[joint.q] = values
         if joint.unit is not None and not abs(np.linalg.norm(reference[joint.unit]) - 1) <= 1e-8:
             length = float(np.linalg.norm(reference[joint.unit]))
             what = f"quaternion or (cos, sin), expected length 1, got {length:.12g}"
-            raise RobotError(what, where=f"lock[{name!r}]", remedy="divide it by its length")
+            raise RobotError(what, argument=f"lock[{name!r}]", remedy="divide it by its length")
     return tuple(sorted(layouts[name].index for name in lock)), reference
 
 
@@ -214,7 +214,7 @@ def _reduced(model: pin.Model, locked: tuple[int, ...], reference: np.ndarray) -
         return pin.buildReducedModel(model, list(locked), reference)
     except Exception as error:
         raise RobotError(
-            f"Pinocchio cannot lock these joints: {error}", where="lock", remedy="load it with mimic=False"
+            f"Pinocchio cannot lock these joints: {error}", argument="lock", remedy="load it with mimic=False"
         ) from None
 
 
@@ -223,7 +223,7 @@ def _gravity(gravity: Sequence[float]) -> np.ndarray:
     if field.shape != (3,) or not np.isfinite(field).all():
         raise RobotError(
             f"expected 3 finite numbers, got {gravity!r}",
-            where="gravity",
+            argument="gravity",
             remedy="give m/s^2 in the world's axes, such as (0, 0, -9.81)",
         )
     return field
@@ -249,7 +249,7 @@ def _numbers(value: object) -> np.ndarray:
 
 def _require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
-        raise RobotError(f"{value!r} is unknown", where=name, remedy=nearest(str(value), choices))
+        raise RobotError(f"{value!r} is unknown", argument=name, remedy=nearest(str(value), choices))
 
 
 def _summary(tree: Tree, model: pin.Model, read: _Source) -> Finding:

@@ -90,11 +90,11 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise TwolinkError(f"expected NAME=NUMBER, got {text!r}", where="quota", remedy="such as jobs=4")
+            raise TwolinkError(f"expected NAME=NUMBER, got {text!r}", argument="quota", remedy="such as jobs=4")
         if name.strip() not in known:
-            raise TwolinkError(f"{name.strip()!r} is unknown", where="quota", remedy=nearest(name, known, most=20))
+            raise TwolinkError(f"{name.strip()!r} is unknown", argument="quota", remedy=nearest(name, known, most=20))
         given[name.strip()] = value.strip()
     try:
         return msgspec.convert(given, Quotas, strict=False)
     except msgspec.ValidationError as error:
-        raise TwolinkError(str(error), where="quota", remedy="give a number") from None
+        raise TwolinkError(str(error), argument="quota", remedy="give a number") from None

@@ -112,16 +112,16 @@ def _as_told(choice: Choice, name: str, tolerance: float | None, step: float | N
     if tolerance is None and step is None:
         return choice, False
     if tolerance is not None and step is not None:
-        raise SceneError("tolerance and step are both given", where="step", remedy="give one")
+        raise SceneError("tolerance and step are both given", argument="step", remedy="give one")
     what, value = ("tolerance", tolerance) if step is None else ("step", step)
     given = positive(value, what, AccuracyError, "such as 1e-6")
     if step is None and given > LARGEST_TOLERANCE:
-        raise AccuracyError(f"expected a number up to {LARGEST_TOLERANCE:g}, got {tolerance!r}", where="tolerance",
+        raise AccuracyError(f"expected a number up to {LARGEST_TOLERANCE:g}, got {tolerance!r}", argument="tolerance",
                             remedy="such as 1e-6")  # fmt: skip
     if choice.method.adaptive != (step is None):
         kind = "chooses its steps by a tolerance" if choice.method.adaptive else "takes steps of one size"
         remedy = "give tolerance=" if choice.method.adaptive else "give step="
-        raise SceneError(f"{choice.method.name} {kind}", where="method", remedy=remedy)
+        raise SceneError(f"{choice.method.name} {kind}", where="method", argument=what, remedy=remedy)
     return replace(choice, setting=given, why=choice.why if name == "auto" else "asked for"), True
 
 
@@ -234,7 +234,7 @@ def _times(duration: float, samples: float) -> np.ndarray:
     if duration * samples > MAX_SAMPLES:
         raise SceneError(
             f"{duration * samples:.3g} samples, the limit is {MAX_SAMPLES:.0e}",
-            where="samples",
+            argument="samples",
             remedy="ask for fewer a second, or a shorter duration",
         )
     times = np.arange(max(1, math.ceil(duration * samples - 1e-9)) + 1) / samples
@@ -245,7 +245,7 @@ def _times(duration: float, samples: float) -> np.ndarray:
 def _unreachable(accuracy: float) -> AccuracyError:
     return AccuracyError(
         f"{accuracy:g} is below what can be verified in double precision",
-        where="accuracy",
+        argument="accuracy",
         remedy='precision="quad", or the answer without an error bar: verify=False',
     )
 
@@ -265,7 +265,7 @@ def _out_of_reach(accuracy: float, error: float, run: Trajectory, choice: Choice
 def _too_small(choice: Choice, accuracy: float, steps: float, run: Trajectory) -> AccuracyError:
     error = AccuracyError(
         f"{choice.method.name} would need {steps:.1e} steps for {accuracy:g}",
-        where="method",
+        argument="method",
         remedy='method="auto", or less accuracy',
     )
     error.run = run

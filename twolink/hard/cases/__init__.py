@@ -28,7 +28,10 @@ def chosen(names: list[str] | None = None, *, quick: bool = False) -> tuple[Case
         here = [c for c in cases if c.name == name] or [c for c in cases if name in c.name or name == c.group]
         if not here:
             raise SceneError(
-                f"there is no case {name!r}", where="hard-cases", remedy=nearest(name, [c.name for c in cases])
+                f"there is no case {name!r}",
+                where="hard-cases",
+                argument="names",
+                remedy=nearest(name, [c.name for c in cases]),
             )
         out += [case for case in here if case not in out and not (quick and case.slow)]
     return tuple(out)
