@@ -33,7 +33,7 @@ def test_each_is_refused_and_the_service_goes_on(served: Served, http: httpx.Cli
             wrong.append((case.name, answer.text[:200]))
     assert not wrong, "\n".join(f"{name}: {what}" for name, what in wrong)
     assert served.process.poll() is None
-    assert "unforeseen" not in served.log
+    assert "unexpected" not in served.log
     assert http.post("/v1/robots/two_link/bias", json={"q": [0, 0]}).status_code == 200
     states = [job["state"] for job in http.get("/v1/simulations").json()]
     assert "running" not in states

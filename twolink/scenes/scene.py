@@ -125,4 +125,4 @@ def _fits(effect: Effect, index: int, robot: Robot) -> None:
         effect.check(robot)
     except TwolinkError as error:
         where = f"effects[{index}].{error.where}" if error.where else f"effects[{index}]"
-        raise SceneError(error.what, where=where, remedy=error.remedy) from None
+        raise SceneError(error.what, where=where, remedy=error.remedy, argument="effects", effect=index) from None

@@ -16,10 +16,9 @@ from twolink.service import api_jobs, api_robots, api_scenes, api_site
 from twolink.service.access import DENY_ALL, SECURITY, Guard, Header, cors_headers
 from twolink.service.components import Service
 from twolink.service.http_io import read_body, send_answer
-from twolink.service.problems import answer_of, problem_of
+from twolink.service.problems import answer_of
 from twolink.service.queries import PREFIX, QUERIES
 from twolink.service.settings import Settings
-from twolink.service.worker_pool import TaskFailed
 
 ENVIRONMENT = "TWOLINK_SERVICE"  # the settings, for processes that uvicorn starts
 _HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]
@@ -44,13 +43,9 @@ def build(settings: Settings) -> Shell:
 
 
 def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
-    status, headers, body = _answer_to(error)
+    status, headers, body = answer_of(error)
     plain = {name.decode(): value.decode() for name, value in headers}
     return Response(body, status_code=status, media_type=plain.pop("content-type"), headers=plain)
-
-
-def _answer_to(error: BaseException) -> tuple[int, list[Header], bytes]:
-    return answer_of(error.problem if isinstance(error, TaskFailed) else problem_of(error))
 
 
 class Shell:
@@ -77,7 +72,7 @@ class Shell:
             route = name
             status, headers, body = await self._queries.answer(scope, receive, key, name)
         except Exception as error:
-            status, headers, body = _answer_to(error)
+            status, headers, body = answer_of(error)
         await send_answer(send, status, [*headers, *more, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from twolink.errors import QueryError, TwolinkError
 from twolink.scenes import Scene, load_scene
 from twolink.service import npz
-from twolink.service.problems import error_from
+from twolink.service.problems import Problem, error_from
 from twolink.simulation.trajectory import Trajectory
 
 JSON = "application/json"
@@ -73,8 +73,11 @@ class Client:
             time.sleep(_POLL)
             job = self._json("GET", path)
         if job["state"] != "done":
-            problem = job["problem"] or {"detail": f"the simulation was {job['state']}", "remedy": "ask again"}
-            raise error_from(problem)
+            if job["problem"]:
+                raise error_from(msgspec.convert(job["problem"], Problem))
+            raise TwolinkError(
+                f"the simulation was {job['state']}", where=self.url, remedy="ask again", code=job["state"]
+            )
         with TemporaryDirectory() as folder:
             file = Path(folder) / "result.npz"
             file.write_bytes(self.request("GET", f"{path}/result?format=npz")[1])
@@ -239,9 +242,9 @@ def _array(name: str, value: Any) -> np.ndarray:
         raise QueryError("expected an array of numbers", where=name, remedy="give shape (..., n)") from None
 
 
-def _problem(status: int, content: bytes) -> dict[str, Any]:
+def _problem(status: int, content: bytes) -> Problem:
     try:
-        found = msgspec.json.decode(content)
-    except msgspec.DecodeError:
-        found = None
-    return found if isinstance(found, dict) else {"detail": f"HTTP status {status}", "remedy": "is it this service?"}
+        return msgspec.json.decode(content, type=Problem)
+    except msgspec.MsgspecError:  # another server answered, such as a proxy
+        remedy = "check that the address is that of a twolink service"
+        return Problem("", "", status, f"HTTP status {status}", remedy=remedy, code="not-twolink")

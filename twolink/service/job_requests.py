@@ -14,7 +14,6 @@ from twolink.service.settings import Quotas
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
-FORMATS = ("json", "csv", "parquet", "npz")
 
 
 class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

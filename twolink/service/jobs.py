@@ -17,10 +17,10 @@ import msgspec
 
 from twolink.service.job_requests import SimulationRequest, StudyRequest, content_id
 from twolink.service.metrics import Metrics
-from twolink.service.problems import Problem, Refusal, problem_of
+from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
 from twolink.service.store import ACTIVE, Store
-from twolink.service.worker_pool import TaskFailed, Workers
+from twolink.service.worker_pool import Workers
 
 Request = SimulationRequest | StudyRequest
 KINDS: dict[str, tuple[str, type[Request]]] = {
@@ -46,7 +46,7 @@ class Jobs:
     async def submit(self, kind: str, request: Request) -> dict[str, Any]:
         """Run what is asked for, or find it; waits up to request.wait seconds for the end. Returns the job's view.
 
-        Raises Refusal (429) when too many jobs wait, TaskFailed when the job fails while it is waited for.
+        Raises Refusal (429) when too many jobs wait, and the job's failure when it fails within that time.
         """
         key = content_id(kind, request)
         row = self._store.job(key)
@@ -57,7 +57,7 @@ class Jobs:
         await self._wait(key, request.wait)
         view = self.view(kind, key)
         if view["state"] == "failed":
-            raise TaskFailed(msgspec.convert(view["problem"], Problem))
+            raise error_from(msgspec.convert(view["problem"], Problem))
         return view
 
     def again(self, kind: str, key: str) -> dict[str, Any]:
@@ -100,8 +100,7 @@ class Jobs:
         except asyncio.CancelledError:
             ended = {"state": "interrupted" if self.closing else "cancelled"}
         except Exception as error:
-            problem = error.problem if isinstance(error, TaskFailed) else problem_of(error)
-            ended = {"state": "failed", "problem": problem}
+            ended = {"state": "failed", "problem": problem_of(error)}
         finally:
             self._store.update_job(key, ended=time.time(), **ended)
             self._store.measure(key)

@@ -1,4 +1,4 @@
-"""The one place where failures become answers: problem+json (RFC 9457) with what, where and remedy."""
+"""Failures as HTTP answers, and back: problem+json (RFC 9457) with code, argument and data of the TwolinkError."""
 
 from __future__ import annotations
 
@@ -9,24 +9,29 @@ from http import HTTPStatus
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from twolink import errors
+from twolink.errors import TwolinkError
 
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger("twolink.service")
-_REFUSED = 422
-
-_STATUS: dict[type[errors.TwolinkError], int] = {
-    errors.CertificationError: 500,
-    errors.MissingExtraError: 501,
+_TYPES = {
+    kind: "twolink-error" if kind is TwolinkError else f"{kind.code}-error"
+    for kind in vars(errors).values()
+    if isinstance(kind, type) and issubclass(kind, TwolinkError)
 }
-_PATH = re.compile(r" - at `(?:key in )?\$?\.?(.*)`$", re.DOTALL)
+_CLASSES = {name: kind for kind, name in _TYPES.items()}
+_STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
+_PATH = re.compile(r" - at `(?:key in )?\$?\.?(.*)`$", re.DOTALL)  # how msgspec ends its messages
+_SEE_DOCS = "see the API's description: /docs"
 
 
-class Problem(msgspec.Struct, omit_defaults=True):
-    """A failure, as RFC 9457 has it. detail: what went wrong; where: the place in the request; remedy: what to do.
+class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A failure as RFC 9457 defines it, with the fields of a TwolinkError.
 
-    type: "urn:twolink:" and the kind of the error. retry_after: seconds after which the same request may be answered.
+    type: "urn:twolink:" and the class of the error. detail: what went wrong. where: the place in the request. remedy:
+    what to do. code, argument, data: for programs, see TwolinkError. retry_after: seconds after which to ask again.
     """
 
     type: str
@@ -35,81 +40,74 @@ class Problem(msgspec.Struct, omit_defaults=True):
     detail: str
     where: str = ""
     remedy: str = ""
+    code: str = ""
+    argument: str = ""
+    data: dict[str, Any] = {}
     retry_after: float | None = None
 
 
-class Refusal(errors.TwolinkError):
-    """A request that is refused as a request, with an HTTP status of its own."""
+class Refusal(TwolinkError):
+    """A request that is refused with an HTTP status of its own. Its code, unless set, names the status: "not-found"."""
 
     def __init__(
-        self, status: int, what: str, *, where: str = "", remedy: str = "", retry_after: float | None = None
+        self, status: int, what: str, *, code: str = "", retry_after: float | None = None, **parts: Any
     ) -> None:
-        super().__init__(what, where=where, remedy=remedy)
+        super().__init__(what, code=code or HTTPStatus(status).phrase.lower().replace(" ", "-"), **parts)
         self.status, self.retry_after = status, retry_after
 
 
 def problem_of(error: BaseException) -> Problem:
-    """Any failure as a Problem. What nobody foresaw is logged with its traceback, and the answer says no more."""
-    if isinstance(error, Refusal):
-        kind = _slug(HTTPStatus(error.status).phrase)
-        return _problem(kind, error.status, error.what, error.where, error.remedy, error.retry_after)
-    if isinstance(error, errors.TwolinkError):
-        status = next((s for kind, s in _STATUS.items() if isinstance(error, kind)), _REFUSED)
-        return _problem(_slug_of(type(error)), status, error.what, error.where, error.remedy)
+    """Describe any failure. An unexpected one is logged with its traceback, and the answer has no details."""
+    known = error if isinstance(error, TwolinkError) else _refusal_of(error)
+    if isinstance(known, Refusal):
+        name, status, retry_after = known.code, known.status, known.retry_after
+    else:
+        kind = next(kind for kind in type(known).__mro__ if kind in _TYPES)
+        name, status, retry_after = _TYPES[kind], _STATUS.get(kind, 422), None
+    data = {key: value.item() if isinstance(value, np.generic) else value for key, value in known.data.items()}
+    return Problem(
+        f"urn:twolink:{name}", HTTPStatus(status).phrase, status, known.what, known.where, known.remedy, known.code,
+        known.argument, data, retry_after,
+    )  # fmt: skip
+
+
+def _refusal_of(error: BaseException) -> Refusal:
+    """The refusal for an exception of a library."""
     if isinstance(error, msgspec.MsgspecError):
-        return _of_msgspec(error)
+        what, where = split_path(str(error))
+        remedy = _SEE_DOCS if isinstance(error, msgspec.ValidationError) else "send JSON in UTF-8"
+        return Refusal(400, what, where=where or "body", remedy=remedy)
     if isinstance(error, UnicodeDecodeError):
-        return _problem("bad-request", 400, "it is not UTF-8 text", "body", "send JSON in UTF-8")
+        return Refusal(400, "the body is not UTF-8 text", where="body", remedy="send JSON in UTF-8")
     if isinstance(error, RecursionError):
-        return _problem("bad-request", 400, "the body is nested too deep", "body", "send plain lists and objects")
+        return Refusal(400, "the body is nested too deep", where="body", remedy="send plain lists and objects")
     status = getattr(error, "status_code", 500)
     if isinstance(status, int) and 400 <= status < 500:
-        return _of_framework(error, status)
-    _log.error("unforeseen failure", exc_info=error)
-    what = "the service has failed; the failure is in its log"
-    return _problem("internal-error", 500, what, "", "report it, with the request that caused it")
-
-
-def _of_msgspec(error: Exception) -> Problem:
-    what, where = split_path(str(error))
-    schema = isinstance(error, msgspec.ValidationError)
-    remedy = "see the API's description: /docs" if schema else "send JSON in UTF-8"
-    return _problem("bad-request", 400, what, where or "body", remedy)
+        return _refusal_of_litestar(error, status)
+    _log.error("unexpected failure", exc_info=error)
+    what = "the service has failed; its log has the details"
+    return Refusal(500, what, code="internal-error", remedy="report it, with the request that caused it")
 
 
 def split_path(message: str) -> tuple[str, str]:
-    """msgspec's message as what is wrong, and the path in the body."""
+    """Split msgspec's message into what is wrong and the path in the body."""
     found = _PATH.search(message)
     return (message[: found.start()], found.group(1)) if found else (message, "")
 
 
-def _of_framework(error: BaseException, status: int) -> Problem:
-    """Litestar's own refusals: no such path, a method it has not, a parameter that does not fit."""
+def _refusal_of_litestar(error: BaseException, status: int) -> Refusal:
+    """Litestar refuses unknown paths, wrong methods, and parameters of the wrong type."""
     extra = getattr(error, "extra", None)
     first = extra[0] if isinstance(extra, list) and extra and isinstance(extra[0], Mapping) else {}
-    what = str(first.get("message") or getattr(error, "detail", "") or HTTPStatus(status).phrase)
-    what, path = split_path(what)
-    source = str(first.get("source") or "")
-    key = str(first.get("key") or "")
+    what, path = split_path(str(first.get("message") or getattr(error, "detail", "") or HTTPStatus(status).phrase))
+    source, key = (getattr(first.get(name), "value", first.get(name)) or "" for name in ("source", "key"))
     where = path or (f"{source}: {key}" if source and source != "body" and key else key) or "request"
-    return _problem(_slug(HTTPStatus(status).phrase), status, what, where, "see the API's description: /docs")
+    return Refusal(status, what, where=where, remedy=_SEE_DOCS)
 
 
-def _problem(kind: str, status: int, what: str, where: str, remedy: str, retry_after: float | None = None) -> Problem:
-    return Problem(f"urn:twolink:{kind}", HTTPStatus(status).phrase, status, what, where, remedy, retry_after)
-
-
-def _slug_of(kind: type[errors.TwolinkError]) -> str:
-    """RobotError is robot-error."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower()
-
-
-def _slug(phrase: str) -> str:
-    return re.sub(r"[^a-z]+", "-", phrase.lower()).strip("-")
-
-
-def answer_of(problem: Problem) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
-    """A Problem as an HTTP answer: status, headers, body."""
+def answer_of(error: BaseException) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
+    """Status, headers and body of the HTTP answer to a failure."""
+    problem = problem_of(error)
     headers = [(b"content-type", MEDIA_TYPE.encode())]
     if problem.retry_after is not None:
         headers.append((b"retry-after", str(max(1, round(problem.retry_after))).encode()))
@@ -118,11 +116,13 @@ def answer_of(problem: Problem) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
     return problem.status, headers, msgspec.json.encode(problem)
 
 
-def error_from(content: Mapping[str, Any]) -> errors.TwolinkError:
-    """The TwolinkError that a problem+json body tells of: the other direction, for clients."""
-    name = str(content.get("type", "")).rpartition(":")[2]
-    found = (kind for kind in vars(errors).values() if isinstance(kind, type))
-    kinds = {_slug_of(kind): kind for kind in found if issubclass(kind, errors.TwolinkError)}
-    kind = kinds.get(name, errors.TwolinkError)
-    what = str(content.get("detail") or content.get("title") or "the service refused it")
-    return kind(what, where=str(content.get("where", "")), remedy=str(content.get("remedy", "")))
+def error_from(problem: Problem) -> TwolinkError:
+    """The failure that a problem describes, such that `problem_of` gives the same problem again."""
+    kind = _CLASSES.get(problem.type.rpartition(":")[2])
+    parts: dict[str, Any] = {
+        "where": problem.where, "remedy": problem.remedy, "code": problem.code, "argument": problem.argument,
+        **problem.data,
+    }  # fmt: skip
+    if kind is not None:
+        return kind(problem.detail, **parts)
+    return Refusal(problem.status, problem.detail, retry_after=problem.retry_after, **parts)

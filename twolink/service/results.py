@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.io.tables import read_table
 from twolink.service.components import Service
-from twolink.service.scene_tasks import ROWS, SAMPLES
+from twolink.service.scene_tasks import SAMPLES
 
 MEDIA = {
     "json": "application/json",
@@ -60,8 +60,3 @@ def _samples(path: Path, points: int) -> bytes:
     kept = np.unique(np.linspace(0, count - 1, min(points, count)).round().astype(int))
     thinned = {name: values[kept].tolist() for name, values in columns.items()}
     return msgspec.json.encode({"samples": count, "points": len(kept), "columns": thinned})
-
-
-def native(kind: str, form: str) -> bool:
-    """Whether a job's result is kept in this format from the start."""
-    return {"simulation": SAMPLES, "study": ROWS}[kind] == f"result.{form}"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot, load_robot
+from twolink.effects import Effect
 from twolink.errors import RobotError, SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
@@ -33,22 +34,29 @@ def scene_of(given: str | SceneFile, robots: str) -> Scene:
         raise SceneError(f"files are not read here: {name[:80]!r}", where="scene.effects",
                          remedy="send times and values")  # fmt: skip
     try:
-        effects = [effect_from(table, f"effects[{i}]", "scene") for i, table in enumerate(given.effects)]
+        effects = [_effect(table, i) for i, table in enumerate(given.effects)]
         robot = _robot(given.robot, robots)
         q = state_by_joint(robot, given.q, robot.neutral, "q")
         v = state_by_joint(robot, given.v, np.zeros(robot.nv), "v")
         return Scene(robot, q, v, effects, given.duration, given.title)
     except TwolinkError as error:
         inside = error.where.removeprefix("scene").removeprefix(":").strip()
-        where = f"scene.{inside}" if inside else "scene"
-        raise type(error)(error.what, where=where, remedy=error.remedy) from None
+        raise _moved(error, f"scene.{inside}" if inside else "scene", **error.data) from None
 
 
-def robot_id(given: str | SceneFile) -> str:
-    """The id of the robot that a scene names; of a bundled scene, its robot's name."""
-    if isinstance(given, str):
-        return load_scene(given).base.name
-    return given.robot if isinstance(given.robot, str) else given.robot.source
+def _effect(table: dict[str, Any], index: int) -> Effect:
+    """An effect; its errors say its index, for programs that show the effects."""
+    try:
+        return effect_from(table, f"effects[{index}]", "scene")
+    except TwolinkError as error:
+        raise _moved(error, error.where, effect=index) from None
+
+
+def _moved(error: TwolinkError, where: str, **data: Any) -> TwolinkError:
+    """The same error with another place."""
+    return type(error)(
+        error.what, where=where, remedy=error.remedy, code=error.code, argument=error.argument or "scene", **data
+    )
 
 
 def _robot(entry: str | RobotEntry, robots: str) -> Robot:

@@ -104,7 +104,7 @@ def _summary(scene: Scene, run: Trajectory) -> dict[str, Any]:
         "q": run.q[-1].tolist(),
         "v": run.v[-1].tolist(),
         "cost": None if run.cost is None else dataclasses.asdict(run.cost),
-        "events": [str(event) for event in run.events],
+        "events": [dataclasses.asdict(event) for event in run.events],
         "precise": None if run.precise is None else [str(x) for x in run.precise[-1]],
     }
 

@@ -16,16 +16,17 @@ from collections.abc import Callable
 from typing import Any, BinaryIO
 
 import msgspec
+import numpy as np
 
-from twolink.service.problems import Problem, problem_of
+from twolink.service.problems import Refusal, problem_of
 
 LENGTH = 8
 Tell = Callable[[Any], None]
 
 
 def pack(message: Any) -> bytes:
-    """A message as it goes over the pipe."""
-    content = msgspec.msgpack.encode(message)
+    """A message as it goes over the pipe; NumPy's scalars become numbers."""
+    content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
     return len(content).to_bytes(LENGTH, "big") + content
 
 
@@ -78,7 +79,7 @@ def _answer(known: dict[str, Callable[..., Any]], message: dict[str, Any], tell:
         return {"done": known[message["task"]](tell=tell, **message["arguments"])}
     except MemoryError:
         what = "it takes more memory than a worker process may have"
-        return {"failed": Problem("urn:twolink:too-large", "Too Large", 422, what, "", "send something smaller")}
+        return {"failed": problem_of(Refusal(422, what, code="too-large", remedy="send something smaller"))}
     except Exception as error:
         problem = problem_of(error)
         return {"failed": problem, "traceback": traceback.format_exc() if problem.status >= 500 else ""}

@@ -13,21 +13,13 @@ from typing import Any
 import msgspec
 
 from twolink.errors import TwolinkError
-from twolink.service.problems import Problem
+from twolink.service.problems import Problem, Refusal, error_from
 from twolink.service.worker import LENGTH, pack
 
 _log = logging.getLogger("twolink.service")
 _MOST_TASKS = 100  # caches grow: a worker is replaced after so many
 _LARGEST_MESSAGE = 2**30
 _LAST_WORDS = 5.0  # seconds for a process whose pipe has closed to end
-
-
-class TaskFailed(TwolinkError):
-    """A task's own failure, told by the worker. problem: as it goes to the client."""
-
-    def __init__(self, problem: Problem) -> None:
-        super().__init__(problem.detail, where=problem.where, remedy=problem.remedy)
-        self.problem = problem
 
 
 class Worker:
@@ -54,7 +46,7 @@ class Worker:
         return self._process.returncode is None and self._tasks < _MOST_TASKS
 
     async def call(self, task: str, arguments: dict[str, Any], on_progress: Callable[[Any], None] | None) -> Any:
-        """Do a task. Raises TaskFailed with the task's problem, also when the process dies of it."""
+        """Do a task. Raises its failure; Refusal (422, "worker-died") when the process dies."""
         self._tasks += 1
         try:
             if self._process.stdin is None or self._process.stdout is None:
@@ -72,7 +64,7 @@ class Worker:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._process.wait(), _LAST_WORDS)
             await self.kill()
-            raise TaskFailed(_death(self._process.returncode or 0)) from None
+            raise _death(self._process.returncode or 0) from None
 
     async def _read(self, stream: asyncio.StreamReader) -> dict[str, Any]:
         length = int.from_bytes(await stream.readexactly(LENGTH), "big")
@@ -85,8 +77,8 @@ class Worker:
         if "failed" not in message:
             return message["done"]
         if message.get("traceback"):
-            _log.error("unforeseen failure in a worker\n%s", message["traceback"])
-        raise TaskFailed(msgspec.convert(message["failed"], Problem))
+            _log.error("unexpected failure in a worker\n%s", message["traceback"])
+        raise error_from(msgspec.convert(message["failed"], Problem))
 
     async def kill(self) -> None:
         """End the process, whatever it does."""
@@ -124,14 +116,14 @@ class Workers:
     ) -> Any:
         """Do a task in a worker process, in at most `seconds` from when it begins.
 
-        Raises TaskFailed, with a problem that says so when the process died or was too slow. Cancelling ends the task.
+        Raises the task's failure; Refusal (422) when the process died or was too slow. Cancelling ends the task.
         """
         async with self._worker() as worker:
             try:
                 async with asyncio.timeout(seconds):
                     return await worker.call(task, arguments, on_progress)
             except TimeoutError:
-                raise TaskFailed(_too_slow(seconds)) from None
+                raise _too_slow(seconds) from None
 
     @contextlib.asynccontextmanager
     async def _worker(self) -> AsyncIterator[Worker]:
@@ -145,8 +137,8 @@ class Workers:
             try:
                 yield worker
                 well = True
-            except TaskFailed as failure:
-                well = worker.usable and failure.problem.type != _too_slow(0).type
+            except TwolinkError as error:
+                well = worker.usable and error.code != "too-slow"
                 if not worker.usable:
                     self._on_death()
                 raise
@@ -167,14 +159,13 @@ class Workers:
         self._idle.clear()
 
 
-def _death(code: int) -> Problem:
-    """What a worker died of: -11 is a segmentation fault, -9 most often the memory."""
+def _death(code: int) -> Refusal:
+    """A worker that died. Signal 11 is a segmentation fault, 9 most often a lack of memory."""
     what = f"the worker process died of it (signal {-code})" if code < 0 else "the worker process died of it"
     remedy = "the service goes on; simplify what was sent, or try again"
-    return Problem("urn:twolink:worker-died", "Worker Died", 422, what, "", remedy)
+    return Refusal(422, what, code="worker-died", remedy=remedy)
 
 
-def _too_slow(seconds: float) -> Problem:
-    what = f"it takes more than {seconds:g} s of computing"
+def _too_slow(seconds: float) -> Refusal:
     remedy = "ask for less, or start the service with a larger quota"
-    return Problem("urn:twolink:too-slow", "Too Slow", 422, what, "", remedy)
+    return Refusal(422, f"it takes more than {seconds:g} s of computing", code="too-slow", remedy=remedy)

@@ -257,6 +257,10 @@ def _out_of_reach(accuracy: float, error: float, run: Trajectory, choice: Choice
         f"{accuracy:g} cannot be kept in {choice.precision} precision: the error bar is {error:.1e} at the end",
         where=f"t = {until:.6g} s",
         remedy=f"it is kept up to then: ask for duration={until:.6g}, for less accuracy{more}",
+        code="accuracy-limit",
+        argument="accuracy",
+        trusted_until=until,
+        precision="" if choice.precision == "quad" else "quad",
     )
     failure.run = run
     return failure

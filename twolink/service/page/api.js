@@ -3,7 +3,7 @@
 export class Problem extends Error {
   constructor(content) {
     super(content.detail || content.title || "it did not work");
-    Object.assign(this, { status: 0, where: "", remedy: "", ...content });
+    Object.assign(this, { status: 0, where: "", remedy: "", code: "", data: {}, ...content });
   }
 }
 

@@ -177,9 +177,9 @@ byId("run-button").addEventListener("click", () => {
   run.run({ scene: editor.current(), accuracy: editor.accuracy, ...editor.how });
 });
 
-/** Where double precision cannot keep the accuracy, what helps is one press away. */
+/** When the accuracy cannot be kept, offer the run that can: a shorter one, or one in higher precision. */
 run.onProblem = problem => {
-  if (!/accuracy-error$/.test(problem.type ?? "")) return;
+  if (problem.code !== "accuracy-limit") return;
   const again = (text, id, value) =>
     el(
       "button",
@@ -192,10 +192,11 @@ run.onProblem = problem => {
       },
       text,
     );
-  const length = Number(/duration=([\d.]+)/.exec(problem.remedy ?? "")?.[1]);
+  const { trusted_until: trusted, precision } = problem.data;
+  const length = Number(Number(trusted).toPrecision(6));
   const buttons = [];
   if (length > 0) buttons.push(again(`Run ${length} s`, "duration", length));
-  if (/quad/.test(problem.remedy ?? "")) buttons.push(again("Run in quadruple precision", "precision", "quad"));
+  if (precision === "quad") buttons.push(again("Run in quadruple precision", "precision", "quad"));
   byId("run-problem").firstChild.append(el("p", { className: "buttons" }, ...buttons));
 };
 

@@ -36,7 +36,7 @@ export class Results {
     this.job = job;
     byId("empty").hidden = true;
     byId("result").hidden = false;
-    const events = job.result.events.map(readEvent);
+    const events = job.result.events.map(event => ({ t: event.t, text: wordsOf(event) }));
     this.#summary(job.result);
     this.#draw(renamed(columns, joints), events);
     this.#events(events);
@@ -185,8 +185,7 @@ function renamed(columns, joints) {
   );
 }
 
-/** "t = 0.3 s: release weld-loop" -> {t, text} */
-function readEvent(text) {
-  const found = /^t = (\S+) s: (.*)$/.exec(text);
-  return found ? { t: Number(found[1]), text: found[2] } : { t: NaN, text };
+/** An event in a line: {kind, what, detail, energy} -> "impact ball: with the floor, 0.3 J lost" */
+function wordsOf({ kind, what, detail, energy }) {
+  return `${kind} ${what}${detail && `: ${detail}`}${energy ? `, ${short(energy, 6)} J lost` : ""}`;
 }

@@ -186,8 +186,7 @@ export class SceneEditor {
   }
 
   #refused(problem) {
-    const inside = /effects\[(\d+)\]/.exec(problem.where ?? "");
-    const row = inside && this.effects.filter(effect => effect.on)[Number(inside[1])]?.row;
+    const row = this.effects.filter(effect => effect.on)[problem.data?.effect]?.row;
     showProblem(byId("scene-problem"), problem);
     if (row) row.classList.add("wrong");
   }
