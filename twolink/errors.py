@@ -15,7 +15,9 @@ from __future__ import annotations
 import difflib
 import importlib
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
+
+E = TypeVar("E", bound="TwolinkError")
 
 
 class TwolinkError(Exception):
@@ -52,6 +54,14 @@ class TwolinkError(Exception):
         self.argument, self.data = argument, data
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message}; {remedy}" if remedy else message)
+
+    def at(
+        self, where: str, kind: type[E] | None = None, *, argument: str = "", **data: Any
+    ) -> TwolinkError | E:
+        """The same failure at another place, as an error of class `kind` if there is one, with more data."""
+        code = "" if self.code == type(self).code else self.code
+        parts = {"where": where, "remedy": self.remedy, "code": code, "argument": argument or self.argument}
+        return (kind or type(self))(self.what, **parts, **{**self.data, **data})
 
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (type(self), self.args, self.__dict__)

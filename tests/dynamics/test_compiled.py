@@ -18,6 +18,7 @@ from twolink.dynamics import cache, compiled, kernels
 from twolink.dynamics import engine as choice
 from twolink.dynamics.certificates import certify
 from twolink.errors import CertificationError, MissingExtraError, QueryError
+from twolink.io.fingerprints import kernel_key
 from twolink.lagrange.pinocchio_arm import arm_urdf
 
 ROBOTS = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
@@ -343,13 +344,13 @@ def test_another_robots_kernel_under_this_name_is_not_used(folder: Path, monkeyp
 
 def test_keys_tell_robots_functions_and_parameters_apart() -> None:
     texts = [arm_urdf(1, 1, 1, 1), arm_urdf(1, 1, 1, 1 + 1e-15), arm_urdf(1, 1 + 1e-15, 1, 1)]
-    keys = {cache.key(tl.load_robot(t).model, ("forward_dynamics",)) for t in texts}
-    keys |= {cache.key(tl.load_robot(texts[0]).model, parts) for parts in (("bias",), ("forward_dynamics", "x.mass"))}
-    keys.add(cache.key(tl.load_robot(texts[0], gravity=(0, 0, -9.8)).model, ("forward_dynamics",)))
+    keys = {kernel_key(tl.load_robot(t).model, ("forward_dynamics",)) for t in texts}
+    keys |= {kernel_key(tl.load_robot(texts[0]).model, parts) for parts in (("bias",), ("forward_dynamics", "x.mass"))}
+    keys.add(kernel_key(tl.load_robot(texts[0], gravity=(0, 0, -9.8)).model, ("forward_dynamics",)))
     for axis in ("0 -1 1e-9", "0 -1 2e-9", "0.6 0.8 0"):
-        keys.add(cache.key(tl.load_robot(texts[0].replace("0 -1 0", axis)).model, ("forward_dynamics",)))
+        keys.add(kernel_key(tl.load_robot(texts[0].replace("0 -1 0", axis)).model, ("forward_dynamics",)))
     assert len(keys) == 9
-    assert cache.key(tl.load_robot(texts[0]).model, ("bias",)) == cache.key(tl.load_robot(texts[0]).model, ("bias",))
+    assert kernel_key(tl.load_robot(texts[0]).model, ("bias",)) == kernel_key(tl.load_robot(texts[0]).model, ("bias",))
 
 
 def test_the_folder_keeps_below_its_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

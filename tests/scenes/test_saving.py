@@ -11,7 +11,7 @@ import twolink as tl
 from twolink.errors import SceneError
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes.file import bundled_scenes
-from twolink.scenes.save import scene_schema
+from twolink.scenes.file_format import scene_schema
 
 
 def same(a: tl.Scene, b: tl.Scene) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 
 from twolink.accuracy.truth import BETTER, Reference
 from twolink.errors import AccuracyError, TwolinkError
-from twolink.io.tables import SUFFIXES, require_format, write_table, write_whole
+from twolink.io.atomic import write_atomic
+from twolink.io.tables import SUFFIXES, require_format, write_table
 
 SAVED = (".json", *SUFFIXES)
 COARSEST, FINEST = 0.1, 1e-16  # rad or m: the first digit that has a price, and the last one of a double
@@ -153,7 +154,7 @@ class Study:
         suffix = require_format(target, SAVED)
         if suffix == ".json":
             text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
-            return write_whole(target, lambda file: file.write(text.encode()))
+            return write_atomic(target, lambda file: file.write(text.encode()))
         notes = {"robot": self.robot, "duration": repr(self.duration), "reference": self.reference.how,
                  "reference_error": repr(self.reference.error)}  # fmt: skip
         return write_table(target, self._columns(as_text=suffix == ".csv"), notes)

@@ -39,7 +39,7 @@ def scenes(
 ) -> None:
     """List the bundled scenes, which are scene files and serve as examples."""
     if schema:
-        from twolink.scenes.save import scene_schema
+        from twolink.scenes.file_format import scene_schema
 
         print_json(scene_schema())
         return

@@ -10,19 +10,13 @@ import functools
 import hashlib
 import os
 import pickle
-import platform
 import stat
-import sys
-import tempfile
-from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pinocchio as pin
+from twolink.errors import TwolinkError
+from twolink.io.atomic import write_atomic
 
-FORMAT = 1
 DIGEST = hashlib.sha256().digest_size
 
 
@@ -70,44 +64,6 @@ def _is_private(info: os.stat_result, right_kind: Any) -> bool:
     return bool(ours and right_kind(info.st_mode) and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
-def key(model: pin.Model, parts: Sequence[str]) -> str:
-    """A name for what a kernel is made from: the model's content, our code, versions and the processor."""
-    digest = hashlib.sha256(_surroundings().encode())
-    digest.update(repr(tuple(parts)).encode())
-    digest.update(repr([j.shortname() for j in model.joints]).encode())
-    digest.update(repr((list(model.names), model.parents.tolist(), model.nqs.tolist())).encode())
-    data = model.createData()
-    # The Jacobian at the neutral configuration holds the joints' axes, which their text does not show when skew.
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    for array in (model.armature, model.damping, model.gravity.linear, data.J):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    mimics = [j.extract() for j in model.joints if "Mimic" in j.shortname()]
-    digest.update(repr([(repr(j), j.scaling, j.offset) for j in mimics]).encode())
-    for joint in range(model.njoints):
-        body = model.inertias[joint]
-        digest.update(repr((body.mass, body.lever.tolist(), body.inertia.tolist())).encode())
-        digest.update(model.jointPlacements[joint].homogeneous.tobytes())
-    digest.update(repr([(f.name, f.parentJoint, f.placement.homogeneous.tolist()) for f in model.frames]).encode())
-    return digest.hexdigest()[:40]
-
-
-@functools.cache
-def _surroundings() -> str:
-    """Our own code, the versions of what it stands on, and the processor, as text."""
-    code = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    rooms = ("algorithms", "dynamics", "effects", "integrate")
-    for path in sorted(path for room in rooms for path in (package / room).rglob("*.py")):
-        code.update(path.read_bytes())
-    versions = [f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy")]
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
-    except OSError:
-        processor = [platform.processor()]
-    return repr((FORMAT, code.hexdigest(), versions, sys.version, platform.machine(), processor))
-
-
 def load(name: str) -> Any:
     """The content stored under this name, or None: absent, damaged, or not the user's own."""
     place = folder()
@@ -137,13 +93,11 @@ def store(name: str, content: Any) -> None:
     if place is None:
         return
     payload = pickle.dumps(content)
+    content = hashlib.sha256(payload).digest() + payload
     try:
-        handle, temporary = tempfile.mkstemp(dir=place, prefix=".new-")
-        with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(payload).digest() + payload)
-        os.replace(temporary, place / name)
+        write_atomic(place / name, lambda file: file.write(content), private=True)
         _shrink(place)
-    except OSError:
+    except (OSError, TwolinkError):
         return  # a full disk costs time, not answers
 
 

@@ -19,6 +19,7 @@ from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
 from twolink.dynamics.wrench import FExt, Wrench
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
+from twolink.io.fingerprints import kernel_key
 
 if TYPE_CHECKING:
     from twolink.dynamics.robot import Robot
@@ -140,7 +141,7 @@ class Compiled:
     def _file(self, name: str, frames: tuple[str, ...]) -> str:
         key = (name, *frames)
         if key not in self._files:
-            self._files[key] = cache.key(self.robot.model, (*key, "|", *self.parameters))
+            self._files[key] = kernel_key(self.robot.model, (*key, "|", *self.parameters))
         return self._files[key]
 
     def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:

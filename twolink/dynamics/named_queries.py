@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,8 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError, nearest
+from twolink.io.csv_text import first_repeated, parse_csv
+from twolink.io.text import decode, parse_number, read_bytes
 from twolink.robots.joint_layout import JointLayout
 
 # name -> the arguments it takes; q must be given, the others are zero when left out
@@ -88,7 +88,7 @@ def parse_numbers(name: str, text: str) -> list[Any]:
         if text.lstrip().startswith("["):
             values = parse_json(text, name)
             return values if isinstance(values, list) else [values]
-        return [_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
+        return [parse_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
     except ValueError:
         raise QueryError(f"{text!r} is not a list of numbers", argument=name, remedy='such as "0.1 0.2"') from None
 
@@ -111,31 +111,16 @@ class _RepeatedKey(Exception):
 
 
 def _unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    repeated = _first_repeated([key for key, _ in pairs])
+    repeated = first_repeated(key for key, _ in pairs)
     if repeated is not None:
         raise _RepeatedKey(repeated)
     return dict(pairs)
 
 
-def _first_repeated(names: Sequence[str]) -> str | None:
-    return next((name for i, name in enumerate(names) if name in names[:i]), None)
-
-
-def _number(text: str) -> float:
-    """A float as everybody writes it: Python alone reads 1_0 as ten."""
-    if "_" in text or not text.isascii():
-        raise ValueError(f"{text!r} is not a number")
-    return float(text)
-
-
 def _read(path: Path) -> str:
-    """The text of a file, or of stdin ("-"), with or without the mark that spreadsheets put first."""
-    try:
-        data = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
-        return data.decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise QueryError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
+    """The text of a file, or of stdin ("-")."""
+    data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)
+    return decode(data, path, QueryError)
 
 
 def _from_json(text: str) -> dict[str, Any]:
@@ -161,7 +146,7 @@ def _from_json(text: str) -> dict[str, Any]:
 
 def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
     """Columns q0, q1, ..., v0, ... by number, or q.JOINT, v.JOINT by name as `run.save` writes them."""
-    table = _table(text)
+    table = parse_csv(text, "states", QueryError, rows=1)
     out: dict[str, Any] = {}
     left = set(table)
     for name, size in (("q", robot.nq), ("v", robot.nv), ("tau", robot.nv), ("a", robot.nv)):
@@ -182,32 +167,6 @@ def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
             remedy="columns are q0, q1, ... or q.JOINT, and so on for v, tau, a",
         )
     return out
-
-
-def _table(text: str) -> dict[str, np.ndarray]:
-    """The columns of a CSV by their names; blank lines do not count."""
-    reader = csv.reader(io.StringIO(text))
-    try:
-        lines = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise QueryError(f"not CSV: {error}", where="states", remedy="save it as CSV again") from None
-    if len(lines) < 2:
-        raise QueryError("expected a header and at least one row", where="states", remedy="such as q0,q1,v0,v1")
-    header = [name.strip() for name in lines[0][1]]
-    repeated = _first_repeated(header)
-    if repeated is not None:
-        raise QueryError(f"column {repeated!r} is there twice", where="states", remedy="keep one")
-    values = np.empty((len(lines) - 1, len(header)))
-    for k, (line, row) in enumerate(lines[1:]):
-        if len(row) != len(header):
-            what = f"it has {len(row)} cells, the header has {len(header)}"
-            raise QueryError(what, where=f"states, line {line}", remedy="give each row a cell for each column")
-        try:
-            values[k] = [_number(cell.strip()) for cell in row]
-        except ValueError as error:
-            remedy = "check the numbers and their decimal points"
-            raise QueryError(f"not a row of numbers: {error}", where=f"states, line {line}", remedy=remedy) from None
-    return dict(zip(header, values.T, strict=True))
 
 
 def joint_columns(joints: Iterable[JointLayout], name: str) -> list[tuple[str, str]]:

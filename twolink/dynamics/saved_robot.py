@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import RobotError, SceneError
+from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import find
 
 GIVE_IT = "give it: robot=..."
@@ -74,32 +73,6 @@ def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
     except (ValueError, TypeError, RecursionError):
         raise _damaged(label) from None
     return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
-
-
-def model_digest(model: pin.Model) -> str:
-    """A digest of what moves: joints by name, type, axis and placement, and the inertias; not gravity.
-
-    Numbers count to nine digits, so that another build of the parser gives the same.
-    """
-    digest = hashlib.sha256()
-    joints = [joint.shortname() for joint in model.joints]
-    digest.update(repr((joints, list(model.names), [int(p) for p in model.parents])).encode())
-    # Pinocchio does not show the axes of its joints; the Jacobians at the neutral configuration do.
-    jacobians = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))
-    _add(digest, jacobians)
-    _add(digest, np.asarray(model.armature))
-    for placement, body in zip(model.jointPlacements, model.inertias, strict=True):
-        for part in (placement.translation, placement.rotation, np.array([body.mass]), body.lever, body.inertia):
-            _add(digest, part)
-    return digest.hexdigest()[:32]
-
-
-def _add(digest: Any, values: np.ndarray) -> None:
-    """Add numbers to a digest, to nine digits of the largest of them."""
-    largest = float(np.abs(values).max(initial=0.0))
-    scaled = np.round(values / largest, 9) + 0.0 if largest > 0 else np.zeros_like(values)  # + 0.0: no -0.0
-    digest.update(f"{largest:.9g}".encode())
-    digest.update(np.ascontiguousarray(scaled, dtype="<f8").tobytes())
 
 
 def _is_from_catalogue(robot: Robot) -> bool:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from twolink.effects.effect import Effect, type_name
+from twolink.effects.effect import Effect
+from twolink.io.text import kebab_case
 
 if TYPE_CHECKING:
     from twolink.effects.air_drag import AirDrag
@@ -70,7 +71,7 @@ _OTHERS = {
     "Sampled": "sampled",
     "Sine": "inputs",
 }
-TYPES = {type_name(name): name for name in EFFECTS}
+TYPES = {kebab_case(name): name for name in EFFECTS}
 
 
 def __getattr__(name: str) -> Any:

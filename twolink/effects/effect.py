@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import msgspec
 import numpy as np
 
 from twolink.errors import SceneError, nearest
+from twolink.io.text import kebab_case
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -19,12 +19,7 @@ if TYPE_CHECKING:
     from twolink.effects.motion import Loads, Motion
 
 
-def type_name(class_name: str) -> str:
-    """A class's name as scene files write it: JointSpring is joint-spring."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", class_name).lower()
-
-
-class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=type_name):
+class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=kebab_case):
     """One thing a scene calls for. In a scene file its `type` is the class's name in lower case, with hyphens.
 
     An effect may change the robot's constants (`change`), or act on the moving robot (`act`), or both. What it does

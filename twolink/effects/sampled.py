@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import functools
 import math
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import finite
 from twolink.errors import SceneError, nearest
-from twolink.io.tables import read_text
+from twolink.io.csv_text import csv_rows
+from twolink.io.text import parse_number, read_text
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MAX_BYTES = 2**28
@@ -134,18 +134,19 @@ def check_table(table: Sampled, field: str) -> None:
 
 def _read(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The two columns of a CSV file."""
-    text = read_text(path, MAX_BYTES, "keep fewer samples")
-    columns: tuple[list[float], list[float]] = ([], [])
-    for number, cells in enumerate(csv.reader(text.splitlines()), 1):
-        if not cells or cells[0].lstrip().startswith("#"):
+    text = read_text(path, SceneError, MAX_BYTES, "keep fewer samples")
+    times, values = [], []
+    for line, cells in csv_rows(text, str(path), SceneError):
+        if cells[0].lstrip().startswith("#"):
             continue
         try:
-            time, value = map(float, cells)
+            time, value = map(parse_number, cells)
         except ValueError:
-            if not columns[0] and number == 1:
+            if line == 1:
                 continue  # a header
-            raise SceneError(f"expected two numbers, got {','.join(cells)[:60]!r}", where=f"{path}:{number}",
-                             remedy="give a time and a value a line")  from None  # fmt: skip
-        columns[0].append(time)
-        columns[1].append(value)
-    return tuple(columns[0]), tuple(columns[1])
+            what = f"expected two numbers, got {','.join(cells)[:60]!r}"
+            remedy = "give a time and a value a line"
+            raise SceneError(what, where=f"{path}:{line}", remedy=remedy, code="csv") from None
+        times.append(time)
+        values.append(value)
+    return tuple(times), tuple(values)

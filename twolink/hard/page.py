@@ -12,7 +12,7 @@ from twolink.hard.case import NAMES, Motion
 from twolink.hard.case_result import MET, MISSED, SAID, UNABLE, WRONG, Attempt, Result
 from twolink.hard.plot import plot
 from twolink.hard.table import number
-from twolink.io.tables import write_whole
+from twolink.io.atomic import write_atomic
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 KINDS = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", UNABLE: "unable"}
@@ -21,7 +21,7 @@ KINDS = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", UNABLE: "un
 def write_page(results: Sequence[Result], path: Path) -> Path:
     """Write the page. Returns its path."""
     text = page(results)
-    return write_whole(path, lambda file: file.write(text.encode("utf-8")))
+    return write_atomic(path, lambda file: file.write(text.encode("utf-8")))
 
 
 def page(results: Sequence[Result]) -> str:

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from twolink.dynamics import cache
+from twolink.errors import TwolinkError
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
+from twolink.io.atomic import write_atomic
 
 FILE = "studies.json"
 MAX_SCENES = 200
@@ -59,12 +60,9 @@ def record(equations: Equations, duration: float, entries: Iterable[Measured]) -
     while len(known) > MAX_SCENES:
         del known[next(iter(known))]
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".new-")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(known, file)
-        os.replace(temporary, path)
+        write_atomic(path, lambda file: file.write(json.dumps(known).encode()), private=True)
         _kept.clear()
-    except OSError:
+    except TwolinkError:
         return  # a full disk costs time, not answers
 
 

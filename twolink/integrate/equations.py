@@ -19,7 +19,7 @@ from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.sparse_factors import ldlt_solve
 from twolink.algorithms.spatial import minus, plus, times
-from twolink.dynamics import Robot, cache
+from twolink.dynamics import Robot
 from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.inputs import Slot, tables_of, with_pieces
@@ -32,6 +32,7 @@ from twolink.integrate.assembly import assembled, independent_rows
 from twolink.integrate.constraints import Loops, locked_matrix
 from twolink.integrate.solution import Piece, Solution, joined
 from twolink.integrate.state import Array, StateSpace
+from twolink.io.fingerprints import kernel_key
 from twolink.scenes import Scene
 
 _E = TypeVar("_E", bound=Effect)
@@ -320,7 +321,7 @@ class Equations:
             for e in everything
         ]
         kept = (self.loops.kept, self.loops.scales) if self.loops else ()
-        return cache.key(self.robot.model, ("equations", *effects, f"{kept} {self.lockable}", "|", *self.parameters))
+        return kernel_key(self.robot.model, ("equations", *effects, f"{kept} {self.lockable}", "|", *self.parameters))
 
 
 def _objects(values: list[Any]) -> Array:

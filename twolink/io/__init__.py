@@ -1,5 +1,5 @@
-"""Files and listings: tables, files written whole or not at all, fingerprints.
+"""Files, texts and listings: tables, CSV, strict numbers, files written whole or not at all, fingerprints.
 
-In: arrays, texts and paths. Out: files, their contents, digests, listings. This room knows nothing of robots or
-dynamics.
+In: arrays, texts, paths and a pin.Model. Out: files, their contents, digests, listings. This room knows nothing of
+robots or dynamics.
 """

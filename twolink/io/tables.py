@@ -1,93 +1,77 @@
-"""Files: written whole or not at all; texts within a limit; tables of named columns in .csv, .parquet and .npz."""
+"""Tables of named columns in .csv, .parquet and .npz files."""
 
 from __future__ import annotations
 
 import csv
 import io
-import os
-import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from twolink.errors import SceneError, TwolinkError, nearest
+from twolink.errors import TwolinkError, nearest
+from twolink.io.atomic import write_atomic
+from twolink.io.csv_text import Columns, parse_csv
+from twolink.io.text import decode
 
-Columns = dict[str, np.ndarray]
 SUFFIXES = (".csv", ".parquet", ".npz")
 
 
-def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file beside its place and move it there, so that a reader never sees half of it."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise _unwritten(path, error, "check the folder") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)
-        os.replace(name, path)
-    except OSError as error:
-        Path(name).unlink(missing_ok=True)
-        raise _unwritten(path, error, "check the disk") from None
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-    return path
-
-
-def _unwritten(path: Path, error: OSError, remedy: str) -> TwolinkError:
-    return TwolinkError(f"cannot be written: {error.strerror or error}", where=str(path), remedy=remedy)
-
-
-def read_text(path: Path, limit: int, remedy: str) -> str:
-    """A UTF-8 file of a scene, of which no more is read than `limit` bytes: some have no end. Raises SceneError."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(limit + 1)
-        text = data.decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        detail = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise SceneError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
-    if len(data) > limit:
-        raise SceneError(f"more than {limit} bytes", where=str(path), remedy=remedy)
-    return text
-
-
 def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
-    """Write equally long columns; `notes` are kept where the format has a place for them (not in .csv)."""
+    """Write columns of equal length to a file of the format that its ending names.
+
+    Parameters
+    ----------
+    path : Path
+        A file that ends in .csv, .parquet or .npz.
+    columns : dict
+        Arrays (n,) by name.
+    notes : mapping
+        Texts by name. A .csv file has no place for them.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    TwolinkError
+        The format is unknown (code "unknown-format") or the file cannot be written (code "not-writable").
+    """
     writer = {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz}[require_format(path)]
-    return write_whole(path, lambda file: writer(file, columns, notes))
+    return write_atomic(path, lambda file: writer(file, columns, notes))
 
 
 def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
-    """Columns and notes of a file written by `write_table`."""
+    """The columns and notes of a file that `write_table` wrote.
+
+    Raises
+    ------
+    TwolinkError
+        The format is unknown, or the file cannot be read (code "not-readable", of CSV "csv").
+    """
     reader = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz}[require_format(path)]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)
     except OSError as error:
-        detail = error.strerror or "it is damaged"
-        raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy="check the path") from None
-    except Exception as error:  # whatever a back end raises for a damaged file
-        detail = " ".join(str(error).split()) or type(error).__name__
-        raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy="save it again") from None
+        what, remedy = f"cannot be read: {error.strerror or 'it is damaged'}", "check the path"
+        raise TwolinkError(what, where=str(path), remedy=remedy, code="not-readable") from None
+    except TwolinkError:
+        raise
+    except Exception as error:  # whatever a library raises for a damaged file
+        what = f"cannot be read: {' '.join(str(error).split()) or type(error).__name__}"
+        raise TwolinkError(what, where=str(path), remedy="save it again", code="not-readable") from None
 
 
-def require_format(path: Path, known: Iterable[str] = SUFFIXES) -> str:
-    """The ending of a path in small letters. Raises TwolinkError when it is none of the known."""
-    suffix, endings = path.suffix.lower(), tuple(known)
+def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES) -> str:
+    """The ending of a path in lower case. Raises TwolinkError (code "unknown-format") when it is none of `suffixes`."""
+    suffix, endings = path.suffix.lower(), tuple(suffixes)
     if suffix not in endings:
-        raise TwolinkError(
-            f"{path.suffix or 'no ending'!r} is not a format we know",
-            where=str(path),
-            remedy=nearest(suffix, endings),
-        )
+        what = f"{path.suffix or 'no ending'!r} is not a format we know"
+        raise TwolinkError(what, where=str(path), remedy=nearest(suffix, endings), code="unknown-format")
     return suffix
 
 
@@ -100,19 +84,7 @@ def _write_csv(file: BinaryIO, columns: Columns, _notes: Mapping[str, str]) -> N
 
 
 def _read_csv(path: Path) -> tuple[Columns, dict[str, str]]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row]
-    if not rows:
-        raise ValueError("it is empty")
-    header = rows[0]
-    repeated = next((name for i, name in enumerate(header) if name in header[:i]), None)
-    if repeated is not None:
-        raise ValueError(f"column {repeated!r} is there twice")
-    uneven = next((i for i, row in enumerate(rows) if len(row) != len(header)), None)
-    if uneven is not None:
-        raise ValueError(f"row {uneven} has {len(rows[uneven])} cells, the header has {len(header)}")
-    values = np.array([[float(x) for x in row] for row in rows[1:]]).reshape(-1, len(header))
-    return dict(zip(header, values.T, strict=True)), {}
+    return parse_csv(decode(path.read_bytes(), path, TwolinkError), str(path)), {}
 
 
 def _write_parquet(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:

@@ -3,7 +3,7 @@
 In: a robot and effects, or a TOML or JSON file. Out: a frozen `Scene`. This room does not know how a scene is solved.
 """
 
-from twolink.scenes.file import bundled_scenes, load_scene
+from twolink.scenes.file import bundled_scenes, load_scene, scenes
 from twolink.scenes.scene import Scene
 
-__all__ = ["Scene", "bundled_scenes", "load_scene"]
+__all__ = ["Scene", "bundled_scenes", "load_scene", "scenes"]

@@ -1,10 +1,9 @@
-"""Saving scenes: as files that load_scene reads again; and the schema of such files."""
+"""Saving a scene as a TOML file that `load_scene` reads again."""
 
 from __future__ import annotations
 
-import functools
-import operator
-import os
+import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,88 +12,69 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
-from twolink.effects import TYPES, Effect, effect_class
+from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
-from twolink.io.tables import write_whole
-from twolink.scenes.file import SceneFile
-from twolink.scenes.scene import Scene
+from twolink.io.atomic import write_atomic
+from twolink.scenes.file_format import RobotEntry, SceneFile
 
 
-def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
-    """Write a scene to a .toml file. Returns the path.
-
-    A robot of the catalogue is written by its name; any other as a URDF beside the file, with the same stem.
-    """
-    import tomli_w
-
-    place = Path(path)
-    if place.suffix != ".toml":
-        raise SceneError(f"{place.suffix or 'no suffix'} is no format for scenes", where=str(path), remedy="use .toml")
-    table: dict[str, Any] = {"title": scene.title} if scene.title else {}
-    table["robot"] = _robot(scene.base, place)
-    table["duration"] = scene.duration
-    for name, values, neutral in (("q", scene.q, scene.robot.neutral), ("v", scene.v, np.zeros(scene.robot.nv))):
-        named = _by_joint(scene.robot, values, neutral, name)
-        if named:
-            table[name] = named
-    if scene.effects:
-        table["effects"] = [_without_none(_table(effect)) for effect in scene.effects]
-    text = tomli_w.dumps(table)
-    return write_whole(place, lambda file: file.write(text.encode("utf-8")))
+def save_scene(
+    path: Path, robot: Robot, q: np.ndarray, v: np.ndarray, effects: Sequence[Effect], duration: float, title: str
+) -> Path:
+    """Write the parts of a scene to a .toml file; see `Scene.save`."""
+    if path.suffix != ".toml":
+        what = f"{path.suffix or 'no suffix'} is no format for scenes"
+        raise SceneError(what, where=str(path), remedy="use .toml", code="unknown-format")
+    entry = _robot_entry(robot, path)
+    content = SceneFile(
+        robot=entry if entry.root != "fixed" or entry.lock else entry.source,
+        title=title,
+        duration=duration,
+        q=_by_joint(robot, q, robot.neutral, "q"),
+        v=_by_joint(robot, v, np.zeros(robot.nv), "v"),
+        effects=[_without_none(_table(effect)) for effect in effects],
+    )
+    text = msgspec.toml.encode(content)
+    return write_atomic(path, lambda file: file.write(text))
 
 
-def _robot(robot: Robot, place: Path) -> str | dict[str, Any]:
+def _robot_entry(robot: Robot, path: Path) -> RobotEntry:
+    """The robot by its name in the catalogue; any other one by the name of a URDF that is written beside the scene."""
     notes = robot_notes(robot)
-    entry: dict[str, Any] = {"source": robot.name}
+    source = robot.name
     if notes["catalogue"] != "true":
-        beside = place.with_suffix(".urdf")
+        beside = path.with_suffix(".urdf")
         content = robot.visuals.text.encode("utf-8")
         if beside.exists() and beside.read_bytes() != content:
-            raise SceneError("another file is there", where=str(beside), remedy="save the scene under another name")
-        write_whole(beside, lambda file: file.write(content))
-        entry["source"] = beside.name
-    if notes["root"] == "free":
-        entry["root"] = "free"
-    lock = msgspec.json.decode(notes["lock"])
-    if lock:
-        entry["lock"] = lock
-    return str(entry["source"]) if len(entry) == 1 else entry
+            remedy = "save the scene under another name"
+            raise SceneError("another file is there", where=str(beside), remedy=remedy, code="file-exists")
+        write_atomic(beside, lambda file: file.write(content))
+        source = beside.name
+    return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))
 
 
-def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> dict[str, Any]:
+def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> dict[str, float | list[float]]:
     """The entries that differ from the neutral ones, by joint."""
-    out: dict[str, Any] = {}
+    table: dict[str, float | list[float]] = {}
     for joint in robot.joints:
         part = joint.q if name == "q" else joint.v
-        own = values[part].tolist()
-        if own != neutral[part].tolist():
-            out[joint.name] = own[0] if len(own) == 1 else own
-    return out
+        numbers = values[part].tolist()
+        if numbers != neutral[part].tolist():
+            table[joint.name] = numbers[0] if len(numbers) == 1 else numbers
+    return table
 
 
 def _table(effect: Effect) -> Any:
     try:
         return msgspec.to_builtins(effect, enc_hook=plain)
     except TypeError:
-        raise SceneError("functions cannot be written to a file", where=type(effect).__name__,
-                         remedy="give a condition, or leave the effect out") from None  # fmt: skip
+        remedy = "give a condition, or leave the effect out"
+        raise SceneError("functions cannot be written to a file", where=type(effect).__name__, remedy=remedy) from None
 
 
 def _without_none(value: Any) -> Any:
-    """TOML has no null: what is None is left out, being the default."""
+    """TOML has no null: None is the default and left out."""
     if isinstance(value, dict):
-        return {key: _without_none(v) for key, v in value.items() if v is not None}
-    return [_without_none(v) for v in value] if isinstance(value, (list, tuple)) else value
-
-
-def scene_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of scene files, all effects included."""
-    kinds = [effect_class(type_) for type_ in TYPES]
-    union = functools.reduce(operator.or_, kinds)
-    schema = msgspec.json.schema(SceneFile)
-    effects = msgspec.json.schema(union)
-    schema["$defs"] |= effects.pop("$defs")
-    schema["$defs"]["Release"]["properties"]["of"] = effects
-    schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, (list, tuple)) else value

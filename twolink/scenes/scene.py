@@ -1,10 +1,12 @@
-"""Scene: what is to be simulated, and nothing besides."""
+"""Scene: a robot, an initial state and the effects that act on it."""
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,9 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
+from twolink.scenes.save import save_scene
+
+_REMEDY = "such as [tl.effects.Gravity()]"
 
 
 def duration_of(value: float) -> float:
@@ -29,14 +34,51 @@ def accuracy_of(value: float) -> float:
 class Scene:
     """A robot, its initial state and the effects that act on it. Nothing is on by default, gravity included.
 
-    Attributes:
-        robot: the robot, in the gravity field of the scene's effects (none: zero).
-        q, v: the initial configuration (nq,) and velocity (nv,); neutral and at rest unless given.
-        effects: the effects, in order.
-        duration: seconds to simulate unless `simulate` is told otherwise.
-        title: one line on what the scene shows.
-        base: the robot as it was given, before the effects changed anything.
+    A scene does not change once it is made. It can be pickled, and compares by identity.
+
+    Parameters
+    ----------
+    robot : Robot
+        From `tl.load_robot`. Its own gravity does not count: a `tl.effects.Gravity` among the effects does.
+    q, v : array_like, optional
+        Initial configuration (nq,) and velocity (nv,); neutral and at rest by default.
+    effects : sequence of Effect
+        What acts on the robot, in order.
+    duration : float
+        Time to simulate [s] where `simulate` is called without one.
+    title : str
+        One line on what the scene shows.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot with the constants that the effects change: in their gravity field (none: zero), with payloads, rotors.
+    base : Robot
+        The robot that the scene was made with.
+    q, v : ndarray
+        Initial configuration (nq,) and velocity (nv,), read-only.
+    effects : tuple of Effect
+        The effects.
+    duration : float
+        Time to simulate [s].
+    title : str
+        One line on what the scene shows.
+
+    Raises
+    ------
+    SceneError
+        An effect does not fit the robot (`where` names its index and field), or an argument is of the wrong kind.
+    QueryError
+        A state is not finite, or of the wrong shape.
     """
+
+    robot: Robot
+    base: Robot
+    q: np.ndarray
+    v: np.ndarray
+    effects: tuple[Effect, ...]
+    duration: float
+    title: str
 
     def __init__(
         self,
@@ -48,41 +90,33 @@ class Scene:
         title: str = "",
     ) -> None:
         if not isinstance(robot, Robot):
-            raise SceneError(
-                f"expected a Robot, got {type(robot).__name__}",
-                where="robot",
-                remedy="tl.load_robot(...) makes one",
-            )
-        self.effects: tuple[Effect, ...] = _checked(effects)
-        for i, effect in enumerate(self.effects):
-            _fits(effect, i, robot)
-        self.base: Robot = robot
-        self.robot: Robot = robot.changed(self._change)
-        self.q = configuration("q", robot.neutral if q is None else q, robot.nq, robot.joints).copy()
-        self.v = array("v", np.zeros(robot.nv) if v is None else v, robot.nv).copy()
-        for name, value, size in (("q", self.q, robot.nq), ("v", self.v, robot.nv)):
-            if value.shape != (size,):
-                raise SceneError(
-                    f"expected one state of shape ({size},), got {value.shape}",
-                    where=name,
-                    remedy="a scene has one initial state",
-                )
-            value.flags.writeable = False
-        self.duration = duration_of(duration)
-        self.title = title
-        self._made = True
+            what, remedy = f"expected a Robot, got {type(robot).__name__}", "tl.load_robot(...) makes one"
+            raise SceneError(what, where="robot", remedy=remedy, argument="robot")
+        checked = _checked(effects, robot)
 
-    def _change(self, model: pin.Model) -> None:
-        """The robot as the effects make it: weightless unless there is gravity among them."""
-        model.gravity.linear = np.zeros(3)
-        for effect in self.effects:
-            effect.change(model)
+        def change(model: pin.Model) -> None:
+            model.gravity.linear = np.zeros(3)
+            for effect in checked:
+                effect.change(model)
+
+        start = configuration("q", robot.neutral if q is None else q, robot.nq, robot.joints)
+        velocity = array("v", np.zeros(robot.nv) if v is None else v, robot.nv)
+        self.__dict__.update(
+            base=robot,
+            robot=robot.changed(change),
+            q=_one_state("q", start, robot.nq),
+            v=_one_state("v", velocity, robot.nv),
+            effects=checked,
+            duration=duration_of(duration),
+            title=title,
+        )
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Scenes do not change: what is known of one would no longer be true."""
-        if "_made" in self.__dict__:
-            raise SceneError("a scene cannot be changed", where=name, remedy="make another: tl.Scene(...)")
-        super().__setattr__(name, value)
+        """Refuse changes: what was computed from the scene would no longer be true."""
+        raise SceneError("a scene cannot be changed", where=name, remedy="make another: tl.Scene(...)", code="frozen")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Scene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
 
     def without(self, index: int) -> Scene:
         """The same scene without one of its effects."""
@@ -93,36 +127,71 @@ class Scene:
         return Scene(self.base, self.q, self.v, effects, self.duration, self.title)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write a .toml file that load_scene reads again; a robot of no catalogue goes beside it as a URDF."""
-        from twolink.scenes.save import save_scene
+        """Write the scene to a file that `load_scene` reads again.
 
-        return save_scene(self, path)
+        Parameters
+        ----------
+        path : str or path
+            A file that ends in .toml. A robot of the catalogue is written by its name; any other one as a URDF beside
+            the file, with the same stem.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        SceneError
+            The path ends otherwise, an effect holds a function, or another URDF is in the way.
+        """
+        return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
+
+    def _summary(self) -> dict[str, str]:
+        """What a person wants to know, line by line."""
+        moving = {
+            name: ", ".join(f"{x:.4g}" for x in values) if len(values) <= 8 else f"{len(values)} numbers"
+            for name, values in (("q", self.q), ("v", self.v))
+        }
+        effects = ", ".join(type(effect).__name__ for effect in self.effects) or "none: free motion"
+        return {"robot": repr(self.robot)[1:-1], **moving, "effects": effects, "duration": f"{self.duration:g} s"}
 
     def __repr__(self) -> str:
-        names = ", ".join(type(e).__name__ for e in self.effects) or "free motion"
-        return f"<Scene {self.robot.name!r}: {names}, {self.duration:g} s>"
+        lines = [f"Scene{f': {self.title}' if self.title else ''}"]
+        return "\n".join([*lines, *(f"  {name:<10}{text}" for name, text in self._summary().items())])
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in self._summary().items()
+        )
+        return f"<table><caption>{html.escape(self.title or 'Scene')}</caption>{rows}</table>"
 
 
-def _checked(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def _one_state(name: str, value: np.ndarray, size: int) -> np.ndarray:
+    """A read-only copy of one state (size,)."""
+    if value.shape != (size,):
+        what = f"expected one state of shape ({size},), got {value.shape}"
+        raise SceneError(what, where=name, remedy="a scene has one initial state", argument=name)
+    state = value.copy()
+    state.flags.writeable = False
+    return state
+
+
+def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
+    """The effects, after each was checked against the robot: its joints and frames exist."""
     if isinstance(effects, Effect) or not isinstance(effects, Sequence):
-        raise SceneError(f"expected a list of effects, got {type(effects).__name__}", where="effects",
-                         remedy="such as [tl.effects.Gravity()]")  # fmt: skip
+        what = f"expected a list of effects, got {type(effects).__name__}"
+        raise SceneError(what, where="effects", remedy=_REMEDY, argument="effects")
     for effect in effects:
         if not isinstance(effect, Effect):
-            raise SceneError(
-                f"expected effects, got {type(effect).__name__}",
-                where="effects",
-                remedy="such as [tl.effects.Gravity()]",
-            )
-    if sum(type(e).__name__ == "Gravity" for e in effects) > 1:
-        raise SceneError("gravity is given twice", where="effects", remedy="keep one")
+            what = f"expected effects, got {type(effect).__name__}"
+            raise SceneError(what, where="effects", remedy=_REMEDY, argument="effects")
+    if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
+        raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
+    for i, effect in enumerate(effects):
+        try:
+            effect.check(robot)
+        except TwolinkError as error:
+            where = f"effects[{i}].{error.where}" if error.where else f"effects[{i}]"
+            raise error.at(where, SceneError, argument="effects", effect=i) from None
     return tuple(effects)
-
-
-def _fits(effect: Effect, index: int, robot: Robot) -> None:
-    """Require that an effect fits the robot: its joints and frames exist."""
-    try:
-        effect.check(robot)
-    except TwolinkError as error:
-        where = f"effects[{index}].{error.where}" if error.where else f"effects[{index}]"
-        raise SceneError(error.what, where=where, remedy=error.remedy, argument="effects", effect=index) from None

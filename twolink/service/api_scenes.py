@@ -12,7 +12,7 @@ from litestar import get, post
 
 from twolink.integrate.methods import methods
 from twolink.scenes import bundled_scenes
-from twolink.scenes.save import scene_schema
+from twolink.scenes.file_format import scene_schema
 from twolink.service.components import Shared
 from twolink.service.job_requests import ExplainRequest, SceneRequest
 from twolink.service.problems import Refusal

@@ -9,7 +9,7 @@ import msgspec
 
 from twolink._version import __version__
 from twolink.errors import SceneError
-from twolink.scenes.file import SceneFile
+from twolink.scenes.file_format import SceneFile
 from twolink.service.settings import Quotas
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from twolink.dynamics import Robot, load_robot
-from twolink.effects import Effect
 from twolink.errors import RobotError, SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
-from twolink.scenes.file import RobotEntry, SceneFile, effect_from, state_by_joint
+from twolink.scenes.file_format import RobotEntry, SceneFile
+from twolink.scenes.from_data import scene_from_data
 from twolink.service.robot_tasks import find
 
 MOST_EFFECTS = 200
@@ -34,38 +33,17 @@ def scene_of(given: str | SceneFile, robots: str) -> Scene:
         raise SceneError(f"files are not read here: {name[:80]!r}", where="scene.effects",
                          remedy="send times and values")  # fmt: skip
     try:
-        effects = [_effect(table, i) for i, table in enumerate(given.effects)]
-        robot = _robot(given.robot, robots)
-        q = state_by_joint(robot, given.q, robot.neutral, "q")
-        v = state_by_joint(robot, given.v, np.zeros(robot.nv), "v")
-        return Scene(robot, q, v, effects, given.duration, given.title)
+        return scene_from_data(given, functools.partial(_robot, robots))
     except TwolinkError as error:
-        inside = error.where.removeprefix("scene").removeprefix(":").strip()
-        raise _moved(error, f"scene.{inside}" if inside else "scene", **error.data) from None
+        where = f"scene.{error.where}" if error.where else "scene"
+        raise error.at(where, argument=error.argument or "scene") from None
 
 
-def _effect(table: dict[str, Any], index: int) -> Effect:
-    """An effect; its errors say its index, for programs that show the effects."""
-    try:
-        return effect_from(table, f"effects[{index}]", "scene")
-    except TwolinkError as error:
-        raise _moved(error, error.where, effect=index) from None
-
-
-def _moved(error: TwolinkError, where: str, **data: Any) -> TwolinkError:
-    """The same error with another place."""
-    return type(error)(
-        error.what, where=where, remedy=error.remedy, code=error.code, argument=error.argument or "scene", **data
-    )
-
-
-def _robot(entry: str | RobotEntry, robots: str) -> Robot:
+def _robot(robots: str, entry: RobotEntry) -> Robot:
     """A robot by id. Only those of the catalogue take options here: an uploaded one has its own."""
-    if isinstance(entry, str):
-        return find(entry, robots)
-    if entry.source in catalogue_names():
-        return load_robot(entry.source, root=entry.root, lock=entry.lock)
     if entry.root != "fixed" or entry.lock:
+        if entry.source in catalogue_names():
+            return load_robot(entry.source, root=entry.root, lock=entry.lock)
         raise RobotError("an uploaded robot's root and lock are set when it is uploaded", where="robot",
                          remedy="POST /v1/robots with other options gives another id")  # fmt: skip
     return find(entry.source, robots)

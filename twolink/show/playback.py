@@ -19,7 +19,7 @@ import umsgpack
 from numpy.typing import ArrayLike
 
 from twolink.errors import MissingExtraError, ShowError, TwolinkError
-from twolink.io.tables import write_whole
+from twolink.io.atomic import write_atomic
 from twolink.show.meshcat_scene import Node, poses, scene_nodes, set_object, set_pose
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import Side, View, check_motion, look_at, resample, stage, to_three
@@ -87,7 +87,7 @@ def write_playback(
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
         raise ShowError(what, where=str(path), remedy=remedy)
     try:
-        return write_whole(Path(path), lambda file: file.write(page))
+        return write_atomic(Path(path), lambda file: file.write(page))
     except TwolinkError as failure:
         raise ShowError(failure.what, where=failure.where, remedy=failure.remedy) from None
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twolink.errors import ShowError, TwolinkError
-from twolink.io.tables import require_format, write_whole
+from twolink.io.atomic import write_atomic
+from twolink.io.tables import require_format
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,7 +39,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Save a figure as .png, .svg or .pdf, whole or not at all."""
     try:
         suffix = require_format(path, FORMATS)
-        return write_whole(path, lambda file: figure.savefig(file, format=suffix[1:]))
+        return write_atomic(path, lambda file: figure.savefig(file, format=suffix[1:]))
     except TwolinkError as error:
         raise ShowError(error.what, where=error.where, remedy=error.remedy) from None
 

@@ -16,7 +16,6 @@ import numpy as np
 from twolink.algorithms.spatial import spatial_dot
 from twolink.effects import Effect
 from twolink.effects.dry_friction import DryFriction
-from twolink.effects.effect import type_name
 from twolink.effects.motion import Loads, Motion
 from twolink.effects.plane_contact import Touching
 from twolink.effects.release import Release
@@ -25,6 +24,7 @@ from twolink.integrate.equations import equations_of
 from twolink.integrate.hybrid.snapshot import Moment
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solver import solve
+from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
@@ -123,7 +123,7 @@ def moments(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[tuple[
 
 def _named(scene: Scene) -> dict[int, str]:
     """The name of each effect by its id, numbered where there are several of a type; also of what a release holds."""
-    kinds = [type_name(type(effect).__name__) for effect in scene.effects]
+    kinds = [kebab_case(type(effect).__name__) for effect in scene.effects]
     names: dict[int, str] = {}
     for i, (effect, kind) in enumerate(zip(scene.effects, kinds, strict=True)):
         names[id(effect)] = f"{kind} [{i}]" if kinds.count(kind) > 1 else kind

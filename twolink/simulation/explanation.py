@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.effects.effect import Effect, type_name
+from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations, equations_of
 from twolink.integrate.method_choice import Choice, choose
@@ -15,6 +15,7 @@ from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.step_map import step_map
+from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of, duration_of
 
@@ -87,7 +88,7 @@ def explain(
     length = scene.duration if duration is None else duration_of(duration)
     choice = choose(equations, accuracy, length, method)
     shares = [
-        Share(type_name(type(effect).__name__), equations.operations - Equations(scene.without(i)).operations)
+        Share(kebab_case(type(effect).__name__), equations.operations - Equations(scene.without(i)).operations)
         for i, effect in enumerate(scene.effects)
     ]
     return Explanation(

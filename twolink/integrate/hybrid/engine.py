@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from twolink.effects.effect import type_name
 from twolink.effects.plane_contact import Mode
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations
@@ -25,6 +24,7 @@ from twolink.integrate.solution import Piece, Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.integrate.stepping import march
+from twolink.io.text import kebab_case
 
 AT_ONCE = 200  # events at one time
 SAME = 1e-13  # relative: times that are one
@@ -262,7 +262,7 @@ class _Run:
         before = self._energy()
         self.modes.held[i] = False
         gone = before - self._energy()  # a payload takes its own along
-        self._note("release", type_name(type(self.hybrid.releases[i].of).__name__), energy=gone)
+        self._note("release", kebab_case(type(self.hybrid.releases[i].of).__name__), energy=gone)
 
     def _energy(self) -> float:
         """Kinetic and potential energy now, J."""

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.dynamics.saved_robot import model_digest, robot_notes
+from twolink.dynamics.saved_robot import robot_notes
 from twolink.errors import SceneError
+from twolink.io.fingerprints import model_digest
 from twolink.io.tables import read_table, write_table
 
 LOADS = {

@@ -1,0 +1,67 @@
+"""Writing a file whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from twolink.errors import TwolinkError
+
+
+def write_atomic(path: Path, write: Callable[[BinaryIO], object], *, private: bool = False) -> Path:
+    """Write a file so that readers see the old content or all of the new one, never a part.
+
+    The content goes to a temporary file in the same folder, which then replaces the path. A failure leaves the old
+    file as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The file. Its folder is created if it does not exist.
+    write : callable
+        Writes the content to the binary file that it gets.
+    private : bool
+        Whether only the user may read the file (mode 0600), whatever the umask is.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    TwolinkError
+        Code "not-writable": the folder or the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise _not_writable(path, error, "check the folder") from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        if not private:
+            os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    except OSError as error:
+        raise _not_writable(path, error, "check the disk") from None
+    finally:
+        Path(name).unlink(missing_ok=True)  # nothing is left to remove after a success
+    return path
+
+
+def _umask() -> int:
+    """The permissions that new files do not get; the system reports them only while they are set."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _not_writable(path: Path, error: OSError, remedy: str) -> TwolinkError:
+    return TwolinkError(
+        f"cannot be written: {error.strerror or error}", where=str(path), remedy=remedy, code="not-writable"
+    )

@@ -1,0 +1,109 @@
+"""From the tables of a scene to a Scene: effects, robot and initial state."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.effects import TYPES, Effect, effect_class
+from twolink.errors import SceneError, nearest
+from twolink.scenes.file_format import JointValues, RobotEntry, SceneFile
+from twolink.scenes.scene import Scene
+
+
+def scene_from_data(content: SceneFile, load: Callable[[RobotEntry], Robot]) -> Scene:
+    """The scene that the tables of a scene file, or of a request, describe.
+
+    Parameters
+    ----------
+    content : SceneFile
+        The tables.
+    load : callable
+        Gives the robot of an entry.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    TwolinkError
+        A name does not exist or a value does not fit; `where` is the path in the scene, such as effects[0].joint.
+    """
+    effects = []
+    for i, table in enumerate(content.effects):
+        try:
+            effects.append(_effect(table))
+        except SceneError as error:
+            where = f"effects[{i}].{error.where}" if error.where else f"effects[{i}]"
+            raise error.at(where, effect=i) from None
+    robot = load(RobotEntry(content.robot) if isinstance(content.robot, str) else content.robot)
+    q = _state(robot, content.q, robot.neutral, "q")
+    v = _state(robot, content.v, np.zeros(robot.nv), "v")
+    return Scene(robot, q, v, effects, content.duration, content.title)
+
+
+def scene_tables(content: Any) -> SceneFile:
+    """Plain data as the tables of a scene. Raises SceneError, code "schema"; `where` is the path in the scene."""
+    try:
+        return msgspec.convert(content, SceneFile)
+    except msgspec.ValidationError as error:
+        raise _schema_error(error, {"": SceneFile, "robot": RobotEntry}) from None
+
+
+def _effect(table: dict[str, Any], path: str) -> Effect:
+    """An effect from its table; its class is imported now."""
+    kind = table.get("type")
+    if kind is None:
+        raise SceneError("it has no type", where=path, remedy='such as type = "gravity"', code="schema")
+    if not isinstance(kind, str) or kind not in TYPES:
+        what = f"there is no effect {kind!r}"
+        raise SceneError(what, where=path, remedy=nearest(str(kind), TYPES), code="unknown-effect")
+    if kind == "release" and isinstance(table.get("of"), dict):
+        table = table | {"of": _effect(table["of"], f"{path}.of")}
+    try:
+        return msgspec.convert(table, effect_class(kind))
+    except msgspec.ValidationError as error:
+        raise _schema_error(error, {"": effect_class(kind)}, path) from None
+
+
+def _schema_error(
+    error: msgspec.ValidationError, schemas: dict[str, type[msgspec.Struct]], inside: str = ""
+) -> SceneError:
+    """msgspec's message with the key's path first, and the nearest name for an unknown key."""
+    message = str(error)
+    match = re.match(r"(.*?)(?: - at `\$?\.?(.*)`)?$", message, re.DOTALL)
+    what, path = (match.group(1), match.group(2) or "") if match else (message, "")
+    unknown = re.search(r"unknown field `(.*)`", what)
+    remedy = "see a bundled scene for an example"
+    if unknown and path in schemas:
+        remedy = nearest(unknown.group(1), [field.name for field in msgspec.structs.fields(schemas[path])])
+    where = ".".join(part for part in (inside, path) if part)
+    return SceneError(what, where=where, remedy=remedy, code="schema")
+
+
+def _state(robot: Robot, values: JointValues, start: np.ndarray, name: str) -> np.ndarray:
+    """A state vector from values by joint name; a continuous joint's q may be an angle [rad]."""
+    state = np.array(start)
+    joints = {joint.name: joint for joint in robot.joints}
+    for joint_name, value in values.items():
+        if joint_name not in joints:
+            what, remedy = f"robot {robot.name!r} has no joint {joint_name!r}", nearest(joint_name, joints)
+            raise SceneError(what, where=name, remedy=remedy, code="unknown-joint")
+        joint = joints[joint_name]
+        part = joint.q if name == "q" else joint.v
+        numbers = np.atleast_1d(np.asarray(value, dtype=float))
+        if joint.kind == "cos-sin" and name == "q" and numbers.size == 1:
+            numbers = np.array([np.cos(numbers[0]), np.sin(numbers[0])])
+        if numbers.size != part.stop - part.start:
+            what = f"expected {part.stop - part.start} numbers, got {numbers.size}"
+            remedy = "give the joint's configuration or velocity"
+            raise SceneError(what, where=f"{name}.{joint_name}", remedy=remedy, code="schema")
+        state[part] = numbers
+    return state
