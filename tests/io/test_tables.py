@@ -1,4 +1,4 @@
-"""Tables: written whole, read strictly, in whatever way a file is wrong."""
+"""Tables: every digit survives, and a damaged file gives one error of one line."""
 
 import json
 from pathlib import Path
@@ -25,8 +25,10 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
     ("name", "content", "part"),
     [
         ("x.csv", b"t,t\n0,0\n", "column 't' is there twice"),
-        ("x.csv", b"t,q\n0\n", "row 1 has 1 cells, the header has 2"),
+        ("x.csv", b"t,q\n0\n", "line 2: it has 1 cells, the header has 2"),
         ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
+        ("x.csv", b"t\n1_0\n", "line 2: not a row of numbers"),
+        ("x.csv", b"", "expected a header"),
         ("x.csv", b"\xff\xfe", "cannot be read"),
         ("x.npz", b"\x93NUMPY", "cannot be read"),
         ("x.npz", b"PK\x03\x04", "cannot be read"),

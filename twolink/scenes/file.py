@@ -31,13 +31,13 @@ def scenes() -> Table:
     Returns
     -------
     Table
-        Columns name, title, robot, effects (their types, separated by commas).
+        Columns name, title, robot, effects (a tuple of their types).
     """
     rows = []
     for name in bundled_scenes():
         content = scene_tables(tomllib.loads(_bundled_text(name)))
         robot = content.robot if isinstance(content.robot, str) else content.robot.source
-        effects = ", ".join(dict.fromkeys(str(effect["type"]) for effect in content.effects))
+        effects = tuple(dict.fromkeys(effect["type"] for effect in content.effects))
         rows.append((name, content.title, robot, effects))
     return Table(("name", "title", "robot", "effects"), tuple(rows))
 

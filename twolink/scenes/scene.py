@@ -52,7 +52,7 @@ class Scene:
     Attributes
     ----------
     robot : Robot
-        The robot with the constants that the effects change: in their gravity field (none: zero), with payloads, rotors.
+        The robot with the constants that the effects change: gravity (none: zero), payloads, rotors.
     base : Robot
         The robot that the scene was made with.
     q, v : ndarray

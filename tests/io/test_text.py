@@ -1,0 +1,49 @@
+"""Texts from files, and the numbers and names in them."""
+
+from pathlib import Path
+
+import pytest
+
+from twolink.errors import QueryError, SceneError
+from twolink.io.csv_text import parse_csv
+from twolink.io.text import kebab_case, parse_number, read_text
+
+
+@pytest.mark.parametrize(("text", "value"), [("1.5", 1.5), (" -2e-3 ", -2e-3), ("0.1", 0.1), ("1e400", float("inf"))])
+def test_numbers_are_read_to_the_last_bit(text: str, value: float) -> None:
+    assert parse_number(text) == value
+
+
+@pytest.mark.parametrize("text", ["", "1_0", "\u0661", "1,5", "0x10", "one"])
+def test_texts_that_are_no_numbers(text: str) -> None:
+    with pytest.raises(ValueError, match=r"not a number|could not convert"):
+        parse_number(text)
+
+
+def test_files_are_read_up_to_a_limit_and_errors_have_codes(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"\xef\xbb\xbfabc")
+    assert read_text(path, SceneError, 6, "shorten it") == "abc"
+    path.write_bytes(b"\xff")
+    cases = ((path, 6, "not-readable"), (tmp_path, 6, "not-readable"), (Path("/dev/zero"), 6, "too-large"))
+    for place, limit, code in cases:
+        with pytest.raises(SceneError) as caught:
+            read_text(place, SceneError, limit, "shorten it")
+        assert caught.value.code == code
+
+
+def test_csv_errors_count_the_lines_of_the_text_not_the_rows() -> None:
+    assert {name: values.tolist() for name, values in parse_csv("a, b\n\n1,2\n3,4\n", "x").items()} == {
+        "a": [1, 3],
+        "b": [2, 4],
+    }
+    with pytest.raises(QueryError, match=r"^x, line 4: it has 1 cells") as caught:
+        parse_csv("a,b\n\n1,2\n3\n", "x", QueryError)
+    assert caught.value.code == "csv"
+    with pytest.raises(QueryError, match="at least one row"):
+        parse_csv("a,b\n", "x", QueryError, rows=1)
+
+
+@pytest.mark.parametrize(("name", "kebab"), [("JointSpring", "joint-spring"), ("JointPD", "joint-pd")])
+def test_kebab_case(name: str, kebab: str) -> None:
+    assert kebab_case(name) == kebab
