@@ -55,9 +55,7 @@ class TwolinkError(Exception):
         message = f"{where}: {what}" if where else what
         super().__init__(f"{message}; {remedy}" if remedy else message)
 
-    def at(
-        self, where: str, kind: type[E] | None = None, *, argument: str = "", **data: Any
-    ) -> TwolinkError | E:
+    def at(self, where: str, kind: type[E] | None = None, *, argument: str = "", **data: Any) -> TwolinkError | E:
         """The same failure at another place, as an error of class `kind` if there is one, with more data."""
         code = "" if self.code == type(self).code else self.code
         parts = {"where": where, "remedy": self.remedy, "code": code, "argument": argument or self.argument}

@@ -13,7 +13,7 @@ from twolink.dynamics import Robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, nearest
 from twolink.scenes.file_format import JointValues, RobotEntry, SceneFile
-from twolink.scenes.scene import Scene
+from twolink.scenes.scene import Scene, at_effect
 
 
 def scene_from_data(content: SceneFile, load: Callable[[RobotEntry], Robot]) -> Scene:
@@ -41,8 +41,7 @@ def scene_from_data(content: SceneFile, load: Callable[[RobotEntry], Robot]) -> 
         try:
             effects.append(_effect(table))
         except SceneError as error:
-            where = f"effects[{i}].{error.where}" if error.where else f"effects[{i}]"
-            raise error.at(where, effect=i) from None
+            raise at_effect(error, i) from None
     robot = load(RobotEntry(content.robot) if isinstance(content.robot, str) else content.robot)
     q = _state(robot, content.q, robot.neutral, "q")
     v = _state(robot, content.v, np.zeros(robot.nv), "v")
@@ -57,8 +56,8 @@ def scene_tables(content: Any) -> SceneFile:
         raise _schema_error(error, {"": SceneFile, "robot": RobotEntry}) from None
 
 
-def _effect(table: dict[str, Any], path: str) -> Effect:
-    """An effect from its table; its class is imported now."""
+def _effect(table: dict[str, Any], path: str = "") -> Effect:
+    """An effect from its table, which stands at `path` in another effect; its class is imported now."""
     kind = table.get("type")
     if kind is None:
         raise SceneError("it has no type", where=path, remedy='such as type = "gravity"', code="schema")
@@ -66,7 +65,7 @@ def _effect(table: dict[str, Any], path: str) -> Effect:
         what = f"there is no effect {kind!r}"
         raise SceneError(what, where=path, remedy=nearest(str(kind), TYPES), code="unknown-effect")
     if kind == "release" and isinstance(table.get("of"), dict):
-        table = table | {"of": _effect(table["of"], f"{path}.of")}
+        table = table | {"of": _effect(table["of"], f"{path}.of".lstrip("."))}
     try:
         return msgspec.convert(table, effect_class(kind))
     except msgspec.ValidationError as error:

@@ -192,6 +192,11 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
         try:
             effect.check(robot)
         except TwolinkError as error:
-            where = f"effects[{i}].{error.where}" if error.where else f"effects[{i}]"
-            raise error.at(where, SceneError, argument="effects", effect=i) from None
+            raise at_effect(error, i) from None
     return tuple(effects)
+
+
+def at_effect(error: TwolinkError, index: int) -> TwolinkError:
+    """The same failure with the place of the effect before its own; its data has the index as `effect`."""
+    where = f"effects[{index}].{error.where}" if error.where else f"effects[{index}]"
+    return error.at(where, SceneError, argument="effects", effect=index)
