@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from scipy.integrate import solve_ivp
 
 # `browser` is a fixture: imported, so that pytest finds it here.
 from tests.show.browser import Browser, browser  # noqa: F401
+from tests.show.pieces import DAE, Robot, box_stl, fixed, geometry
 from twolink.errors import ShowError
 from twolink.show.meshcat_scene import poses, scene_nodes
 from twolink.show.meshcat_view import look_at
@@ -26,7 +26,6 @@ from twolink.show.playback import choose_frames, write_playback
 
 URDFS = Path(__file__).parents[2] / "urdf"
 BLUE, ORANGE = (0.13, 0.40, 0.68), (0.93, 0.54, 0.16)  # as two_link.urdf has them
-Robot = tuple[Any, Any]
 
 
 def robot(name: str) -> Robot:
@@ -140,29 +139,6 @@ def test_a_floating_body_is_interpolated_on_its_manifold(tmp_path: Path) -> None
     np.testing.assert_allclose(np.abs(middle), [0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
 
 
-def geometry(name: str, shape: Any, *, joint: int = 0, mesh: str = "", override: bool = False) -> Any:
-    colour = np.array([1.0, 0.0, 0.0, 0.5])
-    return pin.GeometryObject(name, joint, pin.SE3.Identity(), shape, mesh, np.ones(3), override, colour)
-
-
-def fixed(*items: Any) -> Robot:
-    visuals = pin.GeometryModel()
-    for item in items:
-        visuals.addGeometryObject(item)
-    return pin.Model(), visuals
-
-
-def test_a_missing_mesh_is_skipped_and_named(tmp_path: Path) -> None:
-    gone = geometry("gone", coal.BVHModelOBBRSS(), mesh=str(tmp_path / "gone.stl"))
-    skipped: list[str] = []
-    model, visuals = fixed(geometry("here", coal.Sphere(0.1)), gone)
-    page = write_playback(model, visuals, 0.0, np.empty(0), tmp_path / "a.html", on_skipped=skipped.extend)
-    assert skipped == ["gone"]
-    assert "not drawn: gone" in page.read_text("utf-8")
-    with pytest.raises(ShowError, match="nothing to draw"):
-        write_playback(*fixed(gone), 0.0, np.empty(0), tmp_path / "b.html")
-
-
 def test_colour_and_alpha_are_those_of_the_urdf(arm: Robot) -> None:
     nodes, _ = scene_nodes(arm[1])
     materials = {node.name: node.object["materials"][0] for node in nodes}
@@ -228,47 +204,6 @@ def test_a_plane_motion_is_seen_from_the_side_and_fits(arm: Robot, swing: tuple[
         distance, slope = view.distance(aspect), np.tan(np.radians(16.0))
         spread = np.abs(view.seen[:, :2]) / (distance - view.seen[:, 2:]) / slope / [aspect, 1.0]
         assert 0.8 < spread.max() < 1.0
-
-
-def box_stl(path: Path) -> Path:
-    """A binary STL tetrahedron."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
-    body = b"".join(
-        struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0)
-        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-    )
-    path.write_bytes(b"\0" * 80 + struct.pack("<I", 4) + body)
-    return path
-
-
-DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
-<asset><unit meter="0.5" name="half"/></asset>
-<library_effects><effect id="e"><profile_COMMON><technique sid="c"><lambert>
-<diffuse><color>0 0.8 0 1</color></diffuse></lambert></technique></profile_COMMON></effect></library_effects>
-<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
-<library_geometries><geometry id="g"><mesh><source id="p">
-<float_array count="12">0 0 0 1 0 0 1 1 0 0 1 0</float_array>
-<technique_common><accessor count="4" stride="3"/></technique_common></source>
-<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
-<polylist count="1" material="s"><input semantic="VERTEX" source="#v" offset="0"/>
-<vcount>4</vcount><p>0 1 2 3</p></polylist></mesh></geometry></library_geometries>
-<library_visual_scenes><visual_scene id="w"><node><translate>0 0 2</translate><rotate>0 0 1 90</rotate>
-<instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="s" target="#m"/>
-</technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
-<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
-
-
-def test_collada_brings_its_unit_its_frames_and_its_colour(tmp_path: Path) -> None:
-    (tmp_path / "a.dae").write_text(DAE)
-    for override, colour in ((False, 0x00CC00), (True, 0xFF0000)):
-        item = geometry("square", coal.Sphere(1.0), mesh=str(tmp_path / "a.dae"), override=override)
-        drawn = scene_nodes(fixed(item)[1])[0][0].object
-        data = drawn["geometries"][0]["data"]
-        vertices = np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
-        np.testing.assert_allclose(vertices.min(axis=0), [-0.5, 0, 1], atol=1e-6)  # turned by 90 deg, lifted
-        np.testing.assert_allclose(vertices.max(axis=0), [0, 0.5, 1], atol=1e-6)
-        assert len(data["index"]["array"].data) == 2 * 6  # a square is two triangles
-        assert drawn["materials"][0]["color"] == colour
 
 
 def near(picture: np.ndarray, rgb: tuple[float, float, float]) -> int:

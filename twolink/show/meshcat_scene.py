@@ -16,7 +16,7 @@ from urllib.parse import quote
 import numpy as np
 import pinocchio as pin
 
-from twolink.show.meshcat_files import SUFFIXES, file_object
+from twolink.show.mesh_files import SUFFIXES, file_object
 from twolink.show.meshcat_shapes import SHAPES, Floats, Json, buffer_geometry, mesh, phong, triangles
 
 # The viewer keeps its nodes in JavaScript objects, where these keys exist from the start and pass for nodes.
@@ -89,10 +89,10 @@ def _draw(item: Any, uuid: str) -> Json | None:
     """The three.js object of one pin.GeometryObject, or None when there is no way to draw it."""
     rgba = np.asarray(item.meshColor, float)
     if Path(item.meshPath).suffix.lower() in SUFFIXES:
-        own, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
-        found = file_object(Path(item.meshPath), own_colours=own, rgba=rgba, uuid=uuid, scale=scale)
-        if found is not None:
-            return found
+        file_colours, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
+        drawn = file_object(Path(item.meshPath), file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
+        if drawn is not None:
+            return drawn
     material = phong(rgba)
     kind = type(item.geometry).__name__
     if kind in SHAPES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable
 from typing import Any
 
@@ -13,21 +14,37 @@ Floats = NDArray[np.float64]
 Json = dict[str, Any]
 
 _SEGMENTS = 48  # round bodies look round at full screen
-# meshcat's codes for typed arrays
+# By JavaScript's class of typed array: meshcat's code in MessagePack, and NumPy's type.
 _ARRAYS = {
-    "Float32Array": (0x17, "<f4"),
+    "Uint8Array": (0x12, "u1"),
     "Int16Array": (0x13, "<i2"),
     "Uint16Array": (0x14, "<u2"),
     "Uint32Array": (0x16, "<u4"),
+    "Float32Array": (0x17, "<f4"),
 }
+_CLASSES = {code: name for name, (code, _) in _ARRAYS.items()}
 _ROUND = {"widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # three.js: along y
 
 
 def packed(array: NDArray[Any], kind: str = "Float32Array") -> umsgpack.Ext:
-    """An array as the viewer's typed array, row by row; as `kind`."""
+    """An array, row by row, as a typed array of that class in meshcat's messages."""
     code, dtype = _ARRAYS[kind]
     return umsgpack.Ext(code, np.ascontiguousarray(array, dtype=dtype).tobytes())
+
+
+def as_json(value: Any) -> Any:
+    """A message with each typed array as {"$array": its class, "base64": its bytes, little-endian}."""
+    if isinstance(value, umsgpack.Ext):
+        return {"$array": _CLASSES[value.type], "base64": base64.b64encode(value.data).decode("ascii")}
+    if isinstance(value, dict):
+        return {key: as_json(item) for key, item in value.items()}
+    return [as_json(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def attribute(values: NDArray[Any], kind: str = "Float32Array") -> Json:
+    """An attribute of a three.js geometry: one row of `values` (n, k) for each vertex."""
+    return {"itemSize": values.shape[1], "type": kind, "array": packed(values, kind)}
 
 
 def mesh(
@@ -56,10 +73,9 @@ def mesh(
 
 def buffer_geometry(vertices: NDArray[Any], faces: NDArray[Any] | None = None) -> Json:
     """A three.js geometry from (n, 3) vertices (m) and (m, 3) faces (triangles), or none (lines)."""
-    position = {"itemSize": 3, "type": "Float32Array", "array": packed(vertices), "normalized": False}
-    data: Json = {"attributes": {"position": position}}
+    data: Json = {"attributes": {"position": attribute(vertices)}}
     if faces is not None:
-        data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": packed(faces, "Uint32Array")}
+        data["index"] = attribute(faces.reshape(-1, 1), "Uint32Array")
     return {"type": "BufferGeometry", "data": data}
 
 

@@ -1,0 +1,96 @@
+"""Triangles, colours and pictures of Collada files (.dae), read by pycollada.
+
+pycollada is used directly, not through trimesh: it keeps the names of picture files, which go into a page as they
+are, where trimesh decodes every picture; and it takes half the time. meshcat's viewer could read Collada too, but
+it loses parts whose neighbours have another material (half of a UR5) and ignores the file's unit of length.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_DECLARATION = re.compile(r"\A\s*<\?xml.*?\?>", re.DOTALL)
+_BINDING = re.compile(
+    r"<instance_material\b[^>]*?\btarget=[\"']#([^\"']*)[\"'][^>]*?(/>|>.*?</instance_material>)", re.DOTALL
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The m triangles of one material; each has three corners of its own."""
+
+    position: Floats  # (3m, 3) m
+    normal: Floats  # (3m, 3) unit
+    uv: Floats  # (3m, 2) the place in the picture; 0 without one
+    rgba: tuple[float, float, float, float] | None  # None: the file gives no colour
+    picture: str | None  # the file name of the picture that gives the colour
+
+
+def read_collada(raw: bytes) -> list[Part]:
+    """The parts of a Collada file, in metres and along the file's own axes; none when it cannot be read."""
+    text = _DECLARATION.sub("", raw.decode("utf-8", errors="replace"))
+    if "<!DOCTYPE" in text:  # entities that expand without end
+        return []
+    try:
+        return _parts(_document(text))
+    except Exception:  # pycollada lets errors of many kinds through
+        return []
+
+
+def _document(text: str) -> Any:
+    """The file as pycollada reads it. Without bindings to broken materials: they would cost the geometry too."""
+    import collada
+
+    document = collada.Collada(io.BytesIO(text.encode()), ignore=[collada.DaeError])
+    if not document.errors:
+        return document
+    materials = {material.id for material in document.materials}
+    bound = _BINDING.sub(lambda match: match[0] if match[1] in materials else "", text)
+    return collada.Collada(io.BytesIO(bound.encode()), ignore=[collada.DaeError])
+
+
+def _parts(document: Any) -> list[Part]:
+    metres = document.assetInfo.unitmeter or 1.0
+    scene = document.scene or document.scenes[0]
+    return [part for geometry in scene.objects("geometry") for part in _geometry_parts(geometry, metres)]
+
+
+def _geometry_parts(geometry: Any, metres: float) -> Iterator[Part]:
+    """The parts of one geometry where the scene's nodes put it."""
+    turn, shift = geometry.matrix[:3, :3].astype(float), geometry.matrix[:3, 3]
+    for primitive in geometry.original.primitives:
+        triangles = primitive.triangleset() if hasattr(primitive, "triangleset") else primitive
+        if not hasattr(triangles, "ntriangles") or not len(triangles):
+            continue  # lines
+        position = (triangles.vertex @ turn.T + shift)[triangles.vertex_index].reshape(-1, 3)
+        if triangles.normal is None:
+            sides = position.reshape(-1, 3, 3)
+            normal = np.repeat(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), 3, axis=0)
+        else:  # a normal turns with the inverse, transposed; here from the right
+            normal = (triangles.normal @ np.linalg.inv(turn))[triangles.normal_index].reshape(-1, 3)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        uv = np.zeros((len(position), 2))
+        if triangles.texcoordset:
+            uv = triangles.texcoordset[0][triangles.texcoord_indexset[0]].reshape(-1, 2)
+        binding = geometry.materialnodebysymbol.get(triangles.material)
+        yield Part(metres * position, normal, uv, *_colour(binding.target if binding else None))
+
+
+def _colour(material: Any) -> tuple[tuple[float, float, float, float] | None, str | None]:
+    """The colour of a material, and its picture. Always opaque: files disagree on what <transparency> means."""
+    diffuse = material.effect.diffuse if material is not None and material.effect is not None else None
+    if diffuse is None:
+        return None, None
+    if hasattr(diffuse, "sampler"):
+        return None, diffuse.sampler.surface.image.path
+    red, green, blue = (float(share) for share in diffuse[:3])
+    return (red, green, blue, 1.0), None
