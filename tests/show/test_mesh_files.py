@@ -22,7 +22,8 @@ OBJ = "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"
 COLOUR = "<color>0 0.8 0 1</color>"
 PICTURE = """<library_images><image id="i"><init_from>{name}</init_from></image></library_images>
 <library_effects><effect id="e"><profile_COMMON><newparam sid="s"><surface type="2D">
-<init_from>i</init_from></surface></newparam><newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam><technique sid="c"><lambert>
+<init_from>i</init_from></surface></newparam><newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam>
+<technique sid="c"><lambert>
 <diffuse><texture texture="t" texcoord="u"/></diffuse></lambert></technique></profile_COMMON></effect>
 </library_effects>"""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from twolink.service.components import Shared
 from twolink.service.docs import docs_page
 from twolink.service.openapi import described
 from twolink.service.problems import Refusal
+from twolink.show.playback import viewer_script
 
 PAGE = Path(__file__).with_name("page")
 _KINDS = {
@@ -68,17 +68,9 @@ async def index() -> Response[bytes]:
 
 
 @get("/page/meshcat.js", include_in_schema=False)
-async def viewer() -> Response[bytes]:
+async def viewer() -> Response[str]:
     """meshcat's viewer with three.js, from the installed package: the page draws robots with it."""
-    return Response(_viewer(), media_type=_KINDS[".js"], headers={"Cache-Control": "max-age=86400"})
-
-
-@functools.cache
-def _viewer() -> bytes:
-    found = importlib.util.find_spec("meshcat")  # not imported: it pulls in IPython
-    if found is None or not found.submodule_search_locations:
-        raise Refusal(404, "meshcat is not installed", where="path", remedy="pip install meshcat")
-    return Path(found.submodule_search_locations[0], "viewer", "dist", "main.min.js").read_bytes()
+    return Response(viewer_script(), media_type=_KINDS[".js"], headers={"Cache-Control": "max-age=86400"})
 
 
 @get("/page/{path:path}", include_in_schema=False)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import msgspec
 import pinocchio as pin
-import umsgpack
 
 from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import link_frames, link_names
 from twolink.errors import ShowError
 from twolink.show.meshcat_scene import scene_nodes
-
-_ARRAYS = {0x17: "Float32Array", 0x13: "Int16Array", 0x14: "Uint16Array", 0x16: "Uint32Array", 0x12: "Uint8Array"}
+from twolink.show.meshcat_shapes import as_json
 
 
 def visuals_of(robot: Robot) -> bytes:
@@ -43,7 +40,7 @@ def visuals_of(robot: Robot) -> bytes:
                 "object": node.object,
             }
         )
-    return msgspec.json.encode({"links": link_names(robot), "pieces": _plain(pieces), "skipped": skipped})
+    return msgspec.json.encode({"links": link_names(robot), "pieces": as_json(pieces), "skipped": skipped})
 
 
 def _link(model: pin.Model, links: set[int], item: Any) -> tuple[int | None, Any]:
@@ -55,12 +52,3 @@ def _link(model: pin.Model, links: set[int], item: Any) -> tuple[int | None, Any
             return None, item.placement
         frame = min(found)
     return frame, model.frames[frame].placement.inverse() * item.placement
-
-
-def _plain(value: Any) -> Any:
-    """umsgpack's typed arrays as JSON."""
-    if isinstance(value, umsgpack.Ext):
-        return {"$array": _ARRAYS[value.type], "base64": base64.b64encode(value.data).decode("ascii")}
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -6,6 +6,7 @@ meshcat's viewer, its scene and its animation are all inside the file, which is 
 from __future__ import annotations
 
 import base64
+import functools
 import html
 import importlib.util
 import json
@@ -158,17 +159,17 @@ def _page(
         "NOTES": html.escape(" · ".join(notes)),
         "FACTS": json.dumps(facts).replace("<", "\\u003c"),
         "COMMANDS": blobs,
-        "VIEWER": viewer_script(),
+        "VIEWER": viewer_script().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
     }
     template = Path(__file__).with_name("playback.html").read_text("utf-8")
     pieces = template.split("%%")  # odd ones are names; one pass: no part is itself searched
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces)).encode("utf-8")
 
 
+@functools.cache
 def viewer_script() -> str:
-    """meshcat's viewer (three.js included), fit to stand inside a <script> element."""
-    found = importlib.util.find_spec("meshcat")  # not imported: meshcat pulls in IPython
-    if found is None or not found.submodule_search_locations:
+    """meshcat's viewer, three.js included, as the installed package has it. Raises MissingExtraError without it."""
+    package = importlib.util.find_spec("meshcat")  # not imported: meshcat imports IPython
+    if package is None or not package.submodule_search_locations:
         raise MissingExtraError("meshcat is not installed", remedy="pip install meshcat")
-    script = Path(found.submodule_search_locations[0], "viewer", "dist", "main.min.js").read_text("utf-8")
-    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+    return Path(package.submodule_search_locations[0], "viewer", "dist", "main.min.js").read_text("utf-8")
