@@ -130,6 +130,6 @@ def _obj(text: str, folder: Path, file_colours: bool, rgba: Floats, uuid: str, s
         return mesh(_viewer_geometry("obj", text), phong(rgba), uuid, scale)
     materials = raw.decode("utf-8", errors="replace")
     names = re.findall(r"^\s*(?:map_\w+|bump|disp|decal)\s+(?:.*\s)?(\S+)\s*$", materials, re.MULTILINE)
-    whole = {"uuid": uuid, "type": "_meshfile_object", "format": "obj", "data": text, "mtl_library": materials}
+    whole: Json = {"uuid": uuid, "type": "_meshfile_object", "format": "obj", "data": text, "mtl_library": materials}
     whole |= {"resources": {name: _picture(folder, name) for name in names}, "matrix": scale.T.ravel().tolist()}
     return {"metadata": {"version": 4.5, "type": "Object"}, "geometries": [], "materials": [], "object": whole}
