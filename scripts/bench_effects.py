@@ -19,7 +19,7 @@ import numpy as np
 
 import twolink as tl
 from twolink.effects import Effect
-from twolink.integrate.equations import equations_of
+from twolink.integrate.scene_equations import equations_of
 from twolink.io.tables import write_table
 
 ROUNDS = 9

@@ -29,6 +29,7 @@ import twolink as tl
 from twolink.errors import AccuracyError, CertificationError, TwolinkError
 from twolink.integrate import step_map, taylor
 from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 from twolink.simulation.trajectory import Trajectory
 
@@ -148,7 +149,7 @@ def study(number: int, seed: int) -> Row:
 
 def truth(run: Trajectory, scene: Scene, quad: bool) -> tuple[np.ndarray, np.ndarray]:
     """The run's true error at each sample, and the reference's own (n,)."""
-    equations = Equations(scene)
+    equations = equations_of(scene)
     nq = equations.space.nq
     taylor.COMPACT_FROM, before = 0, taylor.COMPACT_FROM  # loops compile in a second, straight code in up to a minute
     best = taylor.solve(equations, run.t, 1e-19, precision="extended").precise[:, :nq]

@@ -5,8 +5,10 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from twolink.effects.motion import Motion
 from twolink.errors import SceneError
-from twolink.integrate.equations import equations_of
+from twolink.integrate.formulas import effect_loads
+from twolink.integrate.scene_equations import equations_of
 
 fx = tl.effects
 BALL = """<robot name="b"><link name="ground"/><joint name="f" type="floating"><parent link="ground"/>
@@ -85,7 +87,9 @@ def test_loop_forces_explain_the_motion(name: str) -> None:
                 lever = data.oMf[frame].rotation @ np.array(point)
                 jacobian += sign * (whole[:3] - pin.skew(lever) @ whole[3:])
         applied = applied - jacobian.T @ rows[k, :3]
-    loads = equations_of(scene).loads(equations_of(scene).numbers, list(run.q[k]), list(run.v[k]), run.t[k], np)
+    equations = equations_of(scene)
+    motion = Motion(model, equations.mechanism, list(run.q[k]), list(run.v[k]), run.t[k], np)
+    loads = effect_loads(equations, motion, [], equations.effects)
     np.testing.assert_allclose(applied, [float(x) for x in loads.tau], atol=2e-4 * (1.0 + np.abs(needed).max()))
 
 

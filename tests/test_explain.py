@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.integrate.equations import equations_of
+from twolink.integrate.scene_equations import equations_of
 
 ARM = "two_link"
 

@@ -17,8 +17,8 @@ from twolink.accuracy import time_limit as clock
 from twolink.accuracy import truth as reference
 from twolink.accuracy.result import Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
-from twolink.integrate.equations import equations_of
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.io.tables import read_table
 
 END = (-0.2229716591521448578, 0.74849218369550184904)  # arm-swing at 10 s, by an independent program

@@ -8,7 +8,8 @@ from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import BALL, wheel
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import SceneError
-from twolink.integrate.equations import Equations
+from twolink.integrate.pinocchio_rate import rate
+from twolink.integrate.scene_equations import equations_of
 
 
 def test_pd_is_a_spring_and_damper_about_its_target() -> None:
@@ -27,7 +28,7 @@ def test_limits_hold_the_torque(effort: object) -> None:
     run = tl.simulate(scene, 2.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - 3.0 * run.t**2).max() < 1e-8
     assert run.cost.method != "taylor"
-    equations = Equations(scene)
+    equations = equations_of(scene)
     loads = equations.loads(equations.numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [pd])
     assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))
 
@@ -36,7 +37,7 @@ def test_gravity_compensation_holds_still_and_lets_drift() -> None:
     """At rest it stays at rest; pushed off, the energy of motion is kept. On the UR5 with a payload too."""
     effects = [E.Gravity(), E.Payload("tool0", 2.0, (0.0, 0.0, 0.1)), E.GravityCompensation()]
     still = tl.Scene(robot("ur5"), [0.3, -0.8, 1.0, 0.2, 0.5, 0.1], effects=effects)
-    assert np.abs(Equations(still).rate(0.0, Equations(still).start[:, None])).max() < 1e-11
+    assert np.abs(rate(equations_of(still), 0.0, equations_of(still).start[:, None])).max() < 1e-11
     moving = tl.Scene(robot("arm"), [0.3, -0.8], [1.0, -2.0], effects=[E.Gravity(), E.GravityCompensation()])
     run = tl.simulate(moving, 3.0, accuracy=1e-9)
     kinetic = run.robot.energy(run.q, run.v)[0]

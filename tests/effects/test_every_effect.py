@@ -10,36 +10,40 @@ import pytest
 import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.motion import Motion
 from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import effect_loads
 from twolink.integrate.methods import METHODS
+from twolink.integrate.pinocchio_rate import rate
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
 
 GRAVITY = E.Gravity()
 
 
-def equations_of(case: str, seed: int = 0) -> Equations:
+def equations_with(case: str, seed: int = 0) -> Equations:
     found = CASES[case]
     q, v = state(robot(found.robot), seed)
-    return Equations(tl.Scene(robot(found.robot), q, v, effects=[GRAVITY, found.effect]))
+    return equations_of(tl.Scene(robot(found.robot), q, v, effects=[GRAVITY, found.effect]))
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_torques_against_a_second_implementation(case: str) -> None:
-    equations = equations_of(case)
+    equations = equations_with(case)
     model, nq = equations.robot.model, equations.robot.nq
     for seed, t in enumerate((0.0, 0.13, 0.3, 1.1)):
         q, v = state(equations.robot, seed)
         tau = CASES[case].torque(model, q, v, t)
         expected = pin.aba(model, model.createData(), q, v, tau)
-        x = np.concatenate([q, v, equations.rows_at(t)])
-        found = equations.rate(t, x[:, None])[nq : equations.moving, 0]
+        x = np.concatenate([q, v, equations.layout.numbers_at(t)])
+        found = rate(equations, t, x[:, None])[nq : equations.moving, 0]
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_is_portable(case: str) -> None:
-    equations = equations_of(case, seed=3)
+    equations = equations_with(case, seed=3)
     method = METHODS["midpoint"] if equations.robot.joints[0].kind == "vector" else METHODS["semi-implicit-euler"]
     compiled, portable = (step_map(equations, method, portable=p) for p in (False, True))
     x = np.repeat(equations.start[:, None], 8, axis=1)
@@ -60,37 +64,37 @@ def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:
     effects = [E.JointDamping({"elbow": 0.4}), E.Torque({"shoulder": E.Sampled((0.0, 1.0, 2.0), (3.0, -1.0, 2.0))})]
     scene = tl.Scene(robot("arm"), [0.3, -0.5], effects=[GRAVITY, *effects])
     run = tl.simulate(scene, 2.0, accuracy=1e-9, samples=2000)
-    equations = Equations(scene)
+    equations = equations_of(scene)
     work = 0.0
     for effect in effects:
-        loads = equations.loads(equations.numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [effect])
+        motion = Motion(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
+        loads = effect_loads(equations, motion, [], [effect])
         work += np.trapezoid(sum(tau * v for tau, v in zip(loads.tau, run.v.T, strict=True)), run.t)
     assert abs(run.energy[-1] - run.energy[0] - work) < 1e-5
 
 
 def test_absent_effects_cost_nothing_and_shares_are_counted() -> None:
-    bare = Equations(tl.Scene(robot("arm"), effects=[GRAVITY])).operations
-    damped = Equations(tl.Scene(robot("arm"), effects=[GRAVITY, E.JointDamping({"shoulder": 0.3})]))
-    assert damped.operations == bare + 2
-    assert damped.shares() == {0: 2}
+    bare = equations_of(tl.Scene(robot("arm"), effects=[GRAVITY])).operations
+    damped = tl.Scene(robot("arm"), effects=[GRAVITY, E.JointDamping({"shoulder": 0.3})])
+    assert equations_of(damped).operations == bare + 2
     for nothing in (E.JointDamping({"elbow": 0.0}), E.JointSpring({"elbow": 0.0}), E.SmoothFriction({"elbow": 0.0}),
                     E.AirDrag("forearm", 0.0), E.FrameWrench("forearm"), E.SpringBetween("base", "forearm"),
                     E.JointPD({"elbow": 1.0}, {"elbow": 0.0})):  # fmt: skip
-        assert Equations(tl.Scene(robot("arm"), effects=[GRAVITY, nothing])).operations == bare
-    weightless = Equations(tl.Scene(robot("arm"), effects=[E.GravityCompensation()]))
-    assert weightless.operations == Equations(tl.Scene(robot("arm"))).operations
-    many = Equations(tl.Scene(robot("arm"), effects=[GRAVITY, E.JointDamping({"elbow": 0.3}), E.AirDrag("tip", 0.1),
-                                                     E.JointSpring({"shoulder": 2.0})]))  # fmt: skip
-    shares = many.shares()
+        assert equations_of(tl.Scene(robot("arm"), effects=[GRAVITY, nothing])).operations == bare
+    weightless = equations_of(tl.Scene(robot("arm"), effects=[E.GravityCompensation()]))
+    assert weightless.operations == equations_of(tl.Scene(robot("arm"))).operations
+    many = [E.JointDamping({"elbow": 0.3}), E.AirDrag("tip", 0.1), E.JointSpring({"shoulder": 2.0})]
+    whole = tl.Scene(robot("arm"), effects=[GRAVITY, *many])
+    shares = [equations_of(whole).operations - equations_of(whole.without(1 + i)).operations for i in range(3)]
     assert shares[0] == 2
     assert shares[2] in (2, 3)  # -k q
     assert 10 < shares[1] < 80
 
 
 def test_constants_that_change_cost_nothing() -> None:
-    bare = Equations(tl.Scene(robot("arm"), effects=[GRAVITY])).operations
+    bare = equations_of(tl.Scene(robot("arm"), effects=[GRAVITY])).operations
     effects = [GRAVITY, E.Payload("tip", 2.0, (0.1, 0.0, 0.0)), E.Rotor({"elbow": 0.1})]
-    assert Equations(tl.Scene(robot("arm"), effects=effects)).operations <= bare + 4
+    assert equations_of(tl.Scene(robot("arm"), effects=effects)).operations <= bare + 4
 
 
 def test_only_effects_in_use_are_imported() -> None:
@@ -107,7 +111,7 @@ def test_only_effects_in_use_are_imported() -> None:
 def test_two_of_a_kind_add_up() -> None:
     def rate(*effects: E.Effect) -> np.ndarray:
         scene = tl.Scene(robot("arm"), [0.1, 0.2], [0.3, 0.4], effects=[GRAVITY, *effects])
-        return Equations(scene).rate(0.0, np.array([0.1, 0.2, 0.3, 0.4])[:, None])[:, 0]
+        return rate(equations_of(scene), 0.0, np.array([0.1, 0.2, 0.3, 0.4])[:, None])[:, 0]
 
     twice = rate(E.JointDamping({"elbow": 0.2}), E.JointDamping({"elbow": 0.3}))
     np.testing.assert_allclose(twice, rate(E.JointDamping({"elbow": 0.5})), rtol=1e-12)

@@ -13,8 +13,8 @@ from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import wheel
 from twolink.effects.inputs import derivatives_at, value_at
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
 from twolink.integrate.stepping import march_many
 
@@ -109,14 +109,14 @@ def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
 def test_one_table_in_two_effects_is_one_set_of_rows() -> None:
     table = E.Sampled(KNOTS, VALUES)
     drives = [E.Torque({"shoulder": table}), E.FrameWrench("tip", (table, 0.0, E.Sampled(KNOTS, VALUES)))]
-    equations = Equations(tl.Scene(robot("arm"), effects=drives))
+    equations = equations_of(tl.Scene(robot("arm"), effects=drives))
     assert equations.space.size - equations.moving == 2 * table.rows == 6
     assert equations.breaks(1.0) == (0.1, 0.4, 0.5)
 
 
 def test_many_worlds_end_steps_at_breaks() -> None:
     drive = E.Torque({"axle": E.Sampled(KNOTS, VALUES, interpolation="hold")})
-    equations = Equations(tl.Scene(wheel(), effects=[drive]))
+    equations = equations_of(tl.Scene(wheel(), effects=[drive]))
     x0 = np.array([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]])
     times = np.array([0.0, 0.45, 1.6])
     for name, setting in (("dop853", 1e-9), ("rk4", 0.01)):

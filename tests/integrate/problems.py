@@ -5,7 +5,7 @@ import pinocchio as pin
 
 import twolink as tl
 from twolink.integrate import taylor
-from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
 
@@ -50,4 +50,4 @@ def random_states(robot: tl.Robot, n: int, seed: int = 0) -> np.ndarray:
 
 def tight(scene: Scene, times: np.ndarray) -> np.ndarray:
     """The states (size, n) at the times, to 1e-14 or so where the motion is not chaotic."""
-    return taylor.solve(Equations(scene), times, 1e-18, precision="extended").x
+    return taylor.solve(equations_of(scene), times, 1e-18, precision="extended").x

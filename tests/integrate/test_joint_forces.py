@@ -7,9 +7,9 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import slider
 from tests.effects.cases import E, robot
-from twolink.integrate.equations import equations_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solver import solve
 
 FRICTION = E.DryFriction({"shoulder": 2.0, "elbow": 1.0}, {"elbow": 3.0})

@@ -5,8 +5,8 @@ import pytest
 
 from tests.integrate.problems import GRAVITY, arm, box, random_states, rods, tight
 from twolink.errors import AccuracyError
-from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
 from twolink.integrate.stepping import march, march_many
 from twolink.scenes import Scene
@@ -18,7 +18,7 @@ TIMES = np.linspace(0, 2, 401)
 def test_samples_between_fixed_steps_are_as_exact_as_those_at_their_ends(name: str) -> None:
     """Three of four samples are inside a step; a straight line through the steps would miss by 1e-3."""
     scene = arm()
-    found = march(step_map(Equations(scene), METHODS[name]), TIMES, 0.02)
+    found = march(step_map(equations_of(scene), METHODS[name]), TIMES, 0.02)
     error = np.abs(found.x - tight(scene, TIMES)).max(axis=0)
     assert found.steps == 100
     at_ends = np.zeros(401, bool)
@@ -31,7 +31,7 @@ def test_samples_between_fixed_steps_are_as_exact_as_those_at_their_ends(name: s
 def test_samples_keep_the_tolerance_wherever_they_are(name: str, scene: object) -> None:
     """Dense samples are no less exact than the few at which the steps are made to end."""
     problem = scene()  # type: ignore[operator]
-    steps, truth = step_map(Equations(problem), METHODS[name]), tight(problem, TIMES)
+    steps, truth = step_map(equations_of(problem), METHODS[name]), tight(problem, TIMES)
     found = march(steps, TIMES, 1e-7)
     ends = march(steps, TIMES[[0, -1]], 1e-7)
     assert found.steps == ends.steps  # samples cost no steps
@@ -46,11 +46,11 @@ def test_many_worlds_are_each_worlds_own_march(name: str) -> None:
     x = random_states(scene.robot, 11)
     x[2:, :5] *= 4  # some are livelier than others
     setting = 1e-9 if METHODS[name].adaptive else 0.002
-    found, taken, attempts = march_many(step_map(Equations(scene), METHODS[name]), x, times, setting)
+    found, taken, attempts = march_many(step_map(equations_of(scene), METHODS[name]), x, times, setting)
     assert found.shape == (3, 4, 11)
     assert attempts >= taken.sum()
     for i in range(11):
-        own = Equations(Scene(scene.robot, x[:2, i], x[2:, i], GRAVITY))
+        own = equations_of(Scene(scene.robot, x[:2, i], x[2:, i], GRAVITY))
         alone = march(step_map(own, METHODS[name]), times, setting)
         np.testing.assert_allclose(found[:, :, i], alone.x.T, rtol=0, atol=1e-6)
     if METHODS[name].adaptive:
@@ -61,7 +61,7 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
     """A world whose gravity is NaN: its steps shrink until none is left."""
     scene, times = arm(), np.array([0.0, 0.5, 1.0])
     x, gravity = random_states(scene.robot, 10), np.full((1, 10), -9.81)
-    steps = step_map(Equations(scene, parameters=["gravity.z"]), METHODS["dop853"])
+    steps = step_map(equations_of(scene, parameters=["gravity.z"]), METHODS["dop853"])
     before, *_ = march_many(steps, x, times, 1e-8, gravity)
     gravity[0, 4] = np.nan
     found, *_ = march_many(steps, x, times, 1e-8, gravity)
@@ -73,7 +73,7 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
 def test_parameters_of_worlds() -> None:
     """Gravity turned off in one world of two: free fall and free flight of the same arm."""
     scene = Scene(arm().robot, q=[0.3, -0.7], v=[1.0, -0.5], effects=GRAVITY)
-    equations = Equations(scene, parameters=["gravity.z"])
+    equations = equations_of(scene, parameters=["gravity.z"])
     times, x = np.array([0.0, 1.0]), np.repeat(equations.start[:, None], 2, axis=1)
     found, *_ = march_many(step_map(equations, METHODS["dop853"]), x, times, 1e-11, np.array([[-9.81, 0.0]]))
     np.testing.assert_allclose(found[-1, :, 0], tight(scene, times)[:, -1], rtol=0, atol=1e-8)
@@ -86,13 +86,13 @@ def test_what_is_not_finite_is_an_error_with_its_time(name: str) -> None:
     setting = 1e-6 if METHODS[name].adaptive else 0.01
     scene = rods(v=[1e200, -1e200])
     with pytest.raises(AccuracyError, match="t = ") as caught:
-        march(step_map(Equations(scene), METHODS[name]), np.array([0.0, 1.0]), setting)
+        march(step_map(equations_of(scene), METHODS[name]), np.array([0.0, 1.0]), setting)
     assert caught.value.where.startswith("t = 0")
 
 
 def test_a_fixed_step_that_is_too_large_says_so_with_the_time_it_came_to() -> None:
     """Steps of 0.1 s on chaotic rods: sooner or later the implicit equations are not solved."""
-    steps = step_map(Equations(rods()), METHODS["implicit-midpoint"])
+    steps = step_map(equations_of(rods()), METHODS["implicit-midpoint"])
     with pytest.raises(AccuracyError, match="not finite") as caught:
         march(steps, np.linspace(0, 60, 601), 0.1)
     assert 0 < float(caught.value.where.split()[2]) < 60
@@ -101,7 +101,7 @@ def test_a_fixed_step_that_is_too_large_says_so_with_the_time_it_came_to() -> No
 
 def test_interrupting_keeps_the_samples_so_far() -> None:
     scene, times = arm(), np.linspace(0, 20, 2001)
-    steps = step_map(Equations(scene), METHODS["rk4"])
+    steps = step_map(equations_of(scene), METHODS["rk4"])
     whole = march(steps, times, 0.005)
     seen: list[float] = []
 

@@ -8,8 +8,8 @@ import pytest
 from tests.integrate.problems import BOX_END, GRAVITY, arm, box, random_states, tight
 from twolink.integrate import step_control as control
 from twolink.integrate import taylor
-from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.scenes import Scene
 
@@ -30,7 +30,7 @@ def final(steps: StepMap, x: np.ndarray, n: int, duration: float) -> np.ndarray:
 def observed(method: Method, scene: Scene, x: np.ndarray, truth: np.ndarray, rows: slice, duration: float) -> list:
     """log2 of the ratios of errors at n and 2 n steps, down to rounding. Errors of several worlds in the mean: that of
     a single one changes its sign at some step size, and shows any order there."""
-    steps = step_map(Equations(scene), method)
+    steps = step_map(equations_of(scene), method)
     errors, n = [], 4
     while n <= MOST[method.order]:
         error = np.sqrt(np.mean((final(steps, x, n, duration)[rows] - truth[rows]) ** 2))
@@ -62,7 +62,7 @@ def test_order_on_a_body_that_tumbles(method: Method) -> None:
     truth = tight(scene, np.array([0, 1.0]))[:, -1:]
     np.testing.assert_allclose(truth[10:, 0], BOX_END, rtol=0, atol=1e-14)
     for rows in (slice(0, 7), slice(10, 13)):
-        orders = observed(method, scene, Equations(scene).start[:, None], truth, rows, 1.0)
+        orders = observed(method, scene, equations_of(scene).start[:, None], truth, rows, 1.0)
         assert len(orders) >= 2
         assert orders[-1] == pytest.approx(method.order, abs=0.2), orders
 
@@ -72,7 +72,7 @@ def test_the_error_estimate_goes_as_the_control_believes(method: Method) -> None
     """The control takes the estimate for h^error_order: with another order it over- or undershoots, and steps are
     refused in turns. The estimate of a step is the smallest tolerance that admits it."""
     scene = arm()
-    steps = step_map(Equations(scene), method)
+    steps = step_map(equations_of(scene), method)
     x = random_states(scene.robot, 64)
     estimates = [np.sqrt(np.mean(_smallest_admitted(steps, x, h) ** 2)) for h in (0.1, 0.05, 0.025)]
     orders = np.log2(np.divide(estimates[:-1], estimates[1:]))
@@ -98,8 +98,8 @@ def test_taylors_error_falls_with_its_tolerance() -> None:
     times = np.array([0, 2.0])
     truth = tight(scene, times)[:, -1]
     tolerances = [1e-3, 1e-5, 1e-7, 1e-9, 1e-11]
-    errors = [np.abs(taylor.solve(Equations(scene), times, t).x[:, -1] - truth).max() for t in tolerances]
+    errors = [np.abs(taylor.solve(equations_of(scene), times, t).x[:, -1] - truth).max() for t in tolerances]
     slope = np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0]
     assert slope == pytest.approx(1.0, abs=0.25)
     assert np.all(np.array(errors) < 10 * np.array(tolerances))
-    assert np.abs(taylor.solve(Equations(scene), times, 1e-15).x[:, -1] - truth).max() < 1e-13
+    assert np.abs(taylor.solve(equations_of(scene), times, 1e-15).x[:, -1] - truth).max() < 1e-13

@@ -9,8 +9,8 @@ import pytest
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
 from twolink.integrate import step_control as control
-from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
@@ -39,7 +39,7 @@ def advance(steps: StepMap, x: np.ndarray, h: float, end: float, tolerance: floa
 def test_compiled_is_portable(robot: str, method: Method) -> None:
     """On states in no relation to those that the map was certified on; the step's control included."""
     scene = Scene(ROBOTS[robot](), effects=GRAVITY)
-    equations = Equations(scene)
+    equations = equations_of(scene)
     x = random_states(scene.robot, 16, seed=5)
     compiled, portable = step_map(equations, method), step_map(equations, method, portable=True)
     assert compiled.compiled
@@ -55,7 +55,7 @@ def test_compiled_is_portable(robot: str, method: Method) -> None:
 @pytest.mark.parametrize("name", ["rk4", "implicit-midpoint"])
 def test_compiled_is_portable_on_six_joints(name: str) -> None:
     robot = tl.load_robot("ur5")
-    equations = Equations(Scene(robot, effects=GRAVITY))
+    equations = equations_of(Scene(robot, effects=GRAVITY))
     x = random_states(robot, 8, seed=5)
     ours, theirs = (
         advance(step_map(equations, METHODS[name], portable=p), x, 0.002, 1.0, np.inf) for p in (False, True)
@@ -66,13 +66,13 @@ def test_compiled_is_portable_on_six_joints(name: str) -> None:
 def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
     """Four masses of the forearm in one call, and four robots of their own."""
     masses = np.array([0.5, 1.0, 2.0, 3.5])
-    base = Equations(rods(), parameters=["forearm.mass", "forearm.inertia.yy", "gravity.z"])
+    base = equations_of(rods(), parameters=["forearm.mass", "forearm.inertia.yy", "gravity.z"])
     x = random_states(base.robot, 4)
     values = np.array([masses, masses / 12, np.full(4, -9.81)])
     steps = step_map(base, METHODS["rk4"])
     together = steps.partial(x, np.zeros(4), np.full(4, 0.05), values)
     for i, mass in enumerate(masses):
-        own = Equations(Scene(tl.load_robot(arm_urdf(1, 1, 1, float(mass))), effects=GRAVITY))
+        own = equations_of(Scene(tl.load_robot(arm_urdf(1, 1, 1, float(mass))), effects=GRAVITY))
         alone = step_map(own, METHODS["rk4"]).partial(x[:, i : i + 1], np.zeros(1), np.full(1, 0.05))
         np.testing.assert_allclose(together[:, i], alone[:, 0], rtol=0, atol=1e-13)
     assert np.abs(steps.partial(x, np.zeros(4), np.full(4, 0.05), values * 1.01) - together).max() > 1e-6
@@ -81,7 +81,7 @@ def test_a_parameter_of_a_world_is_a_robot_built_with_it() -> None:
 @pytest.mark.parametrize("name", ["dop853", "suzuki4"])
 def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = box()
-    steps = step_map(Equations(scene), METHODS[name])
+    steps = step_map(equations_of(scene), METHODS[name])
     x = random_states(scene.robot, 1000)
     whole = steps.partial(x, np.zeros(1000), np.full(1000, 0.01))
     for n in (1, 8, 9, 64):
@@ -97,7 +97,7 @@ def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.
 @EVERY
 def test_steps_land_on_the_end(method: Method) -> None:
     """From 0 to 0.7 in steps of 0.1, which is not a binary fraction: neither a crumb is left nor the end missed."""
-    steps = step_map(Equations(arm()), method)
+    steps = step_map(equations_of(arm()), method)
     state = steps.initial(steps.equations.start[:, None], 0.0, 0.1 * 0.2, 0.7 * 0.2, 1e9)
     clock, out = 4 + control.TIME, np.empty_like(state)
     for _ in range(20):
@@ -114,7 +114,7 @@ def test_steps_land_on_the_end(method: Method) -> None:
 
 @EVERY
 def test_quaternions_stay_unit(method: Method) -> None:
-    steps = step_map(Equations(box()), method)
+    steps = step_map(equations_of(box()), method)
     x = random_states(steps.equations.robot, 64)
     for i in range(20):
         x = steps.partial(x, np.full(64, 0.02 * i), np.full(64, 0.02 * (i + 1)))
@@ -125,7 +125,7 @@ def test_quaternions_stay_unit(method: Method) -> None:
 @pytest.mark.parametrize("portable", [False, True])
 def test_a_refused_step_leaves_the_state(method: Method, portable: bool) -> None:
     scene = arm()
-    steps = step_map(Equations(scene), method, portable=portable)
+    steps = step_map(equations_of(scene), method, portable=portable)
     x = random_states(scene.robot, 8)
     h = 0.5
     out = advance(steps, x, h, 10.0, 1e-13)
@@ -143,7 +143,7 @@ def test_nan_is_never_a_step(method: Method, portable: bool) -> None:
     """A world whose rate overflows: adaptive methods stay where they are and shrink, fixed ones say NaN; the world
     beside it does not notice."""
     scene = arm()
-    steps = step_map(Equations(scene), method, portable=portable)
+    steps = step_map(equations_of(scene), method, portable=portable)
     x = np.repeat(steps.equations.start[:, None], 8, axis=1)
     alone = advance(steps, x, 0.01, 1.0, 1e-3)
     x[2:, 1] = 1e200

@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, box, one_joint, rods
 from twolink.integrate import taylor
-from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 
 ARM_END = [-0.2229716591521448578, 0.74849218369550184904, -1.7501856681930279048, 1.9141077912878002342]
@@ -27,7 +27,7 @@ def test_every_order_leaves_symmetric_rest(order: int) -> None:
     """Released from rest at theta = 0, odd coefficients vanish: with the last two of some orders the step is endless.
     The end after 10 s was computed by an independent program."""
     tolerance = tolerance_of(order)
-    found = taylor.solve(Equations(tl.load_scene("arm-swing")), np.array([0, 10.0]), tolerance)
+    found = taylor.solve(equations_of(tl.load_scene("arm-swing")), np.array([0, 10.0]), tolerance)
     error = np.abs(found.x[:, -1] - ARM_END).max()
     assert error < max(20 * tolerance, 2e-13)
     assert 300 < found.steps < 600
@@ -36,7 +36,7 @@ def test_every_order_leaves_symmetric_rest(order: int) -> None:
 def test_equal_rods_leave_symmetric_rest_at_every_order() -> None:
     truth = [-1.207716238190638, -0.81439102309129635]  # absolute, from downward, after 1 s
     for order in range(3, 21):
-        q = taylor.solve(Equations(rods()), np.array([0, 1.0]), tolerance_of(order)).x[:2, -1]
+        q = taylor.solve(equations_of(rods()), np.array([0, 1.0]), tolerance_of(order)).x[:2, -1]
         absolute = np.array([q[0], q[0] + q[1]]) + np.pi / 2
         np.testing.assert_allclose(absolute, truth, rtol=0, atol=max(20 * tolerance_of(order), 1e-14))
 
@@ -46,7 +46,7 @@ def test_what_is_at_rest_stays(tolerance: float) -> None:
     """A pendulum hanging straight, and a body in space without gravity: not a bit changes, in any time."""
     times = np.linspace(0, 100, 11)
     for scene in (Scene(one_joint("revolute"), effects=GRAVITY), Scene(tl.load_robot(BOX, root="free"))):
-        equations = Equations(scene)
+        equations = equations_of(scene)
         found = taylor.solve(equations, times, tolerance)
         np.testing.assert_array_equal(found.x, np.repeat(equations.start[:, None], 11, axis=1))
 
@@ -56,14 +56,14 @@ def test_free_fall_on_a_slide_is_a_parabola(tolerance: float) -> None:
     """All coefficients above the second are zero: no step size follows from them."""
     times = np.linspace(0, 3, 31)
     slide = one_joint("prismatic", "0 0 1")
-    x = taylor.solve(Equations(Scene(slide, v=[4.0], effects=GRAVITY)), times, tolerance).x
+    x = taylor.solve(equations_of(Scene(slide, v=[4.0], effects=GRAVITY)), times, tolerance).x
     np.testing.assert_allclose(x, [4 * times - 9.81 / 2 * times**2, 4 - 9.81 * times], rtol=0, atol=1e-13)
 
 
 def test_quaternions_stay_unit_for_long() -> None:
     """1000 s of tumbling: length, energy and the size of the angular momentum, which nothing restores, keep too."""
     scene = box()
-    x = taylor.solve(Equations(scene), np.linspace(0, 1000, 2001), 1e-15).x
+    x = taylor.solve(equations_of(scene), np.linspace(0, 1000, 2001), 1e-15).x
     np.testing.assert_allclose(np.linalg.norm(x[3:7], axis=0), 1, rtol=0, atol=1e-13)
     inertia = np.array([0.80833333333333333, 0.68333333333333333, 0.14166666666666667])[:, None]
     w = x[10:]
@@ -122,7 +122,7 @@ def independent(duration: float, digits: int, terms: int, h: str) -> list:
 
 def test_quadruple_precision_against_an_independent_integration() -> None:
     """Equations by Lagrange in other coordinates, recurrences by hand, mpmath's numbers: 20 digits agree."""
-    found = taylor.solve(Equations(rods()), np.array([0, 0.5]), 1e-26, precision="quad").precise[-1]
+    found = taylor.solve(equations_of(rods()), np.array([0, 0.5]), 1e-26, precision="quad").precise[-1]
     with mp.workdps(30):
         q1, q2, v1, v2 = (mp.mpf(str(value)) for value in found)
         expected = independent(0.5, 30, 40, "0.03125")

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from twolink.algorithms.namespaces import Numbers
-from twolink.integrate.equations import equations_of
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.scene_equations import equations_of
 
 ACCURACY = {"crankshaft": 1e-8, "crank-spring": 1e-9, "squeezer": 1e-9}
 
@@ -24,7 +25,7 @@ def run_of(name: str) -> tuple[tl.Scene, tl.Trajectory]:
 
 def residual(scene: tl.Scene, run: tl.Trajectory) -> float:
     """The largest |g| at the samples, of all rows: m or rad."""
-    loops = equations_of(scene).loops
+    loops = equations_of(scene).constraints
     assert loops is not None
     return max(abs(float(g)) for q in run.q for g in loops.rows(loops.mech, list(q), Numbers))
 
@@ -81,7 +82,13 @@ def test_squeezer_is_the_test_sets() -> None:
     """Test Set for IVP Solvers, problem andrews (its reference is good to 7e-11 in beta); here with more digits."""
     scene, run = run_of("squeezer")
     start = equations_of(scene).start[:, None]
-    second = dict(zip(scene.robot.joint_names, equations_of(scene).rate(0.0, start)[scene.robot.nq :, 0], strict=True))
+    second = dict(
+        zip(
+            scene.robot.joint_names,
+            rate_by_pinocchio(equations_of(scene), 0.0, start)[scene.robot.nq :, 0],
+            strict=True,
+        )
+    )
     assert second["beta"] == pytest.approx(14222.4439199541139, abs=1e-7)
     assert second["theta"] == pytest.approx(-10666.8329399655854, abs=1e-7)
     assert max(abs(second[n]) for n in ("gamma", "phi", "delta", "omega", "epsilon")) < 1e-7
@@ -146,7 +153,7 @@ def test_heavy_top() -> None:
 def test_bricard_moves_though_it_is_counted_rigid() -> None:
     """IFToMM A04: one row of the last hinge is redundant; what is left has the rank of all."""
     scene, run = run_of("bricard")
-    loops = equations_of(scene).loops
+    loops = equations_of(scene).constraints
     assert loops is not None
     assert len(loops.kept) == 4
     every = range(5)

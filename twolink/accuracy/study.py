@@ -15,8 +15,8 @@ from twolink.accuracy.truth import BETTER, Truth, better_truth, first_truth
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import calibration
-from twolink.integrate.equations import equations_of
 from twolink.integrate.methods import METHODS, Method, method_named
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.state import Array
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of

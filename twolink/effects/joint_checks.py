@@ -81,12 +81,12 @@ def check_limits(limits: Limits, joints: Iterable[str], robot: Robot, field: str
 
 
 def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
-    """The torque within its joint's limit L: -L, torque, or L. Its kinks, where nothing is smooth, are noted."""
+    """The torque within its joint's limit L: -L, torque, or L. The distances to the limit go to the loads."""
     limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque
     limit, xp = float(limit), motion.xp
-    loads.kinks += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
+    loads.limits += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
     return xp.where(xp.less(torque, -limit), -limit, xp.where(xp.less(limit, torque), limit, torque))
 
 

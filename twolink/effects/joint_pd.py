@@ -28,7 +28,7 @@ class JointPD(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Limits have kinks."""
+        """Not where a limit of effort acts."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:

@@ -22,8 +22,8 @@ class Loop(Effect, frozen=True):
         del motion
         return []
 
-    def pushes(self, motion: Motion, along: Motion) -> list[Scalar] | None:
-        """The power along another velocity of each row's force of size 1, where that is not the row's own J^T.
+    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+        """The power along another velocity of each row's force of size 1, where that force is not the row's J^T.
 
         motion: q and v. along: the same q and some other velocity. Friction is such a force: it comes with the normal
         one, and does not act along it.

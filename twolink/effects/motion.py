@@ -114,7 +114,7 @@ class Loads:
         self._motion = motion
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
         self.wrenches: dict[int, list[Scalar]] = {}
-        self.kinks: list[tuple[str, Scalar]] = []  # what passes 0 where loads have a kink, with its name
+        self.limits: list[tuple[str, Scalar]] = []  # of effort, by name: distances to them, which pass 0
 
     def torque(self, dof: int, value: Scalar) -> None:
         """Add a joint torque or force, N m or N."""

@@ -106,7 +106,7 @@ class Touching(Loop, frozen=True):
         slip = self.contact.slip(motion)
         return [dot(tangent, slip) for tangent in self.contact.tangents()]
 
-    def pushes(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
         """The power of a normal force of size 1 and of its friction."""
         mu = float(self.contact.friction)
         if self.rolling or not mu:

@@ -1,9 +1,12 @@
-"""Switches: effects of modes, which change at events. What they are; integrate.hybrid runs them."""
+"""Effects of modes, which change at events. The engine that runs them is integrate.hybrid."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from twolink.effects.effect import Effect
 
@@ -35,3 +38,53 @@ class Switch(Effect, frozen=True):
     def at_first(self) -> tuple[Effect, ...]:
         """What stands in its place when a run begins."""
         return ()
+
+
+@dataclass(frozen=True, eq=False)
+class Switching:
+    """The effects of a scene, some of which have modes.
+
+    base: the robot before effects changed its constants; robot: after. effects: all of the scene.
+    """
+
+    base: Robot
+    robot: Robot
+    effects: tuple[Effect, ...]
+
+    @property
+    def lockable(self) -> tuple[int, ...]:
+        """The degrees of freedom that an effect may hold at rest."""
+        return tuple(sorted({k for e in self.effects if isinstance(e, Switch) for k in e.lockable(self.robot)}))
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """The times at which modes change."""
+        return tuple(t for e in self.effects if isinstance(e, Switch) for t in e.breaks(np.inf))
+
+    @property
+    def first_effects(self) -> tuple[Effect, ...]:
+        """The effects with what stands in the place of those with modes when a run begins."""
+        return self.replaced(lambda _, effect: effect.at_first() if effect.structural else (effect,))
+
+    def replaced(self, stand_in: Callable[[int, Any], Sequence[Effect]]) -> tuple[Effect, ...]:
+        """The effects with others in the place of those with modes, by their place and themselves."""
+        parts = (stand_in(i, e) if isinstance(e, Switch) else (e,) for i, e in enumerate(self.effects))
+        return tuple(effect for part in parts for effect in part)
+
+    def robot_with(self, effects: Sequence[Effect]) -> Robot:
+        """The robot with the constants that these effects change."""
+        changing, now = ([e for e in some if type(e).change is not Effect.change] for some in (self.effects, effects))
+        if changing == now:
+            return self.robot
+
+        def change(model: Any) -> None:
+            model.gravity.linear = np.zeros(3)
+            for effect in now:
+                effect.change(model)
+
+        return self.base.changed(change)
+
+
+def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switching | None:
+    """The effects with modes among those of a scene; None where there are none."""
+    return Switching(base, robot, tuple(effects)) if any(isinstance(e, Switch) for e in effects) else None

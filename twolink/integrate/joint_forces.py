@@ -36,5 +36,5 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     states = np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
     found = forces(equations, t, states)
     tau = found.loads[: equations.space.nv].copy()
-    tau[list(equations.lockable)] += found.held
+    tau[list(equations.layout.lockable)] += found.held
     return found.a, tau

@@ -19,6 +19,7 @@ from twolink.integrate import calibration, taylor
 from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method, method_named
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.stiffness import fastest
 
@@ -126,6 +127,6 @@ def first_setting(equations: Equations, method: Method, accuracy: float) -> floa
     if method.adaptive:
         return first_tolerance(method, accuracy)
     start = equations.start[:, None]
-    change = (np.abs(equations.rate(0.0, start)) / (1.0 + np.abs(start))).max(initial=0.0)
+    change = (np.abs(rate_by_pinocchio(equations, 0.0, start)) / (1.0 + np.abs(start))).max(initial=0.0)
     scale = 1.0 / max(1.0, float(change) if math.isfinite(change) else 1.0)
     return float(0.3 * scale * min(1.0, accuracy) ** (1 / method.order))

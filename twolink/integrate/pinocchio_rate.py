@@ -1,10 +1,10 @@
-"""The reference of accelerations: Pinocchio's algorithms, state by state. What is compiled is compared with it."""
+"""The rate x' by Pinocchio's algorithms, state by state: the reference that compiled steps are compared with."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,86 +12,106 @@ import pinocchio as pin
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loop import Loop
 from twolink.errors import QueryError
-from twolink.integrate.constraints import Loops, locked_matrix
+from twolink.integrate.constraints import Constraints, locked_matrix
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.state import Array
 
-if TYPE_CHECKING:
-    from twolink.integrate.equations import Equations
+
+def rate(equations: Equations, t: Any, x: Array) -> Array:
+    """x' (size, n) of states x (size, n), at one time or a time each. NaN where a state is not finite."""
+    space = equations.space
+    q, v = space.rows(x)
+    with np.errstate(all="ignore"):
+        finite = np.isfinite(x).all(axis=0)
+    a = np.full_like(v, np.nan)
+    if finite.any():
+        at = t if np.ndim(t) == 0 else t[finite]
+        numbers = x[space.moving :, finite]
+        bound = equations.constraints is not None or equations.layout.lockable
+        a[finite] = (_bound if bound else _free)(equations, at, q[finite], v[finite], numbers)
+    constant = np.zeros((len(x) - space.moving, x.shape[1]))
+    return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), a.T, constant])
 
 
-def accelerations(equations: Equations, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
-    """v' (n, nv) of states q (n, nq), v (n, nv) at a time, or a time each; rows: what rides along, (n,) each."""
-    if equations.loops is not None or equations.lockable:
-        return _bound(equations, t, q, v, rows)
+def _free(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
+    """Accelerations (n, nv) without constraints and locks, by the articulated-body algorithm."""
     if not equations.effects:
         with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
             return np.asarray(equations.robot.forward_dynamics(q, v, np.zeros(equations.space.nv), engine="pinocchio"))
-    with np.errstate(all="ignore"):  # what is not finite is said below
-        effects = equations.now(equations.effects, rows)
-        loads = equations.loads(equations.numbers, list(q.T), list(v.T), t, Numbers, effects)
+    x = np.concatenate([q.T, v.T])
+    with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
+        motion = motion_of(equations, equations.mechanism, t, x, Numbers)
+        loads = effect_loads(equations, motion, list(numbers), equations.effects)
     tau = np.zeros(v.shape)
     for k, value in enumerate(loads.tau):
         tau[:, k] = value
     model, data, out = equations.robot.model, equations.robot.data, np.empty_like(v)
     wrenches = {i: np.stack(np.broadcast_arrays(*w, q[:, 0])[:6], axis=1) for i, w in loads.wrenches.items()}
-    forces = pin.StdVec_Force()
-    forces.extend(pin.Force.Zero() for _ in range(model.njoints))
     for row in range(len(q)):
-        for i, wrench in wrenches.items():
-            forces[i] = pin.Force(wrench[row])
+        forces = _forces(model, {i: wrench[row] for i, wrench in wrenches.items()})
         out[row] = pin.aba(model, data, q[row], v[row], tau[row], forces)
     return out
 
 
-def _bound(equations: Equations, t: Any, q: Array, v: Array, rows: Sequence[Array]) -> Array:
-    """Accelerations under loops and locks, state by state."""
+def _bound(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
+    """Accelerations (n, nv) under constraints and locks."""
     model, data, out = equations.robot.model, equations.robot.data, np.empty_like(v)
+    layout, constraints = equations.layout, equations.constraints
     times = np.broadcast_to(t, len(q))
     for row in range(len(q)):
-        numbers = [values[row] for values in rows]
-        loads = equations.loads(equations.numbers, list(q[row]), list(v[row]), float(times[row]), Numbers,
-                           equations.now(equations.effects, numbers))  # fmt: skip
-        equations.rub(loads.tau, numbers)
-        forces = pin.StdVec_Force()
-        forces.extend(pin.Force.Zero() for _ in range(model.njoints))
-        for i, wrench in loads.wrenches.items():
-            forces[i] = pin.Force(np.array(wrench, dtype=float))
-        free = np.array(equations.free(numbers), dtype=float)
-        bias = pin.rnea(model, data, q[row], v[row], np.zeros(equations.space.nv), forces)
+        own = list(numbers[:, row])
+        x = np.concatenate([q[row], v[row]])
+        motion = motion_of(equations, equations.mechanism, float(times[row]), x, Numbers)
+        loads = effect_loads(equations, motion, own, equations.effects)
+        for k, torque in layout.friction(own):
+            loads.torque(k, torque)
+        free = np.array(layout.free(own), dtype=float)
+        bias = pin.rnea(model, data, q[row], v[row], np.zeros(model.nv), _forces(model, loads.wrenches))
         right = free * (np.array(loads.tau, dtype=float) - bias)
         mass: Array = np.array(locked_matrix(pin.crba(model, data, q[row]).tolist(), free.tolist()))
-        if equations.loops is None:
+        if constraints is None:
             out[row] = np.linalg.solve(mass, right)
         else:
-            now = equations.now(equations.loops.loops, numbers)
-            out[row] = loop_acceleration(equations.loops, q[row], v[row], right, mass, free, now)
+            loops = layout.with_numbers(constraints.loops, own)
+            out[row] = constrained_acceleration(constraints, q[row], v[row], right, mass, free, loops)
     return out
 
 
-def loop_acceleration(
-    loops: Loops,
+def _forces(model: pin.Model, wrenches: dict[int, Any]) -> Any:
+    """Pinocchio's external forces, by joint."""
+    forces = pin.StdVec_Force()
+    forces.extend(pin.Force.Zero() for _ in range(model.njoints))
+    for i, wrench in wrenches.items():
+        forces[i] = pin.Force(np.array(wrench, dtype=float))
+    return forces
+
+
+def constrained_acceleration(
+    constraints: Constraints,
     q: np.ndarray,
     v: np.ndarray,
     right: np.ndarray,
     mass: np.ndarray,
     free: np.ndarray,
-    now: Sequence[Loop],
+    loops: Sequence[Loop],
 ) -> np.ndarray:
     """a of one state by Pinocchio's mass matrix and least squares of the rows that are kept.
 
     Of those alone: beside g = 0, where a step's stages are, a redundant row contradicts the others. right: tau - h;
-    both it and the mass matrix are of what is not locked. now: the loops with the numbers of the moment.
+    both it and the mass matrix are without locked degrees of freedom. loops: with the numbers of the piece.
     """
-    jacobian = loops.numbers(q, loops.kept) * free
-    second = np.array([float(row) for row in loops.velocity_terms(loops.mech, q, v, Numbers)[1]])
-    pushes = loops.pushes(loops.mech, q, v, Numbers, jacobian.tolist(), now)
-    unbound = np.linalg.solve(mass, right)
+    mech = constraints.mech
+    jacobian = constraints.jacobian_at(q, constraints.kept) * free
+    second = np.array([float(row) for row in constraints.velocity_terms(mech, q, v, Numbers)])
+    forces = constraints.force_rows(mech, q, v, Numbers, jacobian.tolist(), loops)
+    a_free = np.linalg.solve(mass, right)
     root = np.linalg.cholesky(mass)
-    scaled, pushed = (np.linalg.solve(root, np.array(rows, dtype=float).reshape(jacobian.shape).T * free[:, None])
-                      for rows in (jacobian, pushes))  # fmt: skip
-    wanted = -second - jacobian @ unbound
-    if np.array_equal(scaled, pushed):
+    scaled, forced = (np.linalg.solve(root, np.array(rows, dtype=float).reshape(jacobian.shape).T * free[:, None])
+                      for rows in (jacobian, forces))  # fmt: skip
+    wanted = -second - jacobian @ a_free
+    if np.array_equal(scaled, forced):
         correction = np.linalg.lstsq(scaled.T, wanted, rcond=1e-10)[0]
     else:
-        correction = pushed @ np.linalg.solve(scaled.T @ pushed, wanted)
-    return np.asarray(unbound + np.linalg.solve(root.T, correction))
+        correction = forced @ np.linalg.solve(scaled.T @ forced, wanted)
+    return np.asarray(a_free + np.linalg.solve(root.T, correction))

@@ -13,6 +13,7 @@ import pinocchio as pin
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution, collapsed, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
@@ -33,7 +34,7 @@ def solve(
     rate, x0 = single_rate(equations), equations.start[: equations.moving]
     start, end = float(times[0]), float(times[-1])
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
-    first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.tables else {}
+    first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
     solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, **first)
     out = np.empty((len(x0), len(times)))
     out[:, 0] = x0
@@ -71,9 +72,9 @@ def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarra
     rows = equations.start[equations.moving :]
 
     def acted(t: float, x: np.ndarray) -> np.ndarray:
-        return _finite(t, equations.rate(t, np.append(x, rows)[:, None])[: len(x), 0])
+        return _finite(t, rate_by_pinocchio(equations, t, np.append(x, rows)[:, None])[: len(x), 0])
 
-    if equations.effects or equations.loops is not None:
+    if equations.effects or equations.constraints is not None:
         return acted
     return curved if space.curved else flat
 

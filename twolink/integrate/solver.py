@@ -13,6 +13,7 @@ from twolink.integrate import scipy_solver, taylor
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.pieces import in_pieces
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
@@ -53,7 +54,7 @@ def solve(
         setting = max(setting, smallest_tolerance(method, precision))
     if perturbation.start_shift:
         start = perturbation.shifted(equations.start[: equations.moving])
-        equations = equations.beginning(start, float(times[0]))
+        equations = equations.starting_at(start, float(times[0]))
     solution = _solve(equations, method, times, setting, progress, precision, perturbation)
     whole = Piece(equations, float(times[0]), len(solution.t))
     return solution if solution.pieces else replace(solution, pieces=(whole,))
@@ -72,17 +73,17 @@ def _solve(
     if equations.space.size == 0:  # nothing moves
         return Solution(times, np.empty((0, len(times))), 0, 0)
     stepping = method.kind not in ("taylor", "scipy")
-    if equations.switches and not stepping:
+    if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
-    if equations.switches or (stepping and equations.kinks):
+    if equations.switching is not None or (stepping and equations.effort_limits):
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
         return solve_events(equations, method, times, setting, progress, perturbation)
     if method.kind == "taylor":
         return taylor.solve(equations, times, setting, progress, precision=precision, min_steps=perturbation.min_steps)
     if method.kind == "scipy":
-        return equations.in_pieces(times, lambda e, part: scipy_solver.solve(e, method, part, setting, progress))
+        return in_pieces(equations, times, lambda e, part: scipy_solver.solve(e, method, part, setting, progress))
     if not method.adaptive:
         _require_pieces(equations, times, setting)
 
@@ -90,7 +91,7 @@ def _solve(
         longest = float(part[-1] - part[0]) / perturbation.min_steps
         return march(step_map(piece, method), part, setting, progress, longest=longest)
 
-    return equations.in_pieces(times, smooth)
+    return in_pieces(equations, times, smooth)
 
 
 def _require_pieces(equations: Equations, times: Array, step: float) -> None:

@@ -25,10 +25,11 @@ Array = np.ndarray[Any, np.dtype[Any]]
 class StateSpace:
     """Packs and unpacks states, and knows rates, distances and normalisation."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, numbers: int = 0) -> None:
         self.robot = robot
         self.nq, self.nv = robot.nq, robot.nv
-        self.size = robot.nq + robot.nv
+        self.moving = robot.nq + robot.nv
+        self.size = self.moving + numbers  # rows behind (q, v) that are constant within a piece
         self.curved = [j for j in robot.joints if j.kind not in ("vector", "mimic")]
         flat = [j for j in robot.joints if j.kind == "vector"]
         self._flat_q = np.concatenate([np.arange(j.q.start, j.q.stop) for j in flat] or [np.empty(0, int)])
@@ -40,11 +41,12 @@ class StateSpace:
 
     def rows(self, x: Array) -> tuple[Array, Array]:
         """(q, v) as arrays (n, nq), (n, nv) of states (size, n), q back on its manifold."""
-        q, v = np.ascontiguousarray(x[: self.nq].T), np.ascontiguousarray(x[self.nq :].T)
+        q, v = np.ascontiguousarray(x[: self.nq].T), np.ascontiguousarray(x[self.nq : self.moving].T)
         return (self.robot.normalize(q) if self.curved else q), v
 
     def rate(self, q: Array, v: Array) -> Array:
-        """q' (nq, ...) for q (nq, ...) and v (nv, ...)."""
+        """q' (nq, ...) for q (nq, ...) and v (nv, ...), or what is behind q in a state."""
+        v = v[: self.nv]
         if not self.curved:
             return v
         rate = np.empty_like(q)

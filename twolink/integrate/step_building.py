@@ -15,7 +15,9 @@ from twolink.errors import CertificationError, SceneError
 from twolink.integrate import step_control as control
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import projected, traced_rate
 from twolink.integrate.methods import Method
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
 from twolink.integrate.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
 from twolink.integrate.stiffness import fastest
@@ -32,7 +34,11 @@ Jacobian = Callable[[Any, Array], list[list[Any]]]
 
 def portable_map(equations: Equations, method: Method) -> Callable[[Array, Array], None]:
     """The map on Pinocchio's rates; run-time parameters are the robot's own there."""
-    step = _step(equations, method, equations.rate, _differences(equations.rate))
+
+    def rate(t: Any, x: Array) -> Array:
+        return rate_by_pinocchio(equations, t, x)
+
+    step = _step(equations, method, rate, _differences(rate))
 
     def call(state: Array, out: Array) -> None:
         with np.errstate(all="ignore"):
@@ -51,7 +57,7 @@ def compiled_map(equations: Equations, method: Method) -> Any:
     constants = dict(zip(equations.parameters, state[own:], strict=True))
 
     def rate(t: Any, x: Array) -> Array:
-        return equations.traced_rate(t, x, xp, constants)
+        return traced_rate(equations, t, x, xp, constants)
 
     def jacobian(t: Any, x: Array) -> list[list[Any]]:
         """df/dx by differentiating expressions of symbols of its own, for which x is put in."""
@@ -78,7 +84,7 @@ def _advance(equations: Equations, method: Method, step: control.Step, state: Ar
     constants = dict(zip(equations.parameters, state[space.size + control.ROWS :], strict=True))
 
     def settle(x: Array) -> Array:
-        return equations.settled(x, xp, constants)
+        return projected(equations, x, xp, constants)
 
     problem = control.Problem(step, space.size, space.absolute, settle, method.error_order)
     return (control.adaptive_advance if method.adaptive else control.fixed_advance)(problem, state, xp)
@@ -138,12 +144,12 @@ def _differences(rate: Rate) -> Jacobian:
 def _on_manifold(equations: Equations, x: Array) -> Array:
     """States (size, n) with unit lengths and closed loops; the start where a loop cannot be closed."""
     x = equations.space.normalized(x, Numbers)
-    if equations.loops is None:
+    if equations.constraints is None:
         return x
     moving = equations.moving
     for column in range(x.shape[1]):
         try:
-            x[:moving, column] = assembled(equations.loops, x[:moving, column])
+            x[:moving, column] = assembled(equations.constraints, x[:moving, column])
         except SceneError:
             x[:, column] = equations.start
     return x
@@ -151,16 +157,19 @@ def _on_manifold(equations: Equations, x: Array) -> Array:
 
 def _lock_some(equations: Equations, x: Array) -> None:
     """In each state but the first lock some joint, if the loops leave it a choice."""
-    first = equations.space.size - len(equations.locked)
-    x[first : first + len(equations.lockable)] = 0.0
+    lockable = equations.layout.lockable
+    first = equations.space.size - 2 * len(lockable)
+    x[first : first + len(lockable)] = 0.0
     for column in range(1, x.shape[1]):
-        for i in range(len(equations.lockable)):
+        for i in range(len(lockable)):
             if (i + column) % 2:
                 continue
-            if equations.loops is not None:
-                jacobian = equations.loops.numbers(x[: equations.space.nq, column], equations.loops.kept)
-                free = [1.0 - x[first + j, column] for j in range(len(equations.lockable))]
-                for j, dof in enumerate(equations.lockable):
+            if equations.constraints is not None:
+                jacobian = equations.constraints.jacobian_at(
+                    x[: equations.space.nq, column], equations.constraints.kept
+                )
+                free = [1.0 - x[first + j, column] for j in range(len(lockable))]
+                for j, dof in enumerate(lockable):
                     jacobian[:, dof] *= free[j] if j != i else 0.0
                 if np.linalg.matrix_rank(jacobian, tol=1e-3) < len(jacobian):
                     continue
@@ -177,7 +186,8 @@ def certify(equations: Equations, method: Method, portable: StepMap, compiled: S
     x[:, 1:] += np.random.default_rng(1).uniform(-1, 1, (size, STATES - 1))
     x = _on_manifold(equations, x)
     _lock_some(equations, x)
-    h = 0.05 / (1.0 + np.maximum(np.abs(equations.rate(0.0, x)).max(axis=0, initial=0.0), fastest(equations, x)[0]))
+    change = np.abs(rate_by_pinocchio(equations, 0.0, x)).max(axis=0, initial=0.0)
+    h = 0.05 / (1.0 + np.maximum(change, fastest(equations, x)[0]))
     values = [nominal(equations.robot.model, name) for name in equations.parameters]
     state = portable.initial(x, 0.0, h, h, np.inf, np.array(values)[:, None] if values else None)
     ours, theirs = np.empty_like(state), np.empty_like(state)
@@ -185,7 +195,7 @@ def certify(equations: Equations, method: Method, portable: StepMap, compiled: S
     portable(state, theirs)
     scale = 1.0 + np.abs(x).max(axis=0) + np.abs(theirs[:size] - x).max(axis=0)
     error = np.abs(ours[:size] - theirs[:size]).max(axis=0) / scale
-    if equations.loops is not None:  # beside a singular position a compiled step gives no number, on purpose
+    if equations.constraints is not None:  # beside a singular position a compiled step gives no number, on purpose
         error[np.isnan(ours[:size]).any(axis=0) & (np.arange(STATES) > 0)] = 0.0
     if not error.max() <= AGREEMENT:
         worst = int(np.argmax(np.where(np.isnan(error), np.inf, error)))

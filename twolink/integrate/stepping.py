@@ -14,6 +14,7 @@ from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import MIN_STEPS
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import (
     MAX_STEPS,
     Progress,
@@ -148,7 +149,7 @@ def march_many(
 
 def _with_rows(equations: Equations, x: Array, begin: float, end: float) -> Array:
     """States (q, v) with what the tables are made of between two stops."""
-    rows = equations.rows_at(0.5 * (begin + end))
+    rows = equations.layout.numbers_at(0.5 * (begin + end))
     return np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
 
 
@@ -196,7 +197,7 @@ def _first_step(
     equations: Equations, method: Method, x: Array, setting: float, start: float, end: float
 ) -> tuple[float | Array, float, int]:
     """The first step, or the only one; the tolerance; and how many steps are allowed."""
-    duration, rate = end - start, np.abs(equations.rate(start, x))
+    duration, rate = end - start, np.abs(rate_by_pinocchio(equations, start, x))
     finite = np.isfinite(rate).all(axis=0)
     if not finite.any():
         raise AccuracyError("the acceleration is not finite", where=f"t = {start:.6g} s",

@@ -26,7 +26,9 @@ from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import traced_rate
 from twolink.integrate.perturbation import MIN_STEPS
+from twolink.integrate.pieces import in_pieces
 from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
 from twolink.integrate.state import Array
 
@@ -67,7 +69,7 @@ def solve(
     smooth. Raises AccuracyError when a step or the state
     stops being finite.
     """
-    return equations.in_pieces(times, lambda e, part: _solve_piece(e, part, tolerance, progress, precision, min_steps))
+    return in_pieces(equations, times, lambda e, part: _solve_piece(e, part, tolerance, progress, precision, min_steps))
 
 
 def _solve_piece(
@@ -116,7 +118,7 @@ def _build(name: str, equations: Equations, tolerance: float, precision: Precisi
     rows = [module.par[i] for i in range(equations.space.size - size)]
     x = np.array([module.expression(f"x{i}") for i in range(size)] + rows, dtype=object)
     constants = None if precision == "double" else _exact_constants(equations, module)
-    rate, x = equations.traced_rate(module.time, x, xp, constants)[:size], x[:size]
+    rate, x = traced_rate(equations, module.time, x, xp, constants)[:size], x[:size]
     square = (x * x).sum()
     guard = (x * rate).sum() / (GUARD + square)
     for joint in equations.space.curved:

@@ -20,9 +20,9 @@ from twolink.effects.motion import Loads, Motion
 from twolink.effects.plane_contact import Touching
 from twolink.effects.release import Release
 from twolink.errors import SceneError
-from twolink.integrate.equations import equations_of
 from twolink.integrate.hybrid.snapshot import Moment
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solver import solve
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
@@ -97,7 +97,7 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
     names = _named(scene)
     found: dict[str, np.ndarray] = {}
     for moment, place in moments(scene, run, run.t):
-        loops = moment.equations.loops
+        loops = moment.equations.constraints
         for loop in loops.loops if loops is not None else ():
             rows = moment.multipliers[id(loop)]
             name = names[id(loop.contact if isinstance(loop, Touching) else loop)]
@@ -136,7 +136,7 @@ def _powers(scene: Scene, moment: Moment) -> Iterator[tuple[Effect, np.ndarray]]
     """The power of each effect that has one, W."""
     equations, motion = moment.equations, moment.motion
     for effect in equations.effects:
-        (now,) = equations.now([effect], list(moment.x[equations.moving :]))
+        (now,) = equations.layout.with_numbers([effect], list(moment.x[equations.moving :]))
         loads = Loads(motion)
         now.act(motion, loads)
         yield effect, _power(motion, loads)
@@ -144,7 +144,7 @@ def _powers(scene: Scene, moment: Moment) -> Iterator[tuple[Effect, np.ndarray]]
         if isinstance(effect, DryFriction):
             levels = effect.levels(scene.robot).items()
             yield effect, -sum((kinetic * np.abs(moment.v[k]) for k, (_, kinetic) in levels), np.zeros(1))
-    for loop in equations.loops.loops if equations.loops is not None else ():
+    for loop in equations.constraints.loops if equations.constraints is not None else ():
         if isinstance(loop, Touching):
             yield loop.contact, _rubbing(moment, loop)
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
-from twolink.integrate.equations import Equations, equations_of
+from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import Choice, choose
 from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.step_map import step_map
@@ -88,7 +89,7 @@ def explain(
     length = scene.duration if duration is None else duration_of(duration)
     choice = choose(equations, accuracy, length, method)
     shares = [
-        Share(kebab_case(type(effect).__name__), equations.operations - Equations(scene.without(i)).operations)
+        Share(kebab_case(type(effect).__name__), equations.operations - equations_of(scene.without(i)).operations)
         for i, effect in enumerate(scene.effects)
     ]
     return Explanation(
@@ -109,11 +110,11 @@ def explain(
 
 
 def _formulation(equations: Equations) -> str:
-    loops = equations.loops
+    loops = equations.constraints
     kind, text = "smooth", "forces: an ODE"
     if loops is not None:
         kind, text = "loops", f"{len(loops.kept)} constraints: an ODE with multipliers, projected after every step"
-    if equations.switches or equations.kinks:
+    if equations.has_events:
         return f"events ({text}, between events that are located)"
     return f"{kind} ({text})"
 

@@ -21,6 +21,7 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import SAFETY, first_tolerance, second_tolerance
 from twolink.integrate.methods import METHODS
 from twolink.integrate.perturbation import second_solution
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.step_map import StepMap, step_map
@@ -141,14 +142,14 @@ def _require_samples(samples: int, shape: tuple[int, ...]) -> None:
 
 def _close_loops(equations: Equations, states: np.ndarray, parameters: bool) -> None:
     """Move the starts onto the loops, in place. Raises SceneError with the world that cannot be closed."""
-    if equations.loops is None:
+    if equations.constraints is None:
         return
     if parameters:
         raise SceneError("worlds with loops cannot differ in their constants yet", where="parameters",
                          remedy="make a scene of each")  # fmt: skip
     for world in range(states.shape[1]):
         try:
-            states[:, world] = assembled(equations.loops, states[:, world])
+            states[:, world] = assembled(equations.constraints, states[:, world])
         except SceneError as error:
             raise SceneError(error.what, where=f"world {world}", remedy=error.remedy) from None
 
@@ -156,7 +157,7 @@ def _close_loops(equations: Equations, states: np.ndarray, parameters: bool) -> 
 def _map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
     if parameters and heyoka() is None:
         raise MissingExtraError("parameters that differ by world need heyoka", remedy="pip install heyoka (Linux)")
-    equations = Equations(scene, parameters)
+    equations = equations_of(scene, parameters)
     equations.require(0.0, end)
     return step_map(equations, METHODS["dop853"])
 

@@ -198,7 +198,7 @@ class _Run:
             self._notice(i)
         elif kind == "limit":
             self.sides[guard.key] = -(guard.side or 1.0)
-            name = self.whole.kinks[i]
+            name = self.whole.effort_limits[i]
             self._note("limit", name, "reached" if guard.side == 1.0 else "left")
             quiet = True
         if not quiet:

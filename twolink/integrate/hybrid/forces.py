@@ -15,13 +15,12 @@ import numpy as np
 
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.algorithms.recursions import newton_euler, poses
-from twolink.algorithms.spatial import minus, times
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import compiling_seconds
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import dynamics, lock_torques
 from twolink.integrate.state import Array
 
 PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
@@ -53,31 +52,21 @@ def forces(equations: Equations, t: Array, x: Array) -> Forces:
 
 def _by_numpy(equations: Equations, t: Array, x: Array) -> Forces:
     with np.errstate(all="ignore"):
-        found = _formulas(equations, equations.numbers, t, x, Numbers)
+        found = _formulas(equations, equations.mechanism, t, x, Numbers)
     return _split(equations, np.array([np.broadcast_to(np.asarray(row, dtype=float), x.shape[1:]) for row in found]))
 
 
 def _formulas(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
-    nq, nv = equations.space.nq, equations.space.nv
-    a, multipliers, loads = equations.forces(mech, t, x, xp, equations.effects)
-    q, v = list(x[:nq]), list(x[nq : equations.moving])
-    at = poses(mech, q, xp)
-    h = newton_euler(mech, at, v, [0.0] * nv, loads.wrenches)
-    held: list[Any] = []
-    if equations.lockable:
-        needed = newton_euler(mech, at, v, a, loads.wrenches)
-        pushes = equations.loop_pushes(mech, x, xp)
-        for k in equations.lockable:
-            value = minus(needed[k], loads.tau[k])
-            for row, size in zip(pushes, multipliers, strict=True):
-                value = minus(value, times(row[k], size))
-            held.append(value)
-    return [*a, *multipliers, *held, *(kink for _, kink in loads.kinks), *loads.tau, *h]
+    solution = dynamics(equations, mech, t, x, xp)
+    held, h = lock_torques(equations, mech, t, x, xp, solution)
+    a, multipliers, loads = solution
+    return [*a, *multipliers, *held, *(distance for _, distance in loads.limits), *loads.tau, *h]
 
 
 def _sizes(equations: Equations) -> tuple[int, ...]:
-    kept = 0 if equations.loops is None else len(equations.loops.kept)
-    return equations.space.nv, kept, len(equations.lockable), len(equations.kinks), 2 * equations.space.nv
+    kept = 0 if equations.constraints is None else len(equations.constraints.kept)
+    limits = len(equations.effort_limits)
+    return equations.space.nv, kept, len(equations.layout.lockable), limits, 2 * equations.space.nv
 
 
 def _split(equations: Equations, rows: Array) -> Forces:

@@ -60,7 +60,7 @@ def guards(hybrid: Hybrid, modes: Modes, moment: Moment, sides: dict[Key, float]
     for i, watch in hybrid.watches.items():
         if watch.at is None:
             add(("watch", i), lambda m, w=watch: w.distance(m.motion), side=sides.get(("watch", i)))
-    for n in range(len(moment.equations.kinks)):
+    for n in range(len(moment.equations.effort_limits)):
         add(("limit", n), lambda m, n=n: m.forces.kinks[n], side=sides.get(("limit", n)))
     return found
 

@@ -57,7 +57,7 @@ def collide(hybrid: Hybrid, modes: Modes, x: Array, t: float, hit: Key, small: f
 
     hit: ("stop", number) or ("contact", place). small: the height of bounces that are over.
     """
-    nq, v = hybrid.scene.robot.nq, x[hybrid.scene.robot.nq :]
+    nq, v = hybrid.robot.nq, x[hybrid.robot.nq :]
     still = TINY * (1.0 + float(np.abs(v).max(initial=0.0)))
     touching = [_met(hybrid, modes, x, t, key) for key in _touching(hybrid, modes, x, t, hit)]
     approach = np.array([-float(met.rows[0] @ v) for met in touching])
@@ -114,19 +114,19 @@ def snapped(hybrid: Hybrid, modes: Modes, x: Array, t: float, i: int) -> Array:
     gap = float(np.squeeze(hybrid.contacts[i].gap(moment.motion)))
     row = _contact_rows(hybrid, modes, x, t, i)[0]
     way = np.linalg.solve(_mass(hybrid, modes, x), row)
-    model = hybrid.scene.robot.model
+    model = hybrid.robot.model
     return np.asarray(pin.integrate(model, x[: model.nq], -gap / float(row @ way) * way))
 
 
 def _stop_row(hybrid: Hybrid, stop: Stop) -> Array:
-    row = np.zeros(hybrid.scene.robot.nv)
+    row = np.zeros(hybrid.robot.nv)
     row[stop.dof] = stop.side
     return row
 
 
 def _contact_rows(hybrid: Hybrid, modes: Modes, x: Array, t: float, i: int) -> Array:
     """The rows of contact i's velocity: along the normal, then along the tangents if there is friction."""
-    contact, robot = hybrid.contacts[i], hybrid.scene.robot
+    contact, robot = hybrid.contacts[i], hybrid.robot
     equations = hybrid.beginning(modes, x, t)
     columns = []
     for direction in np.eye(robot.nv):
@@ -139,16 +139,17 @@ def _contact_rows(hybrid: Hybrid, modes: Modes, x: Array, t: float, i: int) -> A
 def _loop_rows(hybrid: Hybrid, modes: Modes, x: Array) -> Array:
     """The rows of loops that are no contacts, (m, nv)."""
     equations = hybrid.equations(modes, x)
-    if equations.loops is None:
-        return np.empty((0, hybrid.scene.robot.nv))
+    if equations.constraints is None:
+        return np.empty((0, hybrid.robot.nv))
     touching = {hybrid.touching(equations, i) for i, mode in modes.contact.items() if mode != "free"}
-    own = [n for n, loop in enumerate(equations.loops.owners()) if id(loop) not in touching]
-    return np.asarray(equations.loops.numbers(x[: equations.space.nq], equations.loops.kept)[own])
+    constraints = equations.constraints
+    own = [n for n, i in enumerate(constraints.loop_of_row) if id(constraints.loops[i]) not in touching]
+    return np.asarray(constraints.jacobian_at(x[: equations.space.nq], constraints.kept)[own])
 
 
 def _last_bounce(hybrid: Hybrid, modes: Modes, x: Array, t: float, met: Met, small: float) -> float | None:
     """Where what follows is too small to matter, how long it would take: 2 w / (|a| (1 - e)); else None."""
-    rate = float(met.rows[0] @ x[hybrid.scene.robot.nq :])
+    rate = float(met.rows[0] @ x[hybrid.robot.nq :])
     if rate <= 0.0 or not 0.0 < met.restitution < 1.0:
         return None
     equations = hybrid.beginning(modes, x, t)
@@ -169,7 +170,7 @@ def _acceleration(hybrid: Hybrid, met: Met, moment: Moment) -> float:
     moved = [Jet(pair) for pair in zip(q, space.rate(q, v), strict=True)]
     sped = [Jet(pair) for pair in zip(v, a, strict=True)]
     model, t = moment.equations.robot.model, float(moment.t[0])
-    motion = Motion(model, moment.equations.numbers, moved, sped, t, JetNamespace(Numbers))
+    motion = Motion(model, moment.equations.mechanism, moved, sped, t, JetNamespace(Numbers))
     contact = hybrid.contacts[met.key[1]]
     normal = unit(contact.normal, "normal")
     return sum(n * float(coefficient(c, 1)) for n, c in zip(normal, contact.slip(motion), strict=True))

@@ -28,7 +28,7 @@ def decide(hybrid: Hybrid, modes: Modes, x: Array, t: float, opened: frozenset[K
 
     opened: what an event has just let go; it is not tried at rest again unless it would move the wrong way.
     """
-    nq = hybrid.scene.robot.nq
+    nq = hybrid.robot.nq
     still = TINY * (1.0 + float(np.abs(x[nq:]).max(initial=0.0)))
     _sort_joints(hybrid, modes, x, still, opened)
     _sort_contacts(hybrid, modes, x, t, still, opened)
@@ -44,7 +44,7 @@ def decide(hybrid: Hybrid, modes: Modes, x: Array, t: float, opened: frozenset[K
 
 
 def _sort_joints(hybrid: Hybrid, modes: Modes, x: Array, still: float, opened: frozenset[Key]) -> None:
-    nq = hybrid.scene.robot.nq
+    nq = hybrid.robot.nq
     modes.locked = set()
     for k in hybrid.lockable:
         v = x[nq + k]
@@ -92,9 +92,9 @@ def rates(hybrid: Hybrid, i: int, moment: Moment) -> tuple[float, tuple[float, f
 def _drop_redundant(hybrid: Hybrid, modes: Modes, x: Array) -> None:
     """Unlock joints that loops hold already: their friction is not determined, and takes no part."""
     equations = hybrid.equations(modes, x)
-    if equations.loops is None or not modes.locked:
+    if equations.constraints is None or not modes.locked:
         return
-    jacobian = equations.loops.numbers(x[: equations.space.nq], equations.loops.kept)
+    jacobian = equations.constraints.jacobian_at(x[: equations.space.nq], equations.constraints.kept)
     wanted = np.linalg.matrix_rank(jacobian, tol=1e-7)
     free = np.ones(jacobian.shape[1])
     for k in sorted(modes.locked):
@@ -159,7 +159,7 @@ def slide(modes: Modes, i: int, rows: Sequence[float]) -> None:
 
 def _wrong_way(hybrid: Hybrid, modes: Modes, x: Array, a: Array, again: set[Key], scale: float) -> Key | None:
     """Hold again what would start against its own slip or into its stop; None if nothing does."""
-    nq = hybrid.scene.robot.nq
+    nq = hybrid.robot.nq
     for k in hybrid.lockable:
         if k in modes.locked or x[nq + k] != 0.0 or ("held", k) in again:
             continue

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,10 +14,11 @@ from twolink.effects.dry_friction import DryFriction
 from twolink.effects.joint_stops import JointStops
 from twolink.effects.plane_contact import Mode, PlaneContact, Touching
 from twolink.effects.release import Release
+from twolink.effects.switching import Switching
 from twolink.effects.watch import Watch
-from twolink.integrate.equations import Equations, equations_of
+from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import make_equations
 from twolink.integrate.state import Array
-from twolink.scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -49,16 +52,16 @@ class Modes:
 class Hybrid:
     """The switches of a scene, by kind, and its equations in each mode. Contacts and releases go by their places."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        robot = scene.robot
+    def __init__(self, switching: Switching) -> None:
+        self.base, self.effects = switching.base, switching.effects
+        self.robot = robot = switching.robot
         self.friction: dict[int, tuple[float, float]] = {}
         self.stops: list[Stop] = []
         self.contacts: dict[int, PlaneContact] = {}
         self.releases: dict[int, Release] = {}
         self.watches: dict[int, Watch] = {}
         self.names = {joint.v.start: joint.name for joint in robot.joints}
-        for i, effect in enumerate(scene.effects):
+        for i, effect in enumerate(switching.effects):
             if isinstance(effect, DryFriction):
                 for k, (static, kinetic) in effect.levels(robot).items():
                     before = self.friction.get(k, (0.0, 0.0))
@@ -75,15 +78,15 @@ class Hybrid:
             elif isinstance(effect, Watch):
                 self.watches[i] = effect
         self.lockable = sorted({*self.friction, *(stop.dof for stop in self.stops)})
-        self._scenes: dict[tuple[object, ...], Scene] = {}
+        self._equations: dict[tuple[object, ...], Equations] = {}
 
     @classmethod
     def of(cls, equations: Equations) -> Hybrid:
         """The switches of the scene that equations are of, found once."""
-        known: Hybrid | None = vars(equations.scene).get("_hybrid")
-        if known is None:
-            known = vars(equations.scene)["_hybrid"] = cls(equations.scene)
-        return known
+        switching = equations.switching or Switching(equations.robot, equations.robot, equations.effects)
+        if switching not in _known:
+            _known[switching] = cls(switching)
+        return _known[switching]
 
     def first(self) -> Modes:
         """Everything held and nothing touching: what is at rest is decided by forces."""
@@ -93,33 +96,36 @@ class Hybrid:
     def equations(self, modes: Modes, x: Array) -> Equations:
         """The equations in these modes, their loops chosen at the state x where they are met first."""
         name = (*modes.contact.values(), *modes.held.values())
-        if name not in self._scenes:
-            effects: list[Effect] = []
-            for i, effect in enumerate(self.scene.effects):
+        if name not in self._equations:
+
+            def stand_in(i: int, effect: Effect) -> Sequence[Effect]:
                 if i in self.contacts:
-                    effects += self.contacts[i].in_mode(modes.contact[i], f"contact {i}")
-                elif i in self.releases:
-                    effects += [self.releases[i].of] if modes.held[i] else []
-                elif i not in self.watches:
-                    effects.append(effect)
-            robot, nq = self.scene.base, self.scene.robot.nq
-            q = self.scene.robot.normalize(x[None, :nq])[0]
-            self._scenes[name] = Scene(robot, q, x[nq : nq + robot.nv], effects, self.scene.duration)
-        return equations_of(self._scenes[name])
+                    return self.contacts[i].in_mode(modes.contact[i], f"contact {i}")
+                if i in self.releases:
+                    return [self.releases[i].of] if modes.held[i] else []
+                return [] if i in self.watches else [effect]
+
+            switching = Switching(self.base, self.robot, self.effects)
+            effects = switching.replaced(stand_in)
+            nq, nv = self.robot.nq, self.robot.nv
+            q = self.robot.normalize(x[None, :nq])[0]
+            robot = switching.robot_with(effects)
+            self._equations[name] = make_equations(robot, q, x[nq : nq + nv], effects, switching)
+        return self._equations[name]
 
     def beginning(self, modes: Modes, x: Array, t: float) -> Equations:
         """The equations in these modes from a state on, at a time within a piece of tables."""
         equations = self.equations(modes, x)
-        dofs = equations.lockable
+        dofs = equations.layout.lockable
         locks = [1.0 if k in modes.locked else 0.0 for k in dofs]
         rubs = [0.0 if k in modes.locked else -modes.slipping.get(k, 0.0) * self.friction.get(k, (0.0, 0.0))[1]
                 for k in dofs]  # fmt: skip
         slots = {f"contact {i}.{n}": d for i, way in modes.sliding.items() for n, d in enumerate(way)}
-        return equations.beginning(x, t, np.array([*locks, *rubs]), slots)
+        return equations.starting_at(x, t, np.array([*locks, *rubs]), slots)
 
     def touching(self, equations: Equations, i: int) -> int:
         """The id of the constraint that stands for contact i in these equations."""
-        loops = equations.loops.loops if equations.loops is not None else ()
+        loops = equations.constraints.loops if equations.constraints is not None else ()
         return next(id(loop) for loop in loops if isinstance(loop, Touching) and loop.contact == self.contacts[i])
 
     def standing(self, k: int, q: Array) -> list[Stop]:
@@ -131,3 +137,6 @@ class Hybrid:
         static = self.friction.get(k, (0.0, 0.0))[0]
         at = {stop.side for stop in self.standing(k, q)}
         return (-math.inf if -1.0 in at else -static), (math.inf if 1.0 in at else static)
+
+
+_known: weakref.WeakKeyDictionary[Switching, Hybrid] = weakref.WeakKeyDictionary()

@@ -1,0 +1,78 @@
+"""Layout: what each row of a state is.
+
+    x = (q, v, numbers)
+
+`numbers` are constant within a smooth piece: the coefficients of the polynomial that a table of samples is there, the
+slots by name, then for each lockable degree of freedom whether it is locked (1 or 0), and the friction torque on it.
+They are rows of the state, so that one compiled step serves all pieces and modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.effects import Effect
+from twolink.effects.inputs import Slot, tables_of, with_pieces
+from twolink.effects.sampled import Sampled
+from twolink.integrate.state import Array, StateSpace
+
+_E = TypeVar("_E", bound=Effect)
+NO_SLOTS: Mapping[str, float] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The rows of the states of a scene.
+
+    space: q and v, and how many rows there are. tables: what rides along as numbers, in order. lockable: degrees of
+    freedom that an effect may hold at rest.
+    """
+
+    space: StateSpace
+    tables: tuple[Sampled | Slot, ...]
+    lockable: tuple[int, ...]
+
+    @property
+    def moving(self) -> int:
+        """How many rows q and v are."""
+        return self.space.nq + self.space.nv
+
+    def numbers_at(self, t: float, slots: Mapping[str, float] = NO_SLOTS, locks: Array | None = None) -> Array:
+        """The numbers of the piece at time t, (size - moving,). locks: locked (1 or 0), then friction torques."""
+        parts = ([slots.get(x.name, 0.0)] if isinstance(x, Slot) else x.rows_at(t) for x in self.tables)
+        return np.concatenate([np.empty(0), *parts, np.zeros(2 * len(self.lockable)) if locks is None else locks])
+
+    def free(self, numbers: Sequence[Any]) -> list[Any]:
+        """Of each degree of freedom, 0 where it is locked and 1 where not."""
+        free: list[Any] = [1.0] * self.space.nv
+        first = len(numbers) - 2 * len(self.lockable)
+        for i, k in enumerate(self.lockable):
+            free[k] = 1.0 - numbers[first + i]
+        return free
+
+    def friction(self, numbers: Sequence[Any]) -> list[tuple[int, Any]]:
+        """The friction torque on each lockable degree of freedom."""
+        return list(zip(self.lockable, numbers[len(numbers) - len(self.lockable) :], strict=True))
+
+    def with_numbers(self, effects: Sequence[_E], numbers: Sequence[Any]) -> Sequence[_E]:
+        """The effects with polynomials of these coefficients in place of their tables, and numbers for slots."""
+        if not self.tables:
+            return effects
+        pieces: dict[int, Any] = {}
+        at = 0
+        for table in self.tables:
+            pieces[id(table)] = table.piece_of(numbers[at : at + table.rows])
+            at += table.rows
+        return [with_pieces(effect, lambda table: pieces[id(table)]) for effect in effects]
+
+
+def layout_of(robot: Robot, effects: Sequence[Effect], lockable: Sequence[int]) -> Layout:
+    """The layout for a robot and the effects that act on it."""
+    tables = tuple({id(table): table for e in effects for table in tables_of(e)}.values())
+    rows = sum(table.rows for table in tables) + 2 * len(lockable)
+    return Layout(StateSpace(robot, rows), tables, tuple(lockable))

@@ -1,0 +1,116 @@
+"""Making the equations of motion of a scene, and keeping them as long as the scene."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from twolink.algorithms.functions import function
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.operation_count import Tape
+from twolink.dynamics import Robot
+from twolink.effects import Effect
+from twolink.effects.effect import plain
+from twolink.effects.loop import Loop
+from twolink.effects.switching import Switching, switching_of
+from twolink.errors import SceneError
+from twolink.integrate.assembly import assembled, independent
+from twolink.integrate.constraints import all_constraints
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import accelerations, effect_loads, motion_of
+from twolink.integrate.layout import layout_of
+from twolink.integrate.state import Array
+from twolink.io.fingerprints import kernel_key
+from twolink.scenes import Scene
+
+_kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
+
+
+def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
+    """The equations of a scene. parameters: physical constants kept as run-time inputs. Raises SceneError."""
+    known = _kept.setdefault(scene, {})
+    name = tuple(parameters)
+    if name not in known:
+        switching = switching_of(scene.base, scene.robot, scene.effects)
+        effects = scene.effects if switching is None else switching.first_effects
+        robot = scene.robot if switching is None else switching.robot_with(effects)
+        known[name] = make_equations(robot, scene.q, scene.v, effects, switching, name)
+    return known[name]
+
+
+def make_equations(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    effects: Sequence[Effect],
+    switching: Switching | None = None,
+    parameters: tuple[str, ...] = (),
+) -> Equations:
+    """Equations of a robot under effects from a state (q, v). The robot has the constants that effects changed."""
+    if robot.has_mimic:
+        raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
+                         code="mimic-joints")  # fmt: skip
+    mech = mechanism(robot.model)
+    acting = tuple(e for e in effects if type(e).act is not Effect.act)
+    loops = [e for e in effects if isinstance(e, Loop)]
+    layout = layout_of(robot, (*acting, *loops), () if switching is None else switching.lockable)
+    start, moved, constraints = np.concatenate([q, v]), np.zeros(len(q) + len(v)), None
+    if loops:
+        rows = all_constraints(layout.space, loops, mech)
+        closed = assembled(rows, start)
+        start, moved = closed, np.abs(closed - start)
+        constraints = independent(rows, start[: robot.nq])
+    equations = Equations(
+        layout,
+        np.concatenate([start, layout.numbers_at(0.0)]),
+        robot,
+        mech,
+        acting,
+        constraints,
+        parameters,
+        switching,
+        assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
+    )
+    variant, operations = _fewest_operations(equations)
+    limits, content = _effort_limits(equations), _content(equations)
+    return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
+
+
+def _effort_limits(equations: Equations) -> tuple[str, ...]:
+    """The names of the limits of effort."""
+    motion = motion_of(equations, equations.mechanism, 0.0, equations.start, Numbers)
+    numbers = list(equations.start[equations.moving :])
+    return tuple(name for name, _ in effect_loads(equations, motion, numbers, equations.effects).limits)
+
+
+def _fewest_operations(equations: Equations) -> tuple[int, int]:
+    """Which formula of the accelerations has the fewest operations, and how many."""
+    variants = len(function(equations.robot.model, "forward_dynamics").variants)
+    if equations.constraints is not None or equations.layout.lockable:
+        variants = 1
+    totals = [_operations(replace(equations, variant=i)) for i in range(variants)]
+    return totals.index(min(totals)), min(totals)
+
+
+def _operations(equations: Equations) -> int:
+    """The operations of one evaluation of the accelerations."""
+    tape = Tape()
+    x = [tape.variable() for _ in range(equations.space.size)]
+    mech = mechanism(equations.robot.model, {name: tape.variable() for name in equations.parameters})
+    return sum(tape.count(accelerations(equations, mech, tape.variable(), x, tape)).values())
+
+
+def _content(equations: Equations) -> str:
+    """A digest of the model, the effects, our code and versions."""
+    constraints = equations.constraints
+    effects = [
+        f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
+        for e in (*equations.effects, *(constraints.loops if constraints else ()))
+    ]
+    rows = f"{constraints and (constraints.kept, constraints.scales)} {equations.layout.lockable}"
+    return kernel_key(equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
