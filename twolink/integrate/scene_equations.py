@@ -85,7 +85,8 @@ def _effort_limits(equations: Equations) -> tuple[str, ...]:
     """The names of the limits of effort."""
     motion = motion_of(equations, equations.mechanism, 0.0, equations.start, Numbers)
     numbers = list(equations.start[equations.moving :])
-    return tuple(name for name, _ in effect_loads(equations, motion, numbers, equations.effects).limits)
+    with np.errstate(all="ignore"):  # of a singular start only the names are asked for
+        return tuple(name for name, _ in effect_loads(equations, motion, numbers, equations.effects).limits)
 
 
 def _fewest_operations(equations: Equations) -> tuple[int, int]:
