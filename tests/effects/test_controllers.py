@@ -7,6 +7,7 @@ import twolink as tl
 from tests.effects.cases import E, robot
 from tests.effects.test_closed_forms import BALL, wheel
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 from twolink.integrate.pinocchio_rate import rate
 from twolink.integrate.scene_equations import equations_of
@@ -29,7 +30,9 @@ def test_limits_hold_the_torque(effort: object) -> None:
     assert np.abs(run.q[:, 0] - 3.0 * run.t**2).max() < 1e-8
     assert run.cost.method != "taylor"
     equations = equations_of(scene)
-    loads = equations.loads(equations.numbers, list(run.q.T), list(run.v.T), run.t, Numbers, [pd])
+    motion = Motion(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
+    loads = Loads(motion)
+    pd.act(motion, loads)
     assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))
 
 

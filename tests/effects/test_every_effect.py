@@ -10,10 +10,9 @@ import pytest
 import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Motion
+from twolink.effects.motion import Loads, Motion
 from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads
 from twolink.integrate.methods import METHODS
 from twolink.integrate.pinocchio_rate import rate
 from twolink.integrate.scene_equations import equations_of
@@ -68,7 +67,8 @@ def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:
     work = 0.0
     for effect in effects:
         motion = Motion(scene.robot.model, equations.mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
-        loads = effect_loads(equations, motion, [], [effect])
+        loads = Loads(motion)
+        effect.act(motion, loads)
         work += np.trapezoid(sum(tau * v for tau, v in zip(loads.tau, run.v.T, strict=True)), run.t)
     assert abs(run.energy[-1] - run.energy[0] - work) < 1e-5
 
@@ -109,11 +109,11 @@ def test_only_effects_in_use_are_imported() -> None:
 
 
 def test_two_of_a_kind_add_up() -> None:
-    def rate(*effects: E.Effect) -> np.ndarray:
+    def rate_with(*effects: E.Effect) -> np.ndarray:
         scene = tl.Scene(robot("arm"), [0.1, 0.2], [0.3, 0.4], effects=[GRAVITY, *effects])
         return rate(equations_of(scene), 0.0, np.array([0.1, 0.2, 0.3, 0.4])[:, None])[:, 0]
 
-    twice = rate(E.JointDamping({"elbow": 0.2}), E.JointDamping({"elbow": 0.3}))
-    np.testing.assert_allclose(twice, rate(E.JointDamping({"elbow": 0.5})), rtol=1e-12)
-    loads = rate(E.Payload("tip", 1.0), E.Payload("tip", 2.0), E.Rotor({"elbow": 0.1}), E.Rotor({"elbow": 0.2}))
-    np.testing.assert_allclose(loads, rate(E.Payload("tip", 3.0), E.Rotor({"elbow": 0.3})), rtol=1e-12)
+    twice = rate_with(E.JointDamping({"elbow": 0.2}), E.JointDamping({"elbow": 0.3}))
+    np.testing.assert_allclose(twice, rate_with(E.JointDamping({"elbow": 0.5})), rtol=1e-12)
+    loads = rate_with(E.Payload("tip", 1.0), E.Payload("tip", 2.0), E.Rotor({"elbow": 0.1}), E.Rotor({"elbow": 0.2}))
+    np.testing.assert_allclose(loads, rate_with(E.Payload("tip", 3.0), E.Rotor({"elbow": 0.3})), rtol=1e-12)
