@@ -15,7 +15,6 @@ import twolink as tl
 from tests.dynamics.states import close, states
 from twolink.algorithms import functions
 from twolink.dynamics import cache, compiled, kernels
-from twolink.dynamics import engine as choice
 from twolink.dynamics.certificates import certify
 from twolink.errors import CertificationError, MissingExtraError, QueryError
 from twolink.io.fingerprints import kernel_key
@@ -385,27 +384,6 @@ def test_many_processes_at_once(folder: Path) -> None:
 
 
 # Chosen by itself.
-
-
-@pytest.mark.usefixtures("folder")
-def test_batches_move_to_the_compiled_function_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = tl.load_robot("ur5")
-    built = counted(monkeypatch)
-    q, v, w = states(robot, 100)
-    robot.forward_dynamics(q[0], v[0], w[0])
-    first = robot.forward_dynamics(q, v, w)
-    assert built == []  # a hundred states would not have paid for compiling
-    many = [np.tile(x, (4_000, 1)) for x in (q, v, w)]
-    assert robot.forward_dynamics(*many).shape == (400_000, 6)
-    assert built == ["built"]
-    close(robot.forward_dynamics(q, v, w), first, 1e-10)
-    assert robot._choice is not None
-    assert robot._choice._from["forward_dynamics"] in choice.SIZES
-    calls: list[int] = []
-    monkeypatch.setattr(kernels.Kernel, "_rows", lambda *_: calls.append(1))
-    robot.forward_dynamics(q[:4], v[:4], w[:4])
-    robot.forward_dynamics(q, v, w, engine="pinocchio")
-    assert calls == []
 
 
 @pytest.mark.usefixtures("folder")

@@ -11,7 +11,7 @@ import pytest
 from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
 from twolink.algorithms import derivatives, recursions
 from twolink.algorithms.mechanism import mechanism, nominal
-from twolink.algorithms.sincos import Traced
+from twolink.algorithms.namespaces import Expressions
 from twolink.algorithms.sparse_factors import ldlt, ldlt_inverse
 from twolink.errors import QueryError
 
@@ -160,7 +160,7 @@ def test_compiled_is_the_same_as_numpy(name: str, function: str) -> None:
     mech = mechanism(case.model)
     sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
     symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
-    traced = algorithm(mech, *symbols, Traced(hy))
+    traced = algorithm(mech, *symbols, Expressions(hy, own_sine=True))
     outputs = [x + hy.expression(0.0) for matrix in traced for row in matrix for x in row]
     compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
     answers = compiled(np.concatenate([case.q, case.v, case.a])).reshape(3, mech.nv, mech.nv, -1)

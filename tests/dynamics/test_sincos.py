@@ -10,7 +10,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from twolink.algorithms.sincos import LIMIT, Traced, sin_cos
+from twolink.algorithms.namespaces import Expressions
+from twolink.algorithms.sincos import LIMIT, sin_cos
 
 Pair = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 BOUND = 4e-16
@@ -29,7 +30,7 @@ def pair(request: pytest.FixtureRequest) -> Pair:
     hy = pytest.importorskip("heyoka")
     x = hy.expression("x")
     options = {"batch_size": 1} if request.param == "scalar" else {}
-    traced = Traced(hy)
+    traced = Expressions(hy, own_sine=True)
     compiled = hy.cfunc([traced.sin(x), traced.cos(x)], vars=[x], **options)
     return lambda points: tuple(compiled(np.ascontiguousarray(points[None])))
 
@@ -103,7 +104,7 @@ def test_sine_and_cosine_share_the_reduction(x: Any) -> None:
     def steps(*outputs: Any) -> int:
         return len(hy.cfunc(list(outputs), vars=[x]).dc)
 
-    traced = Traced(hy)
+    traced = Expressions(hy, own_sine=True)
     alone = steps(traced.sin(x)) + steps(traced.cos(x))
     both = steps(traced.sin(x), traced.cos(x))
     assert both == steps(*sin_cos(x))
@@ -112,4 +113,4 @@ def test_sine_and_cosine_share_the_reduction(x: Any) -> None:
 
 def test_square_root(x: Any) -> None:
     hy = pytest.importorskip("heyoka")
-    assert hy.cfunc([Traced(hy).sqrt(x)], vars=[x])(np.array([2.0]))[0] == math.sqrt(2.0)
+    assert hy.cfunc([Expressions(hy, own_sine=True).sqrt(x)], vars=[x])(np.array([2.0]))[0] == math.sqrt(2.0)

@@ -117,7 +117,7 @@ def forward_dynamics_aba(
 ) -> list[Scalar]:
     """a by the articulated-body algorithm, Featherstone table 7.1; a joint's degrees of freedom one by one."""
     if mech.has_mimic:
-        raise QueryError('"aba" cannot follow mimic joints', where="method", remedy='use method="crba"')
+        raise QueryError('"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"')
     at = poses(mech, q, xp)
     drift, force = _velocity_terms(mech, at, v, f_ext)
     inertia = [articulated(body) for body in mech.inertias]

@@ -1,34 +1,39 @@
-"""The functions that can be compiled: what they take, what they return, and how the recursions give it."""
+"""The functions that can be compiled: what they take, what they return, their formulas, and Pinocchio's reference."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Literal
 
 import pinocchio as pin
 
-from twolink.algorithms import recursions
+from twolink.algorithms import derivatives, recursions, references
 from twolink.algorithms.articulated_body import forward_dynamics_aba
 from twolink.algorithms.mechanism import Mechanism
-from twolink.algorithms.spatial import Pose, Scalar, force_to_parent, plus
+from twolink.algorithms.references import Reference
+from twolink.algorithms.spatial import Matrix, Pose, Scalar, force_to_parent, plus
 from twolink.errors import QueryError, nearest
 
-Trace = Callable[[Mechanism, dict[str, Any], Any], list[Scalar]]
+Formula = Callable[[Mechanism, dict[str, Any], Any], list[Scalar]]
+Shape = tuple[int | Literal["nv"], ...]
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function of states: its name, its arguments with their sizes, its result's shape, and its formula.
+    """A function of states: its name, its arguments with their sizes, its result's shape, and its formulas.
 
-    `formula(mechanism, arguments, xp)` gives the result's entries, flat in C order. `variants` are formulas of the
-    same result, of which the one with the fewest operations is compiled.
+    A formula gives the result's entries, flat in C order, from (mechanism, arguments by name, namespace). `variants`
+    are formulas of the same result, of which the one with the fewest operations is compiled. `reference` is
+    Pinocchio's answer for one state, with the scale of its rounding errors.
     """
 
     name: str
     arguments: tuple[tuple[str, int], ...]
     shape: tuple[int, ...]
-    variants: tuple[Trace, ...]
+    variants: tuple[Formula, ...]
+    reference: Reference
 
 
 @dataclass(frozen=True)
@@ -41,168 +46,132 @@ class FrameForce:
 
 
 def function(model: pin.Model, name: str, forces: Sequence[FrameForce] = ()) -> Function:
-    """The function of this name for a model; of a frame as in "frame_position:tip".
+    """The function of this name for a model; of a frame as in "frame_pose:tip".
 
     Raises QueryError for an unknown name or frame.
     """
     kind, _, frame = name.partition(":")
     if kind in _OF_FRAMES:
-        return _OF_FRAMES[kind](model, name, frame)
-    makers = {**_OF_STATES, **_DERIVATIVES}
-    if kind not in makers or frame:
-        known = [*makers, *(f"{k}:FRAME" for k in _OF_FRAMES)]
-        raise QueryError(f"{name!r} cannot be compiled", where="function", remedy=nearest(name, known))
-    made = makers[kind](model)
-    if not forces:
-        return made
-    arguments = (*made.arguments, *((force.argument, 6) for force in forces))
-    return replace(made, arguments=arguments, variants=tuple(_pushed(v, forces) for v in made.variants))
+        shape, formula, reference = _OF_FRAMES[kind]
+        joint, placement = frame_pose(model, frame)
+        arguments: tuple[str, ...] = ("q",)
+        variants: tuple[Formula, ...] = (partial(formula, joint, placement),)
+        reference = partial(reference, frame_index(model, frame))
+    elif kind in _OF_STATES and not frame:
+        arguments, shape, variants, reference = _OF_STATES[kind]
+    else:
+        names = [*_OF_STATES, *(f"{k}:FRAME" for k in _OF_FRAMES)]
+        raise QueryError(f"{name!r} cannot be compiled", argument="function", remedy=nearest(name, names))
+    if kind == "forward_dynamics" and any("Mimic" in j.shortname() for j in model.joints):
+        variants = variants[:1]  # articulated bodies cannot follow mimic joints
+    sizes = [(x, model.nq if x == "q" else model.nv) for x in arguments]
+    sizes += [(force.argument, 6) for force in forces]
+    if forces:
+        variants = tuple(partial(_with_forces, formula, forces) for formula in variants)
+    return Function(name, tuple(sizes), tuple(model.nv if n == "nv" else n for n in shape), variants, reference)
 
 
-def _pushed(trace: Trace, forces: Sequence[FrameForce]) -> Trace:
-    """The formula with f_ext taken from the arguments: wrenches moved from their frames to the joints."""
-
-    def with_forces(mech: Mechanism, arguments: dict[str, Any], xp: Any) -> list[Scalar]:
-        at_joints: dict[int, list[Scalar]] = {}
-        for force in forces:
-            x = arguments[force.argument]
-            moved = force_to_parent(force.placement, ((x[0], x[1], x[2]), (x[3], x[4], x[5])))
-            entries = [*moved[0], *moved[1]]
-            before = at_joints.get(force.joint, [0.0] * 6)
-            at_joints[force.joint] = [plus(a, b) for a, b in zip(before, entries, strict=True)]
-        return trace(mech, {**arguments, "f_ext": at_joints}, xp)
-
-    return with_forces
+def frame_names(model: pin.Model) -> tuple[str, ...]:
+    """The frames by name: one at the origin of each link."""
+    return tuple(f.name for f in model.frames if f.type == pin.FrameType.BODY)
 
 
-def _forward(model: pin.Model) -> Function:
-    def by_matrix(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return recursions.forward_dynamics_crba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
-
-    def by_bodies(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return forward_dynamics_aba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
-
-    mimic = any("Mimic" in j.shortname() for j in model.joints)
-    arguments = (("q", model.nq), ("v", model.nv), ("tau", model.nv))
-    return Function("forward_dynamics", arguments, (model.nv,), (by_matrix,) if mimic else (by_matrix, by_bodies))
-
-
-def _inverse(model: pin.Model) -> Function:
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return recursions.rnea(m, x["q"], x["v"], x["a"], x.get("f_ext"), xp)
-
-    arguments = (("q", model.nq), ("v", model.nv), ("a", model.nv))
-    return Function("inverse_dynamics", arguments, (model.nv,), (trace,))
-
-
-def _bias(model: pin.Model) -> Function:
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return recursions.bias(m, x["q"], x["v"], None, xp)
-
-    return Function("bias", (("q", model.nq), ("v", model.nv)), (model.nv,), (trace,))
-
-
-def _gravity(model: pin.Model) -> Function:
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return recursions.gravity_torque(m, x["q"], xp)
-
-    return Function("gravity_torque", (("q", model.nq),), (model.nv,), (trace,))
-
-
-def _mass_matrix(model: pin.Model) -> Function:
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return [entry for row in recursions.crba(m, x["q"], xp) for entry in row]
-
-    return Function("mass_matrix", (("q", model.nq),), (model.nv, model.nv), (trace,))
-
-
-def _energy(model: pin.Model) -> Function:
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return list(recursions.energy(m, x["q"], x["v"], xp))
-
-    return Function("energy", (("q", model.nq), ("v", model.nv)), (2,), (trace,))
-
-
-def _inverse_derivatives(model: pin.Model) -> Function:
-    from twolink.algorithms import derivatives
-
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return _flat(derivatives.inverse_dynamics_derivatives(m, x["q"], x["v"], x["a"], xp))
-
-    arguments = (("q", model.nq), ("v", model.nv), ("a", model.nv))
-    return Function("inverse_dynamics_derivatives", arguments, (3, model.nv, model.nv), (trace,))
-
-
-def _forward_derivatives(model: pin.Model) -> Function:
-    from twolink.algorithms import derivatives
-
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return _flat(derivatives.forward_dynamics_derivatives(m, x["q"], x["v"], x["tau"], xp))
-
-    arguments = (("q", model.nq), ("v", model.nv), ("tau", model.nv))
-    return Function("forward_dynamics_derivatives", arguments, (3, model.nv, model.nv), (trace,))
-
-
-def _flat(matrices: Any) -> list[Scalar]:
-    return [entry for matrix in matrices for row in matrix for entry in row]
+def frame_index(model: pin.Model, frame: str, argument: str = "frame") -> int:
+    """Pinocchio's number of a link's frame. Raises QueryError for an unknown frame."""
+    if not isinstance(frame, str) or not model.existFrame(frame, pin.FrameType.BODY):
+        remedy = nearest(str(frame), frame_names(model))
+        what = f"there is no frame {frame!r}"
+        raise QueryError(what, argument=argument, remedy=remedy, code="unknown-frame")
+    return int(model.getFrameId(frame, pin.FrameType.BODY))
 
 
 def frame_pose(model: pin.Model, frame: str) -> tuple[int, Pose]:
     """The joint that carries a link's frame, and where the frame sits there. Raises QueryError for an unknown frame."""
-    names = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-    if frame not in names:
-        raise QueryError(f"there is no frame {frame!r}", where="frame", remedy=nearest(frame, names))
-    found = model.frames[model.getFrameId(frame, pin.FrameType.BODY)]
-    x, y, z = (tuple(row) for row in found.placement.rotation.tolist())
-    return found.parentJoint, Pose(((x, y, z),), tuple(found.placement.translation.tolist()))
+    entry = model.frames[frame_index(model, frame)]
+    x, y, z = (tuple(row) for row in entry.placement.rotation.tolist())
+    return entry.parentJoint, Pose(((x, y, z),), tuple(entry.placement.translation.tolist()))
 
 
-def _position(model: pin.Model, name: str, frame: str) -> Function:
-    joint, placement = frame_pose(model, frame)
-
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return list(recursions.frame_placement(m, x["q"], joint, placement, xp)[1])
-
-    return Function(name, (("q", model.nq),), (3,), (trace,))
-
-
-def _rotation(model: pin.Model, name: str, frame: str) -> Function:
-    joint, placement = frame_pose(model, frame)
-
-    def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-        return [e for row in recursions.frame_placement(m, x["q"], joint, placement, xp)[0] for e in row]
-
-    return Function(name, (("q", model.nq),), (3, 3), (trace,))
+def _with_forces(formula: Formula, forces: Sequence[FrameForce], mech: Mechanism, x: dict[str, Any], xp: Any) -> Any:
+    """The formula with f_ext taken from the arguments: wrenches moved from their frames to the joints."""
+    at_joints: dict[int, list[Scalar]] = {}
+    for force in forces:
+        w = x[force.argument]
+        moved = force_to_parent(force.placement, ((w[0], w[1], w[2]), (w[3], w[4], w[5])))
+        before = at_joints.get(force.joint, [0.0] * 6)
+        at_joints[force.joint] = [plus(a, b) for a, b in zip(before, [*moved[0], *moved[1]], strict=True)]
+    return formula(mech, {**x, "f_ext": at_joints}, xp)
 
 
-def _jacobian(axes: str) -> Callable[[pin.Model, str, str], Function]:
-    def make(model: pin.Model, name: str, frame: str) -> Function:
-        joint, placement = frame_pose(model, frame)
-
-        def trace(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-            rows = recursions.frame_jacobian(m, x["q"], joint, placement, axes=axes, xp=xp)  # type: ignore[arg-type]
-            return [entry for row in rows for entry in row]
-
-        return Function(name, (("q", model.nq),), (6, model.nv), (trace,))
-
-    return make
+def _forward_by_matrix(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return recursions.forward_dynamics_crba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
 
 
-_OF_STATES: dict[str, Callable[[pin.Model], Function]] = {
-    "forward_dynamics": _forward,
-    "inverse_dynamics": _inverse,
-    "bias": _bias,
-    "gravity_torque": _gravity,
-    "mass_matrix": _mass_matrix,
-    "energy": _energy,
+def _forward_by_bodies(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return forward_dynamics_aba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
+
+
+def _inverse(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return recursions.rnea(m, x["q"], x["v"], x["a"], x.get("f_ext"), xp)
+
+
+def _bias(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return recursions.bias(m, x["q"], x["v"], None, xp)
+
+
+def _gravity(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return recursions.gravity_torque(m, x["q"], xp)
+
+
+def _mass_matrix(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return _flat(recursions.crba(m, x["q"], xp))
+
+
+def _energy(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return list(recursions.energy(m, x["q"], x["v"], xp))
+
+
+def _inverse_derivatives(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return _flat(*derivatives.inverse_dynamics_derivatives(m, x["q"], x["v"], x["a"], xp))
+
+
+def _forward_derivatives(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    return _flat(*derivatives.forward_dynamics_derivatives(m, x["q"], x["v"], x["tau"], xp))
+
+
+def _frame_pose(joint: int, placement: Pose, m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
+    rotation, origin = recursions.frame_placement(m, x["q"], joint, placement, xp)
+    return [*(entry for row in rotation for entry in row), *origin]
+
+
+def _frame_jacobian(
+    axes: Literal["local", "aligned"], joint: int, placement: Pose, m: Mechanism, x: dict[str, Any], xp: Any
+) -> list[Scalar]:
+    return _flat(recursions.frame_jacobian(m, x["q"], joint, placement, axes=axes, xp=xp))
+
+
+def _flat(*matrices: Matrix) -> list[Scalar]:
+    return [entry for matrix in matrices for row in matrix for entry in row]
+
+
+_FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
+_MATRICES: Shape = (3, "nv", "nv")
+# Arguments, shape of the result, formulas, reference.
+_OF_STATES: dict[str, tuple[tuple[str, ...], Shape, tuple[Formula, ...], Reference]] = {
+    "forward_dynamics": (_FORWARD, ("nv",), (_forward_by_matrix, _forward_by_bodies), references.forward_dynamics),
+    "inverse_dynamics": (_INVERSE, ("nv",), (_inverse,), references.inverse_dynamics),
+    "bias": (("q", "v"), ("nv",), (_bias,), references.bias),
+    "gravity_torque": (("q",), ("nv",), (_gravity,), references.gravity_torque),
+    "mass_matrix": (("q",), ("nv", "nv"), (_mass_matrix,), references.mass_matrix),
+    "energy": (("q", "v"), (2,), (_energy,), references.energy),
+    "forward_dynamics_derivatives": (_FORWARD, _MATRICES, (_forward_derivatives,), references.forward_derivatives),
+    "inverse_dynamics_derivatives": (_INVERSE, _MATRICES, (_inverse_derivatives,), references.inverse_derivatives),
 }
-_DERIVATIVES: dict[str, Callable[[pin.Model], Function]] = {
-    "forward_dynamics_derivatives": _forward_derivatives,
-    "inverse_dynamics_derivatives": _inverse_derivatives,
-}
-_OF_FRAMES: dict[str, Callable[[pin.Model, str, str], Function]] = {
-    "frame_position": _position,
-    "frame_rotation": _rotation,
-    "frame_jacobian": _jacobian("local"),
-    "frame_jacobian_world": _jacobian("aligned"),
-}
+# Shape, formula of (joint, placement, ...), reference of (frame index, state).
+_OF_FRAMES: dict[str, tuple[Shape, Callable[..., list[Scalar]], Callable[..., Any]]] = {
+    "frame_pose": ((12,), _frame_pose, references.frame_pose),
+    "frame_jacobian_local": (
+        (6, "nv"), partial(_frame_jacobian, "local"), partial(references.frame_jacobian, pin.LOCAL)),
+    "frame_jacobian_aligned": (
+        (6, "nv"), partial(_frame_jacobian, "aligned"), partial(references.frame_jacobian, pin.LOCAL_WORLD_ALIGNED)),
+}  # fmt: skip

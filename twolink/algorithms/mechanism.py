@@ -99,7 +99,7 @@ def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None, 
     values = _nominal_values(model)
     for name, value in given.items():
         if name not in values:
-            raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, values))
+            raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, values))
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
@@ -134,7 +134,7 @@ def nominal(model: pin.Model, name: str) -> float:
     """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
     values = _nominal_values(model)
     if name not in values:
-        raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, values))
+        raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, values))
     return values[name]
 
 

@@ -13,10 +13,6 @@ the leading terms r, 1 and -r^2 / 2 fixed.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from typing import Any
-
 from twolink.algorithms.spatial import Scalar
 
 LIMIT = 1e6
@@ -73,34 +69,3 @@ def _polynomial(coefficients: tuple[float, ...], z: Scalar) -> Scalar:
     for coefficient in reversed(coefficients[:-1]):
         value = value * z + coefficient
     return value
-
-
-class Traced:
-    """The namespace of sin, cos, sqrt and reciprocal for tracing with heyoka, in the place of numpy.
-
-    module: heyoka. own_sine: whether the sine and the cosine are ours, good for |x| <= LIMIT; `reach` then holds the
-    squares of their angles. Those of the same expression are reduced once: heyoka keeps one of equal subexpressions.
-    """
-
-    def __init__(self, module: Any, *, own_sine: bool = True) -> None:
-        self.module = module
-        self.reach: dict[str, Any] = {}
-        self.sqrt = module.sqrt
-        self.sin = self._bounded(0) if own_sine else module.sin
-        self.cos = self._bounded(1) if own_sine else module.cos
-
-    def _bounded(self, which: int) -> Callable[[Any], Any]:
-        def of_angle(x: Any) -> Any:
-            if isinstance(x, self.module.expression):
-                self.reach[str(x)] = x * x
-            return sin_cos(x)[which]
-
-        return of_angle
-
-    def lift(self, x: Any) -> Any:
-        """x as an expression."""
-        return x if isinstance(x, self.module.expression) else self.module.expression(float(x))
-
-    def reciprocal(self, x: Any) -> Any:
-        """1 / x of what must be positive: an inertia. Behind a condition, it stays one division for all its uses."""
-        return self.module.select(self.module.gt(x, self.lift(0.0)), 1.0 / x, self.lift(math.nan))

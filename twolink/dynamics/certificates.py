@@ -1,9 +1,12 @@
-"""Certification: a compiled function is compared with Pinocchio on hard states before its first use."""
+"""Certification: a compiled function is compared with Pinocchio on hard states before its first use.
+
+Each Function brings its reference, with the scale that its rounding errors are measured by (`algorithms.references`).
+"""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -12,16 +15,17 @@ import pinocchio as pin
 
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.references import State
 from twolink.dynamics.kernels import Kernel
 from twolink.errors import CertificationError
 
-BOUND = 1e-11  # of the scale given with each reference, which takes in the mass matrix's condition
+BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
 STATES = 96
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was compared, and how it came out: `worst` is the largest error over its scale, below `bound`."""
+    """The comparison of a compiled function with Pinocchio: `worst` is the largest error over its scale."""
 
     function: str
     states: int
@@ -50,8 +54,9 @@ def certify(
     arguments = _arguments(model, function, rng, count)
     values = {name: nominal(model, name) * rng.uniform(0.5, 2, count) for name in parameters}
     columns = [*arguments.values(), *(v[:, None] for v in values.values())]
-    found = kernel(columns)
-    if found is None:
+    damped = tuple(name.removesuffix(".damping") for name in parameters if name.endswith(".damping"))
+    results = kernel(columns)
+    if results is None:
         raise CertificationError(
             "the compiled function gives a number that is not finite",
             where=function.name,
@@ -61,8 +66,8 @@ def certify(
     for i in range(count):
         at = with_values(model, {name: v[i] for name, v in values.items()}) if values else model
         state = {name: v[i] for name, v in arguments.items()}
-        expected, scale = reference(at, function.name, state, values)
-        error = float(np.abs(found[i] - expected).max(initial=0.0) / scale)
+        expected, scale = function.reference(State(at, state, damped))
+        error = float((np.abs(results[i] - expected) / scale).max(initial=0.0))
         if not error <= BOUND:
             shown = ", ".join(f"{name} = {np.array2string(x, precision=17)}" for name, x in state.items())
             raise CertificationError(
@@ -131,139 +136,3 @@ def _changed(body: pin.Inertia, part: str, value: float) -> pin.Inertia:
         i, j = ("xyz".find(c) for c in part[-2:])
         rotational[i, j] = rotational[j, i] = value
     return pin.Inertia(float(mass), com, rotational)
-
-
-def reference(
-    model: pin.Model, name: str, state: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, float]:
-    """Pinocchio's answer for one state, and the scale its rounding errors are measured by.
-
-    The scale is the size of the terms that are added, not of their sum, which may cancel; where the mass matrix is
-    solved with, it is carried through the inverse: this is where the condition enters.
-    """
-    q = state["q"]
-    inertia = pin.crba(model, model.createData(), q)
-    kind, _, frame = name.partition(":")
-    if kind in _OF_FRAMES:
-        return _OF_FRAMES[kind](model, q, frame)
-    if kind == "mass_matrix":
-        return inertia, float(np.abs(inertia).max())
-    v = state.get("v", np.zeros(model.nv))
-    damping = _damping(model, values) * v
-    weight = pin.computeGeneralizedGravity(model, model.createData(), q)
-    bias = pin.nonLinearEffects(model, model.createData(), q, v) + damping
-    terms = np.abs(bias) + np.abs(bias - weight) + _weight(model, q)
-    if kind == "bias":
-        return bias, float(terms.max())
-    if kind == "gravity_torque":
-        return weight, float(terms.max())
-    if kind == "energy":
-        both = _energies(model, q, v, inertia)
-        return both, float(np.abs(both).max()) + _weight(model, q)
-    force = _forces(model, q, state)
-    terms += np.abs(force)
-    if kind.startswith("inverse"):
-        a = state["a"]
-        terms += np.abs(inertia) @ np.abs(a)
-        if kind == "inverse_dynamics":
-            return pin.rnea(model, model.createData(), q, v, a) - force + damping, float(terms.max())
-        expected = _rnea_derivatives(model, q, v, a, _damping(model, values))
-        return expected, float(np.abs(expected).max() + terms.max())
-    inverse = np.linalg.inv(inertia)
-    a = inverse @ (state["tau"] + force - bias)
-    terms += np.abs(state["tau"]) + np.abs(inertia) @ np.abs(a)
-    scale = float((np.abs(inverse) @ terms).max())
-    if kind == "forward_dynamics":
-        mimic = any("Mimic" in j.shortname() for j in model.joints)
-        tau = state["tau"] + force - damping
-        return (a if mimic else pin.aba(model, model.createData(), q, v, tau)), scale
-    tangent = _rnea_derivatives(model, q, v, a, _damping(model, values))
-    expected = np.stack([-inverse @ tangent[0], -inverse @ tangent[1], inverse])
-    carried = np.abs(inverse) @ (
-        np.abs(tangent[0]) + np.abs(tangent[1]) + np.abs(inertia) @ np.abs(expected).max(axis=0)
-    )
-    return expected, float(carried.max() + np.abs(expected).max()) + scale
-
-
-def _weight(model: pin.Model, q: np.ndarray) -> float:
-    """The largest torque that weight can have on a joint, or energy: gravity's terms may cancel to much less."""
-    mass = float(sum(b.mass for b in model.inertias))
-    return mass * float(np.linalg.norm(model.gravity.linear)) * _reach(model, q)
-
-
-def _damping(model: pin.Model, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Damping of the joints whose damping is a parameter; the others have none."""
-    out = np.zeros(model.nv)
-    for name in values:
-        if name.endswith(".damping"):
-            k = model.idx_vs[model.getJointId(name.removesuffix(".damping"))]
-            out[k] = model.damping[k]
-    return out
-
-
-def _forces(model: pin.Model, q: np.ndarray, state: Mapping[str, np.ndarray]) -> np.ndarray:
-    """J^T w of the wrenches among the arguments ("f_ext:FRAME"), by frame Jacobians."""
-    out = np.zeros(model.nv)
-    for name, wrench in state.items():
-        if name.startswith("f_ext:"):
-            frame = model.getFrameId(name.removeprefix("f_ext:"), pin.FrameType.BODY)
-            out += pin.computeFrameJacobian(model, model.createData(), q, frame, pin.LOCAL).T @ wrench
-    return out
-
-
-def _rnea_derivatives(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    data = model.createData()  # the matrices are views into it
-    by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, v, a)
-    upper = np.triu(by_a)
-    return np.stack([by_q, by_v + np.diag(damping), upper + np.triu(upper, 1).T])
-
-
-def _energies(model: pin.Model, q: np.ndarray, v: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    moment = np.zeros(3)
-    for joint in range(1, model.njoints):
-        moment += model.inertias[joint].mass * data.oMi[joint].act(model.inertias[joint].lever)
-    return np.array([v @ inertia @ v / 2, -(model.gravity.linear @ moment)])
-
-
-def _reach(model: pin.Model, q: np.ndarray) -> float:
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    lever = max((float(np.abs(b.lever).max()) for b in model.inertias), default=0.0)
-    return max(float(np.abs(data.oMi[j].translation).max()) for j in range(model.njoints)) + lever
-
-
-def _frame(model: pin.Model, q: np.ndarray, frame: str) -> tuple[pin.Data, int, float]:
-    data = model.createData()
-    index = model.getFrameId(frame, pin.FrameType.BODY)
-    pin.framesForwardKinematics(model, data, q)
-    return data, index, _reach(model, q) + float(np.abs(data.oMf[index].translation).max()) + 1e-3
-
-
-def _frame_position(model: pin.Model, q: np.ndarray, frame: str) -> tuple[np.ndarray, float]:
-    data, index, reach = _frame(model, q, frame)
-    return np.array(data.oMf[index].translation), reach
-
-
-def _frame_rotation(model: pin.Model, q: np.ndarray, frame: str) -> tuple[np.ndarray, float]:
-    data, index, _ = _frame(model, q, frame)
-    return np.array(data.oMf[index].rotation), 1.0
-
-
-def _frame_jacobian(model: pin.Model, q: np.ndarray, frame: str) -> tuple[np.ndarray, float]:
-    _, index, reach = _frame(model, q, frame)
-    return pin.computeFrameJacobian(model, model.createData(), q, index, pin.LOCAL), 1.0 + reach
-
-
-def _frame_jacobian_world(model: pin.Model, q: np.ndarray, frame: str) -> tuple[np.ndarray, float]:
-    _, index, reach = _frame(model, q, frame)
-    return pin.computeFrameJacobian(model, model.createData(), q, index, pin.LOCAL_WORLD_ALIGNED), 1.0 + reach
-
-
-_OF_FRAMES: dict[str, Callable[[pin.Model, np.ndarray, str], tuple[np.ndarray, float]]] = {
-    "frame_position": _frame_position,
-    "frame_rotation": _frame_rotation,
-    "frame_jacobian": _frame_jacobian,
-    "frame_jacobian_world": _frame_jacobian_world,
-}

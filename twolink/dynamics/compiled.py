@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,48 +14,68 @@ from numpy.typing import ArrayLike
 from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.sincos import LIMIT
-from twolink.dynamics import cache
+from twolink.dynamics import cache, pinocchio_queries
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
 from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
 from twolink.dynamics.wrench import FExt, Wrench
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
-
-if TYPE_CHECKING:
-    from twolink.dynamics.robot import Robot
+from twolink.robots.model import RobotModel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Parameters = Mapping[str, ArrayLike]
-_BY_PINOCCHIO = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias", "gravity_torque", "energy")
+_log = logging.getLogger("twolink")
 
 
 class Compiled:
-    """The queries of a Robot, compiled: the same names, arguments and results, for one state or a batch.
+    """The queries of a Robot, compiled: the same names and results, for one state or a batch.
 
-    Functions are compiled on first need (or read from the disk cache) and certified. parameters: physical constants
-    that stay run-time inputs, by name (`parameter_names`): every query then takes parameters={name: value}, a number
-    or one value for each state of the batch; those not given are nominal.
+    A function is compiled when it is first needed (or read from the disk cache) and certified. May be used from many
+    threads at once.
 
+    Parameters
+    ----------
+    robot : RobotModel
+        The robot.
+    parameters : sequence of str, optional
+        Physical constants that stay run-time inputs (`algorithms.mechanism.parameter_names`). Every query then takes
+        parameters={name: value}, a number or one value for each state of the batch; the others are nominal.
+
+    Raises
+    ------
+    MissingExtraError
+        Without heyoka.
+    QueryError
+        For an unknown parameter.
+
+    Notes
+    -----
     Arrays whose memory holds one state a column (transposed views of C-ordered (nv, n) arrays) are read without
-    a copy, and the result is such a view. May be used from many threads at once.
+    a copy, and the result is such a view.
     """
 
-    def __init__(self, robot: Robot, parameters: Sequence[str] = ()) -> None:
+    def __init__(self, robot: RobotModel, parameters: Sequence[str] = ()) -> None:
         if heyoka() is None:
             raise MissingExtraError(
                 "compiled dynamics need heyoka", remedy="pip install heyoka (Linux), or conda-forge"
             )
-        known = parameter_names(robot.model)
+        names = parameter_names(robot.model)
         for name in parameters:
-            if name not in known:
-                raise QueryError(f"there is no parameter {name!r}", where="parameters", remedy=nearest(name, known))
+            if name not in names:
+                raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, names))
         self.robot = robot
         self.parameters: tuple[str, ...] = tuple(dict.fromkeys(parameters))
         self.compile_seconds = 0.0
         self._kernels: dict[tuple[str, ...], tuple[Kernel, Certificate]] = {}
+        self._refused: dict[tuple[str, ...], CertificationError] = {}
         self._files: dict[tuple[str, ...], str] = {}
         self._lock = threading.Lock()
+
+    def __repr__(self) -> str:
+        ready = ", ".join("+".join(key) for key in self._kernels) or "none yet"
+        kept = f", parameters {', '.join(self.parameters)}" if self.parameters else ""
+        return f"<Compiled {self.robot.name!r}: functions {ready}{kept}>"
 
     def forward_dynamics(
         self,
@@ -91,23 +112,24 @@ class Compiled:
         return both[..., 0], both[..., 1]
 
     def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
-        """Where a link's frame is, in the world, (..., 3), m."""
-        return self.answer(f"frame_position:{frame}", {"q": q}, parameters)
+        """The origin of a link's frame in the world, (..., 3), m."""
+        return self.answer(f"frame_pose:{frame}", {"q": q}, parameters)[..., 9:]
 
     def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
-        """How a link's frame is turned: R with world = R frame, (..., 3, 3)."""
-        return self.answer(f"frame_rotation:{frame}", {"q": q}, parameters)
+        """The rotation R of a link's frame, (..., 3, 3): x_world = R x_frame + p."""
+        pose = self.answer(f"frame_pose:{frame}", {"q": q}, parameters)
+        return pose[..., :9].reshape(*pose.shape[:-1], 3, 3)
 
     def frame_jacobian(
         self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters | None = None
     ) -> Array:
-        """J with J v = (velocity of the frame's origin, angular velocity), (..., 6, nv).
+        """J (..., 6, nv) with J v = (velocity of the frame's origin, angular velocity).
 
         axes: "frame", along the frame's own axes (Pinocchio's LOCAL), or "world" (LOCAL_WORLD_ALIGNED).
         """
         if axes not in ("frame", "world"):
-            raise QueryError(f"axes {axes!r} is unknown", where="axes", remedy='"frame" or "world"')
-        kind = "frame_jacobian" if axes == "frame" else "frame_jacobian_world"
+            raise QueryError(f"axes {axes!r} is unknown", argument="axes", remedy='"frame" or "world"')
+        kind = "frame_jacobian_local" if axes == "frame" else "frame_jacobian_aligned"
         return self.answer(f"{kind}:{frame}", {"q": q}, parameters)
 
     def forward_dynamics_derivatives(
@@ -125,7 +147,7 @@ class Compiled:
         return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
 
     def certificate(self, name: str) -> Certificate:
-        """The certificate of a function, such as "forward_dynamics" or "frame_position:tip"; made if there is none."""
+        """The certificate of a function, such as "forward_dynamics" or "frame_pose:tip"; made if there is none."""
         return self._kernel(name, ())[1]
 
     @property
@@ -147,13 +169,19 @@ class Compiled:
     def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
         """The kernel of a function, built and certified, or read from the cache and checked again on its states."""
         key = (name, *frames)
-        found = self._kernels.get(key)
-        if found is not None:
-            return found
+        made = self._kernels.get(key)
+        if made is not None:
+            return made
         with self._lock:
+            if key in self._refused:
+                raise self._refused[key]
             if key not in self._kernels:
                 start = time.perf_counter()
-                self._kernels[key] = self._read(name, frames) or self._build(name, frames)
+                try:
+                    self._kernels[key] = self._read(name, frames) or self._build(name, frames)
+                except CertificationError as error:
+                    self._refused[key] = error
+                    raise
                 self.compile_seconds += time.perf_counter() - start
             return self._kernels[key]
 
@@ -171,9 +199,11 @@ class Compiled:
         return kernel, certificate
 
     def _build(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
+        start = time.perf_counter()
         made = function(self.robot.model, name, self._forces(frames))
         kernel = build(self.robot.model, made, self.parameters)
         certificate = certify(self.robot.model, made, kernel, self.parameters)
+        _log.info("compiled %s of %s in %.2f s", name, self.robot.name, time.perf_counter() - start)
         cache.store(self._file(name, frames), (kernel, certificate))
         return kernel, certificate
 
@@ -183,78 +213,72 @@ class Compiled:
     def answer(
         self,
         name: str,
-        given: dict[str, ArrayLike],
+        arguments: Mapping[str, ArrayLike],
         parameters: Parameters | None = None,
         f_ext: FExt | None = None,
     ) -> Array:
-        """Any function by its name, such as "bias" or "frame_position:tip", of its arguments by name."""
-        forces = self._own_axes(f_ext, given["q"]) if f_ext else {}
-        kernel, _ = self._kernel(name, tuple(forces))
-        forces = {f"f_ext:{frame}": value for frame, value in forces.items()}
-        sizes = dict(zip((*given, *forces, *self.parameters), kernel.sizes, strict=True))
-        arrays = {k: shaped(k, value, sizes[k]) for k, value in {**given, **forces}.items()}
+        """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
+        wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
+        kernel, _ = self._kernel(name, tuple(wrenches))
+        forces = {f"f_ext:{frame}": value for frame, value in wrenches.items()}
+        sizes = dict(zip((*arguments, *forces, *self.parameters), kernel.sizes, strict=True))
+        arrays = {k: shaped(k, value, sizes[k]) for k, value in {**arguments, **forces}.items()}
         arrays |= self._parameter_arrays(parameters)
         batch = batch_shape(**arrays)
         result = kernel([columns_or_rows(a, batch) for a in arrays.values()])
         if result is None:
-            return self._slowly(name, arrays)
+            return self._by_pinocchio(name, arguments, wrenches, arrays)
         return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
 
-    def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, ArrayLike]:
+    def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, Array]:
         """Wrenches by frame, turned into the frames' own axes."""
-        out: dict[str, ArrayLike] = {}
-        for frame, given in f_ext.items():
-            wrench = given if isinstance(given, Wrench) else Wrench(given)
+        out: dict[str, Array] = {}
+        for frame, entry in f_ext.items():
+            wrench = entry if isinstance(entry, Wrench) else Wrench(entry)
             value = array(f"f_ext[{frame!r}]", wrench.value, 6)
             if wrench.axes == "world":
                 turn = np.swapaxes(self.frame_rotation(frame, q), -1, -2)
                 parts = [(turn @ value[..., i : i + 3, None])[..., 0] for i in (0, 3)]
                 value = np.concatenate(parts, axis=-1)
-            frame_pose(self.robot.model, frame)
             out[frame] = value
         return out
 
     def _parameter_arrays(self, parameters: Parameters | None) -> dict[str, Array]:
-        given = dict(parameters or {})
-        for name in given:
+        values = dict(parameters or {})
+        for name in values:
             if name not in self.parameters:
-                raise QueryError(
-                    f"{name!r} is not kept as a parameter",
-                    where="parameters",
-                    remedy=nearest(name, self.parameters)
-                    if self.parameters
-                    else f"robot.compiled(parameters=[{name!r}])",
-                )
+                remedy = f"robot.compiled(parameters=[{name!r}])"
+                remedy = nearest(name, self.parameters) if self.parameters else remedy
+                raise QueryError(f"{name!r} is not kept as a parameter", argument="parameters", remedy=remedy)
         arrays = {}
         for name in self.parameters:
-            value = np.asarray(given.get(name, nominal(self.robot.model, name)))
+            value = np.asarray(values.get(name, nominal(self.robot.model, name)))
             arrays[name] = array(f"parameters[{name!r}]", value[..., None], 1)
         return arrays
 
-    def _slowly(self, name: str, arrays: dict[str, Array]) -> Array:
-        """What the guard found: an argument to refuse, or angles beyond our sine, which Pinocchio answers."""
+    def _by_pinocchio(
+        self, name: str, arguments: Mapping[str, ArrayLike], wrenches: dict[str, Array], arrays: dict[str, Array]
+    ) -> Array:
+        """The answer where the guard failed: an argument is refused, or angles are beyond the reach of `sin_cos`."""
         robot = self.robot
         for key, value in arrays.items():
             size = value.shape[-1]
             configuration(key, value, size, robot.joints) if key == "q" else array(key, value, size)
-        if self.parameters or name not in _BY_PINOCCHIO:
+        if self.parameters:
             raise QueryError(
                 f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad",
                 where=f"compiled {name}",
                 remedy="wrap the angles, or check the values",
+                code="not-finite",
             )
-        values = [a for k, a in arrays.items() if k in ("q", "v", "tau", "a")]
-        wrenches = {k.removeprefix("f_ext:"): a for k, a in arrays.items() if k.startswith("f_ext:")}
-        options: dict[str, Any] = {"f_ext": wrenches} if wrenches else {}
-        options["engine"] = "pinocchio"
-        if name == "forward_dynamics":
-            options["method"] = "crba" if robot.has_mimic else "aba"
-        answer = getattr(robot, name)(*values, **options)
-        return np.stack(answer, axis=-1) if name == "energy" else np.asarray(answer)
+        kind, _, frame = name.partition(":")
+        query = pinocchio_queries.query_of(robot, kind, frame)
+        method = "crba" if kind == "forward_dynamics" and robot.has_mimic else ""
+        return pinocchio_queries.answer(robot, query, tuple(arguments.values()), wrenches or None, method)
 
 
 def shaped(name: str, value: ArrayLike, size: int) -> Array:
-    """`value` as float64 of shape (..., size); its entries are the guard's business."""
+    """`value` as float64 of shape (..., size); the kernel's guard checks its entries."""
     if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.ndim and value.shape[-1] == size:
         return value
     return array(name, value, size)

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms import sincos
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Expressions
 from twolink.algorithms.operation_count import Tape
+from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics.arguments import UNIT_TOLERANCE
-from twolink.dynamics.forks import is_forked_child
-from twolink.dynamics.threads import thread_count
+from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
@@ -200,7 +200,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     arguments: dict[str, Sequence[Any]] = {first[0]: variables}
     arguments.update({name: [module.par[next(index)] for _ in range(size)] for name, size in others})
     constants = {name: module.par[next(index)] for name in parameters}
-    traced = sincos.Traced(module)
+    traced = Expressions(module, own_sine=True)
     entries = function.variants[variant](mechanism(model, constants), dict(arguments), traced)
     outputs = [traced.lift(e) for e in entries]
     inputs = [x for values in arguments.values() for x in values] + list(constants.values())
@@ -216,7 +216,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
 def _guard(module: Any, model: pin.Model, inputs: list[Any], outputs: list[Any], reach: list[Any], q: list[Any]) -> Any:
     """Finite if and only if all is well: the sum of everything, or NaN where a condition fails."""
     total = module.sum([*inputs, *outputs])
-    conditions = [(module.sum(reach), sincos.LIMIT**2)] if reach else []
+    conditions = [(module.sum(reach), LIMIT**2)] if reach else []
     for joint in joint_layouts(model):
         if joint.unit is not None:
             defect = module.sum([x * x for x in q[joint.unit]]) - 1.0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
+import html
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import warnings
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any, Literal
 
@@ -13,49 +13,82 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.dynamics import pinocchio_batches as reference
-from twolink.dynamics.arguments import UNIT_TOLERANCE, array, batch_shape, configuration, rows
+from twolink.algorithms.functions import frame_names
+from twolink.dynamics import configurations, pinocchio_queries
+from twolink.dynamics.arguments import UNIT_TOLERANCE
 from twolink.dynamics.compiled import Compiled
-from twolink.dynamics.engine import SMALLEST, Choice
+from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.kernels import heyoka
-from twolink.dynamics.wrench import Applied, FExt, read_wrenches
-from twolink.errors import QueryError, nearest
+from twolink.dynamics.pinocchio_queries import Array, Query
+from twolink.dynamics.wrench import FExt
+from twolink.errors import CertificationError, QueryError, nearest
 from twolink.robots.load import Lock, load_model
-from twolink.robots.model import RobotModel
+from twolink.robots.load_report import LoadReport
+from twolink.robots.model import RobotModel, Visuals
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
 Engine = Literal["auto", "pinocchio", "compiled"]
-ENGINES = ("auto", "pinocchio", "compiled")
-DIRECT = ENGINES[:2]  # those that let Pinocchio answer a single state
+Axes = Literal["aligned", "local"]
+_BY_PINOCCHIO = ("auto", "pinocchio")  # the engines that let Pinocchio answer a single state
 _FLOAT = np.dtype(np.float64)
 
 
-def _total(x: Any) -> float:
-    """The sum of the entries, as plain floats: not finite if any entry is not, and without NumPy's overhead.
-
-    It may also overflow where no entry does (above 1e307); the caller then takes the slow path, which looks at each.
-    """
-    return float(sum(x.tolist()))
-
-
 class Robot(RobotModel):
-    """A robot and its equations of motion, M(q) a + h(q, v) = tau + J^T f_ext, answered by Pinocchio.
+    """A robot and its equations of motion, M(q) a + h(q, v) = tau + J^T f_ext.
 
-    Every query takes arrays, lists or batches: q is (..., nq), v, a and tau are (..., nv); leading axes broadcast,
-    and results have the broadcast batch shape. SI units, radians, Pinocchio's conventions: quaternions are
-    (x, y, z, w), a free root's velocity is in its own frame, linear part first.
+    Queries take arrays or lists: q is (..., nq); v, a and tau are (..., nv). Leading axes broadcast, and results have
+    the broadcast batch shape. SI units, radians, Pinocchio's conventions: quaternions are (x, y, z, w), the velocity
+    of a free root is in its own frame, spatial vectors are linear then angular.
 
-    A Robot may be used from many threads at once. Queries raise QueryError, which names the argument, what was
-    expected and what was given; they never return a number that is not finite.
+    Pinocchio answers single states and small batches; compiled functions, certified against Pinocchio, answer large
+    batches (`engine`: "auto" chooses by the query, nv and the number of states; "pinocchio" and "compiled" decide).
+
+    A Robot may be used from many threads at once.
+
+    Parameters
+    ----------
+    name : str
+        The robot's name.
+    model : pin.Model
+        The checked model. It is shared and must not be changed.
+    report : LoadReport
+        What loading read, ignored, repaired and assumed.
+    visuals : Visuals
+        What is needed to draw the robot.
+
+    Raises
+    ------
+    QueryError
+        By every query, for an argument that it cannot use or a result that is not finite. The error names the argument,
+        what was expected and what came.
     """
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
+        super().__init__(name, model, report, visuals)
         self._compiled: dict[tuple[str, ...], Compiled] = {}
-        self._choice: Choice | None = None
+        self._queries: dict[tuple[str, str], Query] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_compiled": {}, "_choice": None}
+        return {**super().__getstate__(), "_compiled": {}, "_queries": {}}
+
+    def __repr__(self) -> str:
+        facts = ", ".join(f"{name} {value}" for name, value in self._summary().items())
+        return f"<Robot {self.name!r}: {facts}>"
+
+    def _repr_html_(self) -> str:
+        cells = "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>" for k, v in self._summary().items())
+        return f"<table><caption>Robot {html.escape(self.name)}</caption>{cells}</table>"
+
+    def _summary(self) -> dict[str, str]:
+        shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")
+        remarks = len(self.report.ignored) + len(self.report.repaired) + len(self.report.assumed)
+        return {
+            "nq": str(self.nq),
+            "nv": str(self.nv),
+            "joints": f"{len(self.joint_names)} ({shown})",
+            "mass": f"{self.mass:.4g} kg",
+            "source": self.report.source,
+            "remarks": f"{remarks} (see .report)",
+        }
 
     def forward_dynamics(
         self,
@@ -66,113 +99,318 @@ class Robot(RobotModel):
         method: Literal["aba", "crba"] = "aba",
         engine: Engine = "auto",
     ) -> Array:
-        """Accelerations a = M(q)^-1 (tau - h(q, v) + J^T f_ext), (..., nv), rad/s^2 or m/s^2.
+        """Accelerations a = M(q)^-1 (tau - h(q, v) + J^T f_ext).
 
-        method: "aba", the articulated-body algorithm (Featherstone 2008, table 7.1), O(n); "crba", the mass matrix
-        by composite bodies (table 6.2), the bias by Newton-Euler, and a solve, O(n^3): a second way to the same answer.
-        f_ext: wrenches on the robot by frame name, (..., 6): force [N], torque [N m], at the frame's origin, along
-        the frame's own axes, or with `tl.Wrench(value, axes="world")` along the world's.
-        engine: "pinocchio", "compiled" (heyoka, certified against Pinocchio), or "auto": compiled for batches from
-        the size where it is faster.
+        Parameters
+        ----------
+        q, v, tau : array_like, (..., nq), (..., nv), (..., nv)
+            Configuration [rad, m], velocity [rad/s, m/s] and joint torque or force [N m, N].
+        f_ext : mapping of frame name to wrench, optional
+            Wrenches on the robot, (..., 6): force [N], torque [N m], at the frame's origin, along the frame's own
+            axes, or with `tl.Wrench(value, axes="world")` along the world's.
+        method : {"aba", "crba"}
+            "aba": the articulated-body algorithm, O(n). "crba": the mass matrix by composite bodies, the bias by
+            Newton-Euler, and a linear solve, O(n^3); an independent second way.
+        engine : {"auto", "pinocchio", "compiled"}
+            Who answers; see the class.
+
+        Returns
+        -------
+        ndarray, (..., nv)
+            Accelerations, rad/s^2 or m/s^2.
+
+        Raises
+        ------
+        QueryError
+            For arguments of a wrong shape or value, an unknown frame, or a result that is not finite.
+
+        References
+        ----------
+        Featherstone 2008, "Rigid Body Dynamics Algorithms", tables 7.1 and 6.2.
         """
-        if f_ext is None and method == "aba" and engine in DIRECT and not self.has_mimic and self._plain(q, v, tau):
-            a: Array = pin.aba(self.model, self.data, q, v, tau)
-            if isfinite(_total(q) + _total(v) + _total(tau) + _total(a)):
-                return a
-        if method == "aba" and self._compiles("forward_dynamics", engine, q, v, tau):
+        if method == "aba" and f_ext is None and not self.has_mimic:
+            return self._answer("forward_dynamics", engine, q, v, tau)
+        if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
             return self.compiled().forward_dynamics(q, v, tau, f_ext)
-        return self._forward(q, v, tau, f_ext, method)
+        pinocchio_queries.require_method(method, self.has_mimic)
+        query = self._query("forward_dynamics")
+        return pinocchio_queries.answer(self, query, (q, v, tau), f_ext, method)
 
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, engine: Engine = "auto"
     ) -> Array:
-        """Torques tau = M(q) a + h(q, v) - J^T f_ext, (..., nv), N m or N, by recursive Newton-Euler.
+        """Joint torques tau = M(q) a + h(q, v) - J^T f_ext, by the recursive Newton-Euler algorithm.
 
-        (Featherstone 2008, table 5.1.) f_ext as in `forward_dynamics`.
+        Parameters
+        ----------
+        q, v, a : array_like, (..., nq), (..., nv), (..., nv)
+            Configuration, velocity and acceleration.
+        f_ext : mapping of frame name to wrench, optional
+            As in `forward_dynamics`.
+        engine : {"auto", "pinocchio", "compiled"}
+            Who answers; see the class.
+
+        Returns
+        -------
+        ndarray, (..., nv)
+            Joint torques and forces, N m or N.
+
+        References
+        ----------
+        Featherstone 2008, table 5.1.
         """
-        if f_ext is None and engine in DIRECT and self._plain(q, v, a):
-            tau: Array = pin.rnea(self.model, self.data, q, v, a)
-            if isfinite(_total(q) + _total(v) + _total(a) + _total(tau)):
-                return tau
-        if self._compiles("inverse_dynamics", engine, q, v, a):
-            return self.compiled().inverse_dynamics(q, v, a, f_ext)
-        states, batch = self._states(q=q, v=v, a=a)
         if f_ext is None:
-            return self._finish(reference.rnea(self.model, self.data, *states.values()), batch, (self.nv,))
-        states, applied, batch = self._wrenches(f_ext, batch, states)
-        tau = reference.with_wrenches(pin.rnea, self.model, self.data, states["q"], states["v"], states["a"], applied)
-        return self._finish(tau, batch, (self.nv,))
+            return self._answer("inverse_dynamics", engine, q, v, a)
+        if self._is_compiled("inverse_dynamics", engine, q, v, a):
+            return self.compiled().inverse_dynamics(q, v, a, f_ext)
+        return pinocchio_queries.answer(self, self._query("inverse_dynamics"), (q, v, a), f_ext)
 
     def mass_matrix(self, q: ArrayLike, engine: Engine = "auto") -> Array:
-        """The joint-space inertia matrix M(q), (..., nv, nv), symmetric, by composite rigid bodies."""
-        algorithm = reference.crba if self.has_mimic else pin.crba
-        return self._map("mass_matrix", engine, algorithm, (self.nv, self.nv), q)
+        """The joint-space inertia matrix M(q), (..., nv, nv), symmetric.
+
+        Notes
+        -----
+        By composite rigid bodies (Featherstone 2008, table 6.2); with mimic joints column by column from the
+        Newton-Euler algorithm.
+        """
+        return self._answer("mass_matrix", engine, q)
 
     def bias(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> Array:
-        """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero."""
-        return self._map("bias", engine, pin.nonLinearEffects, (self.nv,), q, v)
+        """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero, N m or N."""
+        return self._answer("bias", engine, q, v)
 
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew."""
-        if self.has_mimic:  # Pinocchio 4.1 answers, with C v != h - g
-            raise QueryError("there is none for mimic joints", where="coriolis", remedy="use bias - gravity_torque")
-        return self._map("coriolis", "pinocchio", pin.computeCoriolisMatrix, (self.nv, self.nv), q, v)
+        """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew-symmetric.
+
+        Raises
+        ------
+        QueryError
+            With mimic joints, for which Pinocchio has none.
+        """
+        return self._answer("coriolis", "pinocchio", q, v)
 
     def gravity_torque(self, q: ArrayLike, engine: Engine = "auto") -> Array:
-        """g(q), (..., nv): the torques that hold the robot still against gravity."""
-        return self._map("gravity_torque", engine, pin.computeGeneralizedGravity, (self.nv,), q)
+        """g(q), (..., nv): the torques that hold the robot at rest against gravity, N m or N."""
+        return self._answer("gravity_torque", engine, q)
 
     def energy(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> tuple[Array, Array]:
-        """(kinetic v^T M v / 2, potential -sum m g . c), (...,) each, J. Potential is 0 at the world's origin."""
-        both = self._map("energy", engine, self._energies, (2,), q, v)
+        """(kinetic v^T M v / 2, potential -sum m g . c), (...,) each, J. The potential is 0 at the world's origin."""
+        both = self._answer("energy", engine, q, v)
         return both[..., 0], both[..., 1]
 
-    def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
-        """The same queries as compiled functions, and more: see `Compiled`. Batches use it by themselves.
+    def centre_of_mass(self, q: ArrayLike) -> Array:
+        """The centre of mass c = sum m_i c_i / sum m_i of all bodies that can move, (..., 3), m, in the world.
 
-        parameters: physical constants to keep as run-time inputs, such as ["forearm.mass", "gravity.z"]. Functions
-        are compiled when first called. Raises MissingExtraError without heyoka, QueryError for an unknown parameter.
+        Links that are fixed to the world do not count.
+        """
+        return self._answer("centre_of_mass", "pinocchio", q)
+
+    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """The robot's momentum (p, L), (..., 6), along the world's axes, L about the centre of mass c.
+
+        p = sum m_i c_i' [kg m/s]; L = sum (c_i - c) x m_i c_i' + I_i w_i [kg m^2/s]. The angular momentum about the
+        world's origin is L + c x p.
+
+        Parameters
+        ----------
+        q, v : array_like, (..., nq), (..., nv)
+            Configuration and velocity.
+
+        Returns
+        -------
+        ndarray, (..., 6)
+            Linear momentum, then angular momentum.
+
+        References
+        ----------
+        Orin, Goswami and Lee 2013, "Centroidal dynamics of a humanoid robot", Autonomous Robots 35.
+        """
+        return self._answer("momentum", "pinocchio", q, v)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """The frames by name: one at the origin of each link, also of links that are fixed to others."""
+        return frame_names(self.model)
+
+    def frame_pose(self, q: ArrayLike, frame: str, engine: Engine = "auto") -> tuple[Array, Array]:
+        """Pose of a frame in the world: x_world = R x_frame + p.
+
+        Parameters
+        ----------
+        q : array_like, (..., nq)
+            Configuration.
+        frame : str
+            One of `frame_names`.
+        engine : {"auto", "pinocchio", "compiled"}
+            Who answers; see the class.
+
+        Returns
+        -------
+        R : ndarray, (..., 3, 3)
+            Rotation matrix.
+        p : ndarray, (..., 3)
+            The frame's origin, m.
+
+        Raises
+        ------
+        QueryError
+            Code "unknown-frame"; the remedy is the nearest right name.
+        """
+        pose = self._answer("frame_pose", engine, q, frame=frame)
+        return pose[..., :9].reshape(*pose.shape[:-1], 3, 3), pose[..., 9:]
+
+    def frame_velocity(self, q: ArrayLike, v: ArrayLike, frame: str, axes: Axes = "aligned") -> Array:
+        """Velocity of a frame: of its origin [m/s], then its angular velocity [rad/s], (..., 6).
+
+        axes: "aligned" with the world's axes, or "local", along the frame's own. See `frame_pose`.
+        """
+        return self._answer(f"frame_velocity_{_axes(axes)}", "pinocchio", q, v, frame=frame)
+
+    def frame_jacobian(self, q: ArrayLike, frame: str, axes: Axes = "aligned", engine: Engine = "auto") -> Array:
+        """The Jacobian J(q) of a frame, (..., 6, nv): J v is the frame's velocity, linear then angular.
+
+        Parameters
+        ----------
+        q : array_like, (..., nq)
+            Configuration.
+        frame : str
+            One of `frame_names`.
+        axes : {"aligned", "local"}
+            "aligned" with the world's axes (Pinocchio's LOCAL_WORLD_ALIGNED), or "local", along the frame's own
+            (LOCAL). The velocity is that of the frame's origin in both.
+        engine : {"auto", "pinocchio", "compiled"}
+            Who answers; see the class.
+
+        Returns
+        -------
+        ndarray, (..., 6, nv)
+            Three rows for the linear velocity, three for the angular velocity.
+        """
+        return self._answer(f"frame_jacobian_{_axes(axes)}", engine, q, frame=frame)
+
+    def forward_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives (da/dq, da/dv, da/dtau) of the forward dynamics, (..., nv, nv) each.
+
+        Column k of da/dq is the derivative along the k-th direction of the tangent space, as v is:
+        q + dq means `integrate(q, dq)`. da/dtau = M^-1.
+
+        Parameters
+        ----------
+        q, v, tau : array_like, (..., nq), (..., nv), (..., nv)
+            Configuration, velocity and joint torque.
+        engine : {"auto", "pinocchio", "compiled"}
+            Who answers; see the class.
+
+        Returns
+        -------
+        da_dq, da_dv, da_dtau : ndarray, (..., nv, nv)
+            Entry [i, k] is the derivative of a_i along direction k.
+
+        Raises
+        ------
+        QueryError
+            With mimic joints (code "mimic-joints").
+
+        References
+        ----------
+        Carpentier and Mansard 2018, "Analytical derivatives of rigid body dynamics algorithms".
+        """
+        matrices = self._answer("forward_dynamics_derivatives", engine, q, v, tau)
+        return matrices[..., 0, :, :], matrices[..., 1, :, :], matrices[..., 2, :, :]
+
+    def inverse_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, engine: Engine = "auto"
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives (dtau/dq, dtau/dv, dtau/da = M) of the inverse dynamics, (..., nv, nv) each.
+
+        Directions, errors and source as in `forward_dynamics_derivatives`.
+        """
+        matrices = self._answer("inverse_dynamics_derivatives", engine, q, v, a)
+        return matrices[..., 0, :, :], matrices[..., 1, :, :], matrices[..., 2, :, :]
+
+    def difference(self, q0: ArrayLike, q1: ArrayLike) -> Array:
+        """The tangent vector from q0 to q1, (..., nv): integrate(q0, difference(q0, q1)) = q1.
+
+        It is accurate for configurations that are close together, too. Angles of continuous, planar, spherical and
+        free joints are the shortest, at most pi; those of revolute joints are plain differences.
+        """
+        return configurations.difference(self, q0, q1)
+
+    def integrate(self, q: ArrayLike, dv: ArrayLike) -> Array:
+        """The configuration (..., nq) reached from q by the constant velocity dv (..., nv) in unit time.
+
+        It is the exponential map of each joint; quaternions and (cos, sin) pairs keep length 1.
+        """
+        return configurations.integrate(self, q, dv)
+
+    def random_state(self, n: int, seed: int = 0) -> tuple[Array, Array]:
+        """Random states (q (n, nq), v (n, nv)), the same for the same seed.
+
+        Joint positions are uniform within their limits (within an interval of 2 pi, [-pi, pi] if it is allowed, where
+        the limits are wider), orientations are uniform, and velocities are uniform within [-1, 1] rad/s or m/s.
+        """
+        return configurations.random_state(self, n, seed)
+
+    def compiled(self, parameters: Sequence[str] = ()) -> Compiled:
+        """The same queries as compiled functions; see `Compiled`.
+
+        Parameters
+        ----------
+        parameters : sequence of str, optional
+            Physical constants to keep as run-time inputs, such as ["forearm.mass", "gravity.z"].
+
+        Raises
+        ------
+        MissingExtraError
+            Without heyoka.
+        QueryError
+            For an unknown parameter.
         """
         key = tuple(parameters)
-        found = self._compiled.get(key)
-        return found if found is not None else self._compiled.setdefault(key, Compiled(self, key))
+        made = self._compiled.get(key)
+        return made if made is not None else self._compiled.setdefault(key, Compiled(self, key))
 
-    def _compiles(self, name: str, engine: str, *arguments: Any) -> bool:
-        """Whether the compiled function answers: when told to, or for batches of arrays where it pays."""
+    def _answer(self, name: str, engine: str, *arguments: Any, frame: str = "") -> Array:
+        """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
+        query = self._queries.get((name, frame)) or self._query(name, frame)
+        if engine in _BY_PINOCCHIO and self._is_single_state(*arguments):
+            result = query.one(self.model, self.data, *arguments)
+            flat = result.ravel("K")
+            if isfinite(sum(map(_total, arguments)) + (_total(flat) if len(flat) < 32 else flat.dot(flat))):
+                return result
+        if self._is_compiled(query.name, engine, *arguments):
+            return self.compiled().answer(query.name, dict(zip(query.arguments, arguments, strict=True)))
+        return pinocchio_queries.answer(self, query, arguments)
+
+    def _query(self, name: str, frame: str = "") -> Query:
+        return self._queries.setdefault((name, frame), pinocchio_queries.query_of(self, name, frame))
+
+    def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
+        """Whether the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
         if engine == "auto":
             arrays = [x for x in arguments if isinstance(x, np.ndarray) and x.ndim and x.size]
             count = max([x.size // x.shape[-1] for x in arrays], default=1)
-            if count < SMALLEST or heyoka() is None:
+            if count < compiled_from(name, self.nv) or heyoka() is None:
                 return False
-            if self._choice is None:
-                self._choice = Choice(self.compiled())
-
-            def by_pinocchio(*states: Array) -> Any:
-                return getattr(self, name)(*states, engine="pinocchio")
-
-            return self._choice.compiled_pays(name, count, by_pinocchio)
+            try:
+                self.compiled().certificate(name)
+            except CertificationError as error:
+                warnings.warn(f"{error}", RuntimeWarning, stacklevel=4)
+                return False
+            return True
         if engine not in ENGINES:
-            raise QueryError(f"{engine!r} is unknown", where="engine", remedy=nearest(str(engine), ENGINES))
+            raise QueryError(f"{engine!r} is unknown", argument="engine", remedy=nearest(str(engine), ENGINES))
         return engine == "compiled"
 
-    def _energies(self, model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
-        if not self.has_mimic:
-            kinetic = pin.computeKineticEnergy(model, data, q, v)
-            return np.array([kinetic, pin.computePotentialEnergy(model, data, q)])
-        pin.forwardKinematics(model, data, q)  # Pinocchio's own energies refuse mimic joints
-        bodies = range(1, model.njoints)  # what is fixed to the world counts for nothing, as in Pinocchio
-        moment = sum(model.inertias[j].mass * data.oMi[j].act(model.inertias[j].lever) for j in bodies)
-        return np.array([v @ reference.crba(model, data, q) @ v / 2, -(model.gravity.linear @ moment)])
-
-    def _plain(self, q: Any, v: Any, w: Any) -> bool:
-        """Whether the arguments are one state as float64 arrays, so that Pinocchio can be called straight away."""
-        if not (
-            type(q) is type(v) is type(w) is np.ndarray
-            and q.shape == self._q_shape
-            and v.shape == w.shape == self._v_shape
-            and q.dtype is v.dtype is w.dtype is _FLOAT
-        ):
+    def _is_single_state(self, q: Any, *others: Any) -> bool:
+        """Whether the arguments are one state as float64 arrays, which Pinocchio can take as they are."""
+        if type(q) is not np.ndarray or q.shape != self._q_shape or q.dtype is not _FLOAT:
             return False
+        for x in others:
+            if type(x) is not np.ndarray or x.shape != self._v_shape or x.dtype is not _FLOAT:
+                return False
         if self._unit_entries:
             x = q.tolist()  # plain floats: five times faster than slicing arrays of two
             for i, j, k, m in self._unit_entries:
@@ -181,89 +419,20 @@ class Robot(RobotModel):
                     return False
         return True
 
-    def _states(self, q: ArrayLike, **others: ArrayLike) -> tuple[dict[str, Array], tuple[int, ...]]:
-        """All arguments checked, broadcast and flattened to rows, and the batch shape."""
-        states = {"q": configuration("q", q, self.nq, self.joints)}
-        states.update({name: array(name, value, self.nv) for name, value in others.items()})
-        batch = batch_shape(**states)
-        return {name: rows(value, batch) for name, value in states.items()}, batch
 
-    def _wrenches(
-        self, f_ext: FExt, batch: tuple[int, ...], states: dict[str, Array]
-    ) -> tuple[dict[str, Array], list[Applied], tuple[int, ...]]:
-        """States and wrenches as rows of their common batch."""
-        applied = read_wrenches(self.model, f_ext)
-        shaped = {name: value.reshape(*batch, value.shape[-1]) for name, value in states.items()}
-        whole = batch_shape(**shaped, **{f"f_ext[{i}]": w.value for i, w in enumerate(applied)})
-        wide = {name: rows(value, whole) for name, value in shaped.items()}
-        return wide, [replace(w, value=rows(w.value, whole)) for w in applied], whole
+def _total(x: Array) -> float:
+    """The sum of the entries by plain floats, without NumPy's overhead: not finite if any entry is not.
 
-    def _forward(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, f_ext: FExt | None, method: str) -> Array:
-        if method not in ("aba", "crba"):
-            raise QueryError(f"{method!r} is unknown", argument="method", remedy=nearest(str(method), ("aba", "crba")))
-        if method == "aba" and self.has_mimic:
-            raise QueryError('"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"')
-        states, batch = self._states(q=q, v=v, tau=tau)
-        if method == "crba":
-            return self._forward_by_matrix(states, batch, f_ext)
-        if f_ext is None:
-            return self._finish(reference.aba(self.model, self.data, *states.values()), batch, (self.nv,))
-        states, applied, batch = self._wrenches(f_ext, batch, states)
-        a = reference.with_wrenches(pin.aba, self.model, self.data, states["q"], states["v"], states["tau"], applied)
-        return self._finish(a, batch, (self.nv,))
+    It may overflow where no entry does (above 1e307); the caller then takes the path that looks at each entry.
+    """
+    return float(sum(x.tolist()))
 
-    def _forward_by_matrix(self, states: dict[str, Array], batch: tuple[int, ...], f_ext: FExt | None) -> Array:
-        applied: list[Applied] = []
-        if f_ext is not None:
-            states, applied, batch = self._wrenches(f_ext, batch, states)
-        q, v, tau = states.values()
-        still = np.zeros_like(v)
-        bias = (
-            reference.with_wrenches(pin.rnea, self.model, self.data, q, v, still, applied)
-            if applied
-            else reference.rnea(self.model, self.data, q, v, still)
-        )
-        inertia = self.mass_matrix(q)
-        try:
-            a = np.linalg.solve(inertia, (tau - bias)[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            raise QueryError(
-                "the mass matrix is singular there", where="q", remedy="change the configuration"
-            ) from None
-        return self._finish(a, batch, (self.nv,))
 
-    def _map(
-        self, name: str, engine: str, algorithm: Callable[..., Array], shape: tuple[int, ...], q: Any, *velocity: Any
-    ) -> Array:
-        """A query of q, or of q and v: one state at once, batches compiled where it pays, or state by state."""
-        v = velocity[0] if velocity else self._zero
-        if engine in DIRECT and self._plain(q, v, v):
-            result = algorithm(self.model, self.data, q, *velocity)
-            # A mass matrix is positive definite: its diagonal bounds the rest.
-            shown = result.diagonal() if name == "mass_matrix" else result.reshape(-1)
-            if isfinite(_total(q) + _total(v) + _total(shown)):
-                return result
-        if self._compiles(name, engine, q, *velocity):
-            return self.compiled().answer(name, {"q": q, **({"v": v} if velocity else {})})
-        states, batch = self._states(q, **({"v": v} if velocity else {}))
-        columns = list(states.values())
-
-        def answer(i: int) -> Array:
-            return algorithm(self.model, self.data, *(c[i] for c in columns))
-
-        return self._finish(reference.each(answer, len(columns[0]), shape), batch, shape)
-
-    def _finish(self, result: Array, batch: tuple[int, ...], shape: tuple[int, ...]) -> Array:
-        """The result in its batch shape, refused unless it is finite."""
-        if not np.isfinite(result).all():
-            row = int(np.argwhere(~np.isfinite(result.reshape(math.prod(batch), *shape)))[0][0])
-            state = f" for state {row} of the batch" if batch else ""
-            raise QueryError(
-                f"the result is not finite{state}",
-                where=f"robot {self.name!r}",
-                remedy="the values overflow, or the mass matrix is singular there",
-            )
-        return result if result.shape[: -len(shape)] == batch else result.reshape(*batch, *shape)
+def _axes(axes: str) -> str:
+    if axes not in ("aligned", "local"):
+        remedy = nearest(str(axes), ("aligned", "local"))
+        raise QueryError(f"{axes!r} is unknown", argument="axes", remedy=remedy)
+    return axes
 
 
 def load_robot(
@@ -276,18 +445,33 @@ def load_robot(
     mimic: bool = False,
     unphysical: Literal["refuse", "report"] = "refuse",
 ) -> Robot:
-    """Load a robot; it is refused or reported on, never taken silently.
+    """Load and check a robot. `robot.report` says what was read, ignored, repaired and assumed.
 
-    source: a name (`twolink robots` lists them), a path, or the text of a URDF.
-    package_dirs: folders that package://... in mesh names counts from.
-    root: "fixed" to the world, or "free" (a floating base: 7 more entries in q, 6 in v).
-    lock: joints to hold still, with their configuration in rad or m; they become fixed.
-    gravity: the field in m/s^2, in the world's axes.
-    mimic: couple mimic joints (then use method="crba"); otherwise they move on their own, and the report says so.
-    unphysical: "refuse" bodies with inertias no real body has, or "report" and take them as they are.
+    Parameters
+    ----------
+    source : str or path
+        A name (`twolink robots` lists them), a path, or the text of a URDF.
+    package_dirs : sequence of paths, optional
+        Folders that package://... in mesh names counts from.
+    root : {"fixed", "free"}
+        "fixed" to the world, or "free": a floating base with 7 more entries in q and 6 in v.
+    lock : mapping of joint name to configuration, optional
+        Joints to hold still, with their configuration in rad or m; they become fixed.
+    gravity : sequence of float, (3,)
+        The gravity field in m/s^2, along the world's axes.
+    mimic : bool
+        Couple mimic joints (then use method="crba"). Otherwise they move on their own, and the report says so.
+    unphysical : {"refuse", "report"}
+        Refuse bodies with inertias that no real body has, or report them and take them as they are.
 
-    Raises RobotError that names the file, line, link or joint, the value, and the remedy. `robot.report` says what
-    was read, ignored, repaired and assumed.
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    RobotError
+        Names the file, line, link or joint, the value, and the remedy.
     """
     return load_model(
         Robot,

@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from twolink.algorithms.functions import frame_index
 from twolink.dynamics.arguments import array
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError
 
 Axes = Literal["frame", "world"]
 
@@ -51,18 +52,15 @@ def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
             remedy='such as {"tip": [fx, fy, fz, tx, ty, tz]}',
         )
     applied = []
-    names = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-    for name, given in f_ext.items():
-        if name not in names:
-            raise QueryError(f"there is no frame {name!r}", argument="f_ext", remedy=nearest(str(name), names))
-        wrench = given if isinstance(given, Wrench) else Wrench(given)
+    for name, value in f_ext.items():
+        frame = model.frames[frame_index(model, name, "f_ext")]
+        wrench = value if isinstance(value, Wrench) else Wrench(value)
         if wrench.axes not in ("frame", "world"):
             raise QueryError(
                 f"axes {wrench.axes!r} is unknown", argument=f"f_ext[{name!r}]", remedy='"frame" or "world"'
             )
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        value = array(f"f_ext[{name!r}]", wrench.value, 6)
-        applied.append(Applied(frame.parentJoint, frame.placement, value, wrench.axes))
+        entries = array(f"f_ext[{name!r}]", wrench.value, 6)
+        applied.append(Applied(frame.parentJoint, frame.placement, entries, wrench.axes))
     return applied
 
 

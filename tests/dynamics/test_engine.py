@@ -1,0 +1,96 @@
+"""The engine rule: the same call gives the same bits, whatever was asked before, in every process."""
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.dynamics.states import close, states
+from twolink.dynamics.engine import compiled_from
+from twolink.errors import QueryError
+
+pytest.importorskip("heyoka")
+QUERIES = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias", "gravity_torque", "energy")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(autouse=True)
+def own_cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TWOLINK_CACHE", str(folder))
+
+
+def arguments(robot: tl.Robot, query: str, n: int) -> list[np.ndarray]:
+    q, v, w = (np.resize(x, (n, x.shape[1])) for x in states(robot, 50))
+    return [q, v, w][: {"mass_matrix": 1, "gravity_torque": 1, "bias": 2, "energy": 2}.get(query, 3)]
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_the_engine_changes_at_the_size_of_the_rule(query: str) -> None:
+    robot = tl.load_robot("two_link")
+    size = compiled_from(query, robot.nv)
+    states_ = arguments(robot, query, size)
+    ask = getattr(robot, query)
+    small = [x[: size - 1] for x in states_]
+    assert np.array_equal(ask(*small), ask(*small, engine="pinocchio"))
+    assert np.array_equal(ask(*states_), ask(*states_, engine="compiled"))
+    close(np.array(ask(*states_)), np.array(ask(*states_, engine="pinocchio")), 1e-11)
+
+
+def test_larger_robots_are_compiled_from_larger_batches() -> None:
+    assert all(np.diff([compiled_from("forward_dynamics", nv) for nv in (8, 16, 32, 64)]) > 0)
+    assert compiled_from("mass_matrix", 7) < compiled_from("inverse_dynamics", 7)
+    assert compiled_from("frame_pose:tip", 0) > 0
+
+
+def test_earlier_calls_do_not_change_the_bits() -> None:
+    robot = tl.load_robot("two_link")
+    q, v, w = arguments(robot, "forward_dynamics", 500)
+    first = robot.forward_dynamics(q, v, w)
+    size = compiled_from("forward_dynamics", robot.nv)
+    for _ in range(3):
+        robot.forward_dynamics(*arguments(robot, "forward_dynamics", size))
+        assert np.array_equal(robot.forward_dynamics(q, v, w), first)
+
+
+SCRIPT = """
+import hashlib, sys
+import numpy as np
+import twolink as tl
+robot = tl.load_robot("two_link")
+q, v = robot.random_state(int(sys.argv[1]))
+digest = hashlib.sha256()
+for n in map(int, sys.argv[2:]):
+    digest.update(np.ascontiguousarray(robot.forward_dynamics(q[:n], v[:n], v[:n])).tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_two_processes_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One with a kernel on disk and two threads, one with an empty cache and one thread, and this one."""
+    robot = tl.load_robot("two_link")
+    size = compiled_from("forward_dynamics", robot.nv)
+    sizes = (1, 5, 63, 64, 1_000, size - 1, size, size + 3)
+    q, v = robot.random_state(max(sizes))
+    digest = hashlib.sha256()
+    for n in sizes:
+        digest.update(np.ascontiguousarray(robot.forward_dynamics(q[:n], v[:n], v[:n])).tobytes())
+    for threads, cache in (("2", None), ("1", tmp_path)):
+        monkeypatch.setenv("TWOLINK_THREADS", threads)
+        if cache:
+            monkeypatch.setenv("TWOLINK_CACHE", str(cache))
+        command = [sys.executable, "-c", SCRIPT, *map(str, (max(sizes), *sizes))]
+        answer = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
+        assert answer.stdout.strip() == digest.hexdigest()
+
+
+def test_an_unknown_engine_is_refused() -> None:
+    with pytest.raises(QueryError, match="did you mean 'compiled'"):
+        tl.load_robot("two_link").bias(np.zeros((9, 2)), np.zeros(2), engine="compile")  # type: ignore[arg-type]

@@ -1,0 +1,172 @@
+"""Pinocchio's answers to the compiled functions for one state, each with the scale of its rounding errors.
+
+The scale is the size of the terms that are added, not of their sum, which may cancel. Where the mass matrix is solved
+with, the scale is carried through the inverse: this is where the condition number enters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class State:
+    """One state of a model: the arguments by name, and what several references need, computed when first used.
+
+    damped: the joints whose damping is a parameter; the others have no damping.
+    """
+
+    def __init__(self, model: pin.Model, arguments: Mapping[str, Array], damped: tuple[str, ...] = ()) -> None:
+        self.model, self.arguments = model, arguments
+        self.q, self.v = arguments["q"], arguments.get("v", np.zeros(model.nv))
+        self.damping = np.zeros(model.nv)
+        for joint in damped:
+            k = model.idx_vs[model.getJointId(joint)]
+            self.damping[k] = model.damping[k]
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """M(q) by columns of the Newton-Euler algorithm: Pinocchio's crba is wrong with mimic joints."""
+        if not any("Mimic" in joint.shortname() for joint in self.model.joints):
+            return np.asarray(pin.crba(self.model, self.model.createData(), self.q))
+        weightless, still = self.model.copy(), np.zeros(self.model.nv)
+        weightless.gravity.linear = np.zeros(3)
+        data = weightless.createData()
+        return np.stack([pin.rnea(weightless, data, self.q, still, unit) for unit in np.eye(len(still))], axis=-1)
+
+    @cached_property
+    def gravity_torque(self) -> Array:
+        return np.asarray(pin.computeGeneralizedGravity(self.model, self.model.createData(), self.q))
+
+    @cached_property
+    def bias(self) -> Array:
+        """h, with damping where that is a parameter."""
+        h = pin.nonLinearEffects(self.model, self.model.createData(), self.q, self.v)
+        return np.asarray(h + self.damping * self.v)
+
+    @cached_property
+    def reach(self) -> float:
+        """The largest coordinate of any joint, and a lever."""
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, self.q)
+        lever = max((float(np.abs(b.lever).max()) for b in self.model.inertias), default=0.0)
+        return max(float(np.abs(data.oMi[j].translation).max()) for j in range(self.model.njoints)) + lever
+
+    @cached_property
+    def weight(self) -> float:
+        """The largest torque on a joint, or energy, that weight can give: gravity's terms may cancel to much less."""
+        mass = float(sum(b.mass for b in self.model.inertias))
+        return mass * float(np.linalg.norm(self.model.gravity.linear)) * self.reach
+
+    @cached_property
+    def bias_terms(self) -> Array:
+        return np.abs(self.bias) + np.abs(self.bias - self.gravity_torque) + self.weight
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """J^T w of the wrenches among the arguments ("f_ext:FRAME"), by frame Jacobians."""
+        out, model = np.zeros(self.model.nv), self.model
+        for name, wrench in self.arguments.items():
+            if name.startswith("f_ext:"):
+                frame = model.getFrameId(name.removeprefix("f_ext:"), pin.FrameType.BODY)
+                out += pin.computeFrameJacobian(model, model.createData(), self.q, frame, pin.LOCAL).T @ wrench
+        return out
+
+    def torque_derivatives(self, a: Array) -> Array:
+        """(dtau/dq, dtau/dv, dtau/da) (3, nv, nv) at an acceleration."""
+        data = self.model.createData()  # the matrices are views into it
+        by_q, by_v, by_a = pin.computeRNEADerivatives(self.model, data, self.q, self.v, a)
+        upper = np.triu(by_a)
+        return np.stack([by_q, by_v + np.diag(self.damping), upper + np.triu(upper, 1).T])
+
+
+Scale = float | Array  # for all entries, or one for each
+Reference = Callable[[State], tuple[Array, Scale]]
+
+
+def mass_matrix(x: State) -> tuple[Array, float]:
+    return x.mass_matrix, float(np.abs(x.mass_matrix).max())
+
+
+def gravity_torque(x: State) -> tuple[Array, float]:
+    return x.gravity_torque, float(x.bias_terms.max())
+
+
+def bias(x: State) -> tuple[Array, float]:
+    return x.bias, float(x.bias_terms.max())
+
+
+def energy(x: State) -> tuple[Array, float]:
+    data = x.model.createData()
+    pin.forwardKinematics(x.model, data, x.q)
+    moment = np.zeros(3)
+    for joint in range(1, x.model.njoints):
+        moment += x.model.inertias[joint].mass * data.oMi[joint].act(x.model.inertias[joint].lever)
+    both = np.array([x.v @ x.mass_matrix @ x.v / 2, -(x.model.gravity.linear @ moment)])
+    return both, float(np.abs(both).max()) + x.weight
+
+
+def inverse_dynamics(x: State) -> tuple[Array, float]:
+    tau = np.asarray(pin.rnea(x.model, x.model.createData(), x.q, x.v, x.arguments["a"]))
+    return tau - x.wrenches + x.damping * x.v, float(_inverse_terms(x).max())
+
+
+def _inverse_terms(x: State) -> Array:
+    return x.bias_terms + np.abs(x.wrenches) + np.abs(x.mass_matrix) @ np.abs(x.arguments["a"])
+
+
+def inverse_derivatives(x: State) -> tuple[Array, float]:
+    expected = x.torque_derivatives(x.arguments["a"])
+    return expected, float(np.abs(expected).max() + _inverse_terms(x).max())
+
+
+def forward_dynamics(x: State) -> tuple[Array, float]:
+    _, a, scale = _solved(x)
+    if any("Mimic" in joint.shortname() for joint in x.model.joints):
+        return a, scale
+    tau = x.arguments["tau"] + x.wrenches - x.damping * x.v
+    return np.asarray(pin.aba(x.model, x.model.createData(), x.q, x.v, tau)), scale
+
+
+def _solved(x: State) -> tuple[Array, Array, float]:
+    """M^-1, the acceleration by it, and the scale of that."""
+    inverse = np.asarray(np.linalg.inv(x.mass_matrix), dtype=np.float64)
+    tau = x.arguments["tau"]
+    a = inverse @ (tau + x.wrenches - x.bias)
+    terms = x.bias_terms + np.abs(x.wrenches) + np.abs(tau) + np.abs(x.mass_matrix) @ np.abs(a)
+    return inverse, a, float((np.abs(inverse) @ terms).max())
+
+
+def forward_derivatives(x: State) -> tuple[Array, float]:
+    inverse, a, scale = _solved(x)
+    by_q, by_v, _ = x.torque_derivatives(a)
+    expected = np.stack([-inverse @ by_q, -inverse @ by_v, inverse])
+    terms = np.abs(by_q) + np.abs(by_v) + np.abs(x.mass_matrix) @ np.abs(expected).max(axis=0)
+    return expected, float((np.abs(inverse) @ terms).max() + np.abs(expected).max()) + scale
+
+
+def frame_pose(frame: int, x: State) -> tuple[Array, Scale]:
+    pose = _placed(x, frame)
+    scale = np.repeat([1.0, _distance(x, pose)], [9, 3])
+    return np.concatenate([pose.rotation.ravel(), pose.translation]), scale
+
+
+def frame_jacobian(axes: pin.ReferenceFrame, frame: int, x: State) -> tuple[Array, float]:
+    jacobian = pin.computeFrameJacobian(x.model, x.model.createData(), x.q, frame, axes)
+    return np.asarray(jacobian), 1.0 + _distance(x, _placed(x, frame))
+
+
+def _placed(x: State, frame: int) -> pin.SE3:
+    data = x.model.createData()
+    pin.framesForwardKinematics(x.model, data, x.q)
+    return pin.SE3(data.oMf[frame])
+
+
+def _distance(x: State, pose: pin.SE3) -> float:
+    return x.reach + float(np.abs(pose.translation).max()) + 1e-3

@@ -1,0 +1,258 @@
+"""Dynamics queries answered by Pinocchio: one state at a time, or rows of states.
+
+Each query is a frozen record with Pinocchio's algorithm for one state. `answer` checks the arguments, broadcasts the
+batch, calls the algorithm for every row, and refuses a result that is not finite.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from twolink.algorithms.functions import frame_index
+from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.threads import is_forked_child, thread_count
+from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
+from twolink.errors import QueryError, nearest
+from twolink.robots.model import RobotModel
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+PARALLEL_FROM = 64
+"""States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves
+(scripts/bench_queries.py). The choice depends on nothing else, since the parallel loops round differently."""
+
+_local = threading.local()
+
+
+@dataclass(frozen=True)
+class Query:
+    """A dynamics query as Pinocchio answers it.
+
+    arguments: their names, q first. shape: of the answer for one state, "nv" standing for the robot's nv.
+    one: the answer from (model, data, *arguments), and from the joint forces where the query takes wrenches.
+    parallel: Pinocchio's algorithm for columns of states, if there is one.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    shape: tuple[int | Literal["nv"], ...]
+    one: Callable[..., Array]
+    parallel: Callable[..., None] | None = None
+
+    def entries(self, nv: int) -> tuple[int, ...]:
+        """The shape of the answer for one state of a robot with nv degrees of freedom."""
+        return tuple(nv if n == "nv" else n for n in self.shape)
+
+
+def query_of(robot: RobotModel, name: str, frame: str = "") -> Query:
+    """The query of this name, for a frame where it is one of a frame. Raises QueryError for an unknown frame."""
+    if frame or name in _OF_FRAMES:
+        arguments, shape, algorithm = _OF_FRAMES[name]
+        index = frame_index(robot.model, frame)
+        return Query(f"{name}:{frame}", arguments, shape, partial(algorithm, index))
+    if not robot.has_mimic:
+        return _QUERIES[name]
+    one = _WITH_MIMIC.get(name, _QUERIES[name].one)
+    if one is None:
+        raise QueryError(
+            f"{name.replace('_', ' ')} is not available for mimic joints",
+            where="robot",
+            remedy=_INSTEAD_WITH_MIMIC.get(name, "load it with mimic=False"),
+            code="mimic-joints",
+        )
+    return replace(_QUERIES[name], one=one)
+
+
+def answer(
+    robot: RobotModel, query: Query, arguments: tuple[ArrayLike, ...], f_ext: FExt | None = None, method: str = ""
+) -> Array:
+    """The answer (..., *shape) for checked and broadcast arguments.
+
+    method: of forward dynamics, "crba" for the mass matrix, the bias and a linear solve.
+    """
+    states = {"q": configuration("q", arguments[0], robot.nq, robot.joints)}
+    states |= {name: array(name, x, robot.nv) for name, x in zip(query.arguments[1:], arguments[1:], strict=True)}
+    applied = read_wrenches(robot.model, f_ext) if f_ext is not None else []
+    batch = batch_shape(**states, **{f"f_ext[{i}]": w.value for i, w in enumerate(applied)})
+    columns = [rows(x, batch) for x in states.values()]
+    applied = [replace(w, value=rows(w.value, batch)) for w in applied]
+    if method == "crba":
+        result = _forward_by_matrix(robot, columns, applied)
+    else:
+        result = answer_rows(robot, query, columns, applied)
+    shape = query.entries(robot.nv)
+    return require_finite(result, batch, shape, robot.name).reshape(*batch, *shape)
+
+
+def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: list[Applied]) -> Array:
+    """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
+    count, model, data = len(states[0]), robot.model, robot.data
+    if query.parallel and not applied and count >= PARALLEL_FROM:
+        threads = 1 if is_forked_child() else thread_count()
+        columns = np.empty((model.nv, count), order="F")
+        query.parallel(threads, _pool(model, threads), *(x.T for x in states), columns)
+        return columns.T
+    out = np.empty((count, *query.entries(robot.nv)))
+    for i in range(count):
+        state = [x[i] for x in states]
+        if applied:
+            wrenches = [replace(w, value=w.value[i]) for w in applied]
+            state.append(joint_forces(model, data, states[0][i], wrenches))
+        out[i] = query.one(model, data, *state)
+    return out
+
+
+def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...], name: str) -> Array:
+    """The result; raises QueryError that names the first state whose answer is not finite."""
+    if not np.isfinite(result).all():
+        row = int(np.argwhere(~np.isfinite(result.reshape(math.prod(batch), *shape)))[0][0])
+        raise QueryError(
+            f"the result is not finite{f' for state {row} of the batch' if batch else ''}",
+            where=f"robot {name!r}",
+            remedy="the values overflow, or the mass matrix is singular there",
+            code="not-finite",
+        )
+    return result
+
+
+def require_method(method: str, has_mimic: bool) -> None:
+    """Raise QueryError unless forward dynamics has this method for the robot."""
+    if method not in ("aba", "crba"):
+        raise QueryError(f"{method!r} is unknown", argument="method", remedy=nearest(str(method), ("aba", "crba")))
+    if method == "aba" and has_mimic:
+        raise QueryError(
+            '"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"', code="mimic-joints"
+        )
+
+
+def _forward_by_matrix(robot: RobotModel, states: list[Array], applied: list[Applied]) -> Array:
+    """a (n, nv) from M(q) a = tau - h(q, v) + J^T f_ext."""
+    q, v, tau = states
+    bias = answer_rows(robot, query_of(robot, "inverse_dynamics"), [q, v, np.zeros_like(v)], applied)
+    inertia = answer_rows(robot, query_of(robot, "mass_matrix"), [q], [])
+    try:
+        return np.asarray(np.linalg.solve(inertia, (tau - bias)[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        what = "the mass matrix is singular there"
+        raise QueryError(what, argument="q", remedy="change the configuration", code="singular") from None
+
+
+def _pool(model: pin.Model, threads: int) -> pin.ModelPool:
+    """This thread's pool for the model: a pool serves one caller at a time."""
+    pools: dict[tuple[int, int], tuple[pin.Model, pin.ModelPool]] = _local.__dict__.setdefault("pools", {})
+    key = (id(model), threads)
+    if key not in pools or pools[key][0] is not model:
+        if len(pools) >= 8:
+            pools.clear()
+        pools[key] = (model, pin.ModelPool(model, threads))
+    return pools[key][1]
+
+
+# Algorithms for one state that are more than one call of Pinocchio. Results are copies: Pinocchio returns views of
+# its data.
+
+
+def _energies(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+    return np.array([pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)])
+
+
+def _centre_of_mass(model: pin.Model, data: pin.Data, q: Array) -> Array:
+    return np.array(pin.centerOfMass(model, data, q, False))
+
+
+def _momentum(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+    return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
+
+
+def _forward_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array) -> Array:
+    pin.computeABADerivatives(model, data, q, v, tau)
+    return np.stack([data.ddq_dq, data.ddq_dv, _symmetric(data.Minv)])
+
+
+def _inverse_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, a: Array) -> Array:
+    by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, v, a)
+    return np.stack([by_q, by_v, _symmetric(by_a)])
+
+
+def _symmetric(upper: Array) -> Array:
+    """The whole of a symmetric matrix of which Pinocchio fills the upper triangle."""
+    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+
+
+def _frame_pose(index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
+    pin.forwardKinematics(model, data, q)
+    pose = pin.updateFramePlacement(model, data, index)
+    return np.concatenate([pose.rotation.ravel(), pose.translation])
+
+
+def _frame_velocity(
+    axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array, v: Array
+) -> Array:
+    pin.forwardKinematics(model, data, q, v)
+    return np.array(pin.getFrameVelocity(model, data, index, axes).vector)
+
+
+def _frame_jacobian(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
+    return np.asarray(pin.computeFrameJacobian(model, data, q, index, axes))
+
+
+# Where joints mimic others, Pinocchio 4.1 has no composite-rigid-body algorithm to rely on (it drops the couplings of
+# branches behind different joints of one degree of freedom) and no energies. Its Newton-Euler algorithm is right.
+
+
+def mass_matrix_by_columns(model: pin.Model, data: pin.Data, q: Array) -> Array:
+    """M(q) (nv, nv) by the Newton-Euler algorithm: M e_k = tau(q, 0, e_k) - tau(q, 0, 0) for each unit vector e_k."""
+    still = np.zeros(model.nv)
+    weight = pin.rnea(model, data, q, still, still)
+    matrix = np.stack([pin.rnea(model, data, q, still, unit) - weight for unit in np.eye(model.nv)])
+    return np.asarray((matrix + matrix.T) / 2)
+
+
+def _energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+    kinetic = v @ mass_matrix_by_columns(model, data, q) @ v / 2
+    mass = sum(body.mass for body in list(model.inertias)[1:])  # what is fixed to the world does not count
+    return np.array([kinetic, -mass * (model.gravity.linear @ pin.centerOfMass(model, data, q, False))])
+
+
+_MATRICES: tuple[int | Literal["nv"], ...] = (3, "nv", "nv")
+_QUERIES = {
+    query.name: query
+    for query in (
+        Query("forward_dynamics", ("q", "v", "tau"), ("nv",), pin.aba, pin.abaInParallel),
+        Query("inverse_dynamics", ("q", "v", "a"), ("nv",), pin.rnea, pin.rneaInParallel),
+        Query("mass_matrix", ("q",), ("nv", "nv"), pin.crba),
+        Query("bias", ("q", "v"), ("nv",), pin.nonLinearEffects),
+        Query("coriolis", ("q", "v"), ("nv", "nv"), pin.computeCoriolisMatrix),
+        Query("gravity_torque", ("q",), ("nv",), pin.computeGeneralizedGravity),
+        Query("energy", ("q", "v"), (2,), _energies),
+        Query("centre_of_mass", ("q",), (3,), _centre_of_mass),
+        Query("momentum", ("q", "v"), (6,), _momentum),
+        Query("forward_dynamics_derivatives", ("q", "v", "tau"), _MATRICES, _forward_derivatives),
+        Query("inverse_dynamics_derivatives", ("q", "v", "a"), _MATRICES, _inverse_derivatives),
+    )
+}
+_WITH_MIMIC: dict[str, Callable[..., Array] | None] = {
+    "mass_matrix": mass_matrix_by_columns,
+    "energy": _energies_with_mimic,
+    "coriolis": None,
+    "forward_dynamics_derivatives": None,
+    "inverse_dynamics_derivatives": None,
+}
+_INSTEAD_WITH_MIMIC = {"coriolis": "use bias - gravity_torque"}
+_LOCAL, _ALIGNED = pin.ReferenceFrame.LOCAL, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_OF_FRAMES: dict[str, tuple[tuple[str, ...], tuple[int | Literal["nv"], ...], Callable[..., Array]]] = {
+    "frame_pose": (("q",), (12,), _frame_pose),
+    "frame_velocity_local": (("q", "v"), (6,), partial(_frame_velocity, _LOCAL)),
+    "frame_velocity_aligned": (("q", "v"), (6,), partial(_frame_velocity, _ALIGNED)),
+    "frame_jacobian_local": (("q",), (6, "nv"), partial(_frame_jacobian, _LOCAL)),
+    "frame_jacobian_aligned": (("q",), (6, "nv"), partial(_frame_jacobian, _ALIGNED)),
+}
