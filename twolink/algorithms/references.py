@@ -113,12 +113,12 @@ def energy(x: State) -> tuple[Array, float]:
 
 
 def inverse_dynamics(x: State) -> tuple[Array, float]:
-    tau = np.asarray(pin.rnea(x.model, x.model.createData(), x.q, x.v, x.arguments["a"]))
-    return tau - x.wrenches + x.damping * x.v, float(_inverse_terms(x).max())
+    tau = pin.rnea(x.model, x.model.createData(), x.q, x.v, x.arguments["a"])
+    return np.asarray(tau - x.wrenches + x.damping * x.v), float(_inverse_terms(x).max())
 
 
 def _inverse_terms(x: State) -> Array:
-    return x.bias_terms + np.abs(x.wrenches) + np.abs(x.mass_matrix) @ np.abs(x.arguments["a"])
+    return np.asarray(x.bias_terms + np.abs(x.wrenches) + np.abs(x.mass_matrix) @ np.abs(x.arguments["a"]))
 
 
 def inverse_derivatives(x: State) -> tuple[Array, float]:
