@@ -14,7 +14,7 @@ import time
 
 import twolink as tl
 from twolink.robots import catalogue_names
-from twolink.robots.catalogue import find
+from twolink.robots.catalogue import catalogue_entry
 
 FUNCTIONS = ("forward_dynamics", "inverse_dynamics")
 
@@ -31,7 +31,7 @@ def main() -> None:
     worst = 0.0
     print(f"{'robot':<28}{'nv':>4}" + "".join(f"{f:>20}{'cold s':>8}{'cache s':>9}" for f in FUNCTIONS))
     for name in sys.argv[1:] or catalogue_names():
-        root = find(name).usual_root
+        root = catalogue_entry(name).usual_root
         try:
             robots = [tl.load_robot(name, root=root) for _ in range(2)]
         except tl.errors.RobotError as error:

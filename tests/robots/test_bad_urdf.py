@@ -166,7 +166,7 @@ print(loaded)
 
 
 def test_too_many_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    for module in ("xml", "load"):
+    for module in ("xml", "source"):
         monkeypatch.setattr(f"twolink.robots.{module}.MAX_BYTES", 100)
     with pytest.raises(RobotError, match="the limit is 100"):
         tl.load_robot(GOOD)

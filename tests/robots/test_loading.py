@@ -12,7 +12,7 @@ import pytest
 
 import twolink as tl
 from twolink.robots import catalogue_names
-from twolink.robots.catalogue import examples_share, find
+from twolink.robots.catalogue import catalogue_entry, examples_share
 from twolink.robots.cross_check import compare
 
 TOP = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def test_every_file_of_example_robot_data_has_a_name() -> None:
     share = examples_share()
     assert share is not None
     files = set((share / "example-robot-data" / "robots").rglob("*.urdf"))
-    named = {find(name).path for name in catalogue_names()}
+    named = {catalogue_entry(name).path for name in catalogue_names()}
     unnamed = {p.name for p in files - named}
     # a stub without links, drawings of a model that is in, and a corrected copy that nobody's loader named
     assert unnamed == {"ur3.urdf", "iris.urdf", "talos_reduced_corrected.urdf"}

@@ -47,11 +47,11 @@ def _main(
 @app.command()
 def robots(as_json: JsonOption = False) -> None:
     """List the robots known by name, with nq, nv, mass and the root they are meant to have."""
-    from twolink.robots.catalogue import catalogue_names, find
+    from twolink.robots.catalogue import catalogue_entry, catalogue_names
 
     rows: list[dict[str, Any]] = []
     for name in catalogue_names():
-        entry = find(name)
+        entry = catalogue_entry(name)
         row: dict[str, Any] = {"name": name, "from": entry.origin, "root": entry.usual_root}
         try:
             robot = load_robot(name, root=entry.usual_root)

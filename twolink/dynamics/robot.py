@@ -22,8 +22,9 @@ from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import Array, Query
 from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError, QueryError, nearest
-from twolink.robots.load import Lock, load_model
+from twolink.robots.load import load_model
 from twolink.robots.load_report import LoadReport
+from twolink.robots.locking import Lock
 from twolink.robots.model import RobotModel, Visuals
 
 Engine = Literal["auto", "pinocchio", "compiled"]

@@ -11,7 +11,7 @@ import numpy as np
 from twolink.dynamics import Robot, load_robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
-from twolink.robots.catalogue import find
+from twolink.robots.catalogue import catalogue_entry
 
 GIVE_IT = "give it: robot=..."
 
@@ -47,7 +47,7 @@ def find_robot(notes: Mapping[str, str], label: str) -> Robot:
     root: Literal["fixed", "free"] = "free" if notes.get("root") == "free" else "fixed"
     try:
         lock, mimic = json.loads(notes.get("lock", "{}")), notes.get("mimic") == "true"
-        robot = load_robot(find(name).name, root=root, lock=lock, mimic=mimic)
+        robot = load_robot(catalogue_entry(name).name, root=root, lock=lock, mimic=mimic)
     except RobotError as error:
         raise SceneError(f"its robot {name!r}: {error.what}", where=label, remedy=GIVE_IT) from None
     except (ValueError, RecursionError):
@@ -77,7 +77,7 @@ def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
 
 def _is_from_catalogue(robot: Robot) -> bool:
     try:
-        return find(robot.name).path.name == robot.report.source
+        return catalogue_entry(robot.name).path.name == robot.report.source
     except RobotError:
         return False
 

@@ -1,12 +1,58 @@
-"""The load report: what was read, ignored, repaired and assumed when a robot was loaded."""
+"""The load report: what was read, ignored, repaired and assumed when a robot was loaded, and all of its wording."""
 
 from __future__ import annotations
 
+import html
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+import pinocchio as pin
+
+from twolink.errors import nearest
+from twolink.robots.tree import Tree
+from twolink.robots.xml import Element
+
 Kind = Literal["read", "ignored", "repaired", "assumed"]
 KINDS: tuple[Kind, ...] = ("read", "ignored", "repaired", "assumed")
+
+_ELEMENTS = {
+    "robot": {"link", "joint", "material"},
+    "link": {"inertial", "visual", "collision"},
+    "inertial": {"origin", "mass", "inertia"},
+    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"},
+}
+_ATTRIBUTES = {
+    "robot": {"name", "version"},
+    "link": {"name", "type"},
+    "inertial": set(),
+    "joint": {"name", "type"},
+    "origin": {"xyz", "rpy"},
+    "mass": {"value"},
+    "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
+    "parent": {"link"},
+    "child": {"link"},
+    "axis": {"xyz"},
+    "limit": {"lower", "upper", "effort", "velocity"},
+    "dynamics": {"damping", "friction"},
+    "mimic": {"joint", "multiplier", "offset"},
+}
+_REPEATABLE = {"link", "joint", "material", "visual", "collision"}
+# Common elements of other programs, which do not belong to rigid-body dynamics.
+_FOREIGN = {
+    "transmission": "transmissions (rotor inertia and gearing are not modelled from them)",
+    "gazebo": "<gazebo> blocks (their damping, friction and contact values too)",
+    "ros2_control": "<ros2_control> blocks",
+    "sensor": "sensors",
+    "safety_controller": "safety controllers",
+    "calibration": "calibrations",
+    "contact": "contact coefficients",
+    "contact_coefficients": "contact coefficients",
+    "self_collision_checking": "self-collision marks",
+}
 
 
 @dataclass(frozen=True)
@@ -24,9 +70,17 @@ class Finding:
         return f"{self.what}: {shown}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LoadReport:
-    """What loading a robot found out. `print(report)` shows it; `to_dict()` is for programs."""
+    """What was read, ignored, repaired and assumed when a robot was loaded. It prints as a list by kind.
+
+    Attributes
+    ----------
+    source : str
+        The file's name, or "URDF text".
+    findings : tuple of Finding
+        The statements; `read`, `ignored`, `repaired` and `assumed` give those of one kind.
+    """
 
     source: str
     findings: tuple[Finding, ...]
@@ -38,32 +92,168 @@ class LoadReport:
 
     @property
     def ignored(self) -> tuple[Finding, ...]:
-        """What stands in the URDF and has no effect on the answers."""
+        """What the URDF says without effect on the answers."""
         return self._of("ignored")
 
     @property
     def repaired(self) -> tuple[Finding, ...]:
-        """What was wrong and has been put right."""
+        """What was wrong and has been corrected."""
         return self._of("repaired")
 
     @property
     def assumed(self) -> tuple[Finding, ...]:
-        """What the URDF does not say, or says oddly, and the value taken for it."""
+        """What the URDF does not say, or says in an unusual way, and the value that is used."""
         return self._of("assumed")
 
     def _of(self, kind: Kind) -> tuple[Finding, ...]:
         return tuple(f for f in self.findings if f.kind == kind)
 
     def to_dict(self) -> dict[str, object]:
-        """The report as plain data."""
+        """The report as plain data: source, and for each kind a list of {what, names}."""
         groups: dict[str, object] = {k: [{"what": f.what, "names": list(f.names)} for f in self._of(k)] for k in KINDS}
         return {"source": self.source, **groups}
 
     def __str__(self) -> str:
-        lines = [f"{self.source}"]
+        lines = [self.source]
         for kind in KINDS:
-            found = self._of(kind)
-            lines.extend(f"  {kind + ':' if i == 0 else '':<10}{f}" for i, f in enumerate(found))
-            if not found:
-                lines.append(f"  {kind + ':':<10}nothing")
+            statements = self._of(kind) or ("nothing",)
+            lines.extend(f"  {kind + ':' if i == 0 else '':<10}{f}" for i, f in enumerate(statements))
         return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        items = {kind: "<br>".join(html.escape(str(f)) for f in self._of(kind)) or "nothing" for kind in KINDS}
+        rows = "".join(f"<tr><th>{kind}</th><td>{text}</td></tr>" for kind, text in items.items())
+        return f"<table><caption>{html.escape(self.source)}</caption>{rows}</table>"
+
+
+def findings(kind: Kind, statements: Mapping[str, Iterable[str]]) -> list[Finding]:
+    """The statements that are about some links, joints or files; those without names are left out."""
+    return [Finding(kind, what, tuple(names)) for what, names in statements.items() if names]
+
+
+def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
+    """The size of the robot. `size` is the length of the URDF in bytes."""
+    kinds = Counter(joint.type for joint in tree.joints)
+    joints = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "no joints"
+    mass = sum(link.mass for link in tree.links.values())
+    what = f"robot {tree.name!r}: {len(tree.links)} links of {mass:.6g} kg, {joints}; "
+    return Finding("read", f"{what}nq = {model.nq}, nv = {model.nv} ({size} bytes)")
+
+
+def content_findings(tree: Tree, *, mimic: bool) -> list[Finding]:
+    """What a sound URDF has that is ignored, repaired or assumed. `mimic`: mimic joints are coupled."""
+    moving, links = tree.moving, tree.links.values()
+    mimics = [j for j in moving if j.mimic is not None]
+    joint_names = {j.name for j in tree.joints}
+    not_applied = "forward and inverse dynamics do not apply it"
+    ignored = {
+        f"joint damping (in robot.model.damping; {not_applied})": [j.name for j in moving if j.damping != 0],
+        f"joint friction (in robot.model; {not_applied})": [j.name for j in moving if j.friction != 0],
+        "joint limits (in robot.model; forward and inverse dynamics do not enforce them)": [
+            j.name for j in moving if j.limits is not None
+        ],
+        "mimic (these joints move independently; mimic=True couples them)": [j.name for j in mimics if not mimic],
+        "mimic of a joint that does not exist": [j.name for j in mimics if j.mimic not in joint_names],
+        "collision shapes (there is no contact)": [k.name for k in links if k.element.first("collision")],
+    }
+    repaired = {
+        "axes that were not of length 1 are normalised": [
+            j.name for j in moving if j.axis is not None and abs(math.hypot(*j.axis) - 1) > 1e-6
+        ],
+    }
+    assumed = {
+        "fixed joints: these links are merged into the body they are fixed to, and stay as frames": [
+            j.child for j in tree.joints if j.type == "fixed"
+        ],
+        "links without <inertial> have no mass": [k.name for k in links if not k.has_inertial],
+        "links of no mass with an inertia: no real body has that, it is used as it is": [
+            k.name for k in links if k.mass == 0 and np.any(k.inertia)
+        ],
+        "joints without <axis> turn or slide along x": [
+            j.name for j in moving if j.axis is None and j.type != "floating"
+        ],
+        "limits without lower or upper: taken as 0": [
+            j.name for j in moving if j.limits is not None and _lacks_limit(j.element)
+        ],
+    }
+    return [
+        *findings("ignored", ignored),
+        *_unknown_content(tree.element),
+        *findings("repaired", repaired),
+        *findings("assumed", assumed),
+    ]
+
+
+def _lacks_limit(joint: Element) -> bool:
+    """Whether a joint's <limit> leaves out the lower or the upper limit."""
+    limit = joint.first("limit")
+    return limit is not None and not {"lower", "upper"} <= set(limit.attributes)
+
+
+def inertia_findings(names: Iterable[str], unphysical: str) -> list[Finding]:
+    """The links whose inertia no real body has. `unphysical`: "refuse" where the bodies they belong to were checked."""
+    what = "inertias that no real body has, taken as they are"
+    sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
+    return findings("assumed", {what + sound: names})
+
+
+def mesh_findings(names: Iterable[str]) -> list[Finding]:
+    """The meshes without a file."""
+    what = "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)"
+    return findings("ignored", {what: names})
+
+
+def choice_findings(
+    tree: Tree, *, root: str, usual_root: str, gravity: np.ndarray, locked: Sequence[str], beyond: Sequence[str]
+) -> list[Finding]:
+    """What the arguments of `load_robot` decide. `beyond`: the joints that are locked beyond their limits."""
+    base = tree.links[tree.root]
+    fixed_mass = f", its {base.mass:g} kg do not move" if base.mass > 0 else ""
+    place = f"is fixed to the world{fixed_mass}" if root == "fixed" else "moves freely (joint 'root_joint')"
+    statements = [
+        Finding("assumed", f"link {tree.root!r} {place}"),
+        Finding("assumed", f"gravity ({gravity[0]:g}, {gravity[1]:g}, {gravity[2]:g}) m/s^2"),
+        *findings("assumed", {"locked joints: merged as if they were fixed": locked}),
+        *findings("assumed", {"joints locked beyond their limits": beyond}),
+    ]
+    if locked:
+        statements.append(Finding("ignored", "friction, damping and limits of locked joints"))
+    if usual_root == "free" and root == "fixed":
+        statements.append(Finding("assumed", 'this robot is meant to move about; root="free" frees its base'))
+    return statements
+
+
+def _unknown_content(robot: Element) -> list[Finding]:
+    """Elements, attributes and text that are not URDF's, because of another program or a typing error."""
+    foreign: Counter[str] = Counter()
+    kinds = ("unknown elements", "unknown attributes", "text", "repeated elements")
+    unknown: dict[str, list[str]] = {kind: [] for kind in kinds}
+
+    def look(element: Element) -> None:
+        tag, line = element.tag, element.line
+        if tag in _ATTRIBUTES:
+            unknown["unknown attributes"] += [
+                f"{key}= in <{tag}>, line {line} ({nearest(key, sorted(_ATTRIBUTES[tag]))})"
+                for key in element.attributes
+                if key not in _ATTRIBUTES[tag] and not key.startswith("xmlns")
+            ]
+            unknown["text"] += [f"in <{tag}>, line {line}"] if element.has_text else []
+        seen: set[str] = set()
+        for child in element.children:
+            if child.tag in _FOREIGN:
+                foreign[_FOREIGN[child.tag]] += 1
+            elif tag in _ELEMENTS and child.tag not in _ELEMENTS[tag]:
+                hint = nearest(child.tag, sorted(_ELEMENTS[tag]))
+                unknown["unknown elements"].append(f"<{child.tag}> in <{tag}> ({hint})")
+            else:
+                if tag in _ELEMENTS and child.tag in seen and child.tag not in _REPEATABLE:
+                    place = f"<{child.tag}> in <{tag}>, line {child.line}"
+                    unknown["repeated elements"].append(f"{place}: the first one counts")
+                seen.add(child.tag)
+                look(child)
+
+    look(robot)
+    counted = [Finding("ignored", f"{count} x {what}") for what, count in foreign.items()]
+    return [*counted, *findings("ignored", {what: dict.fromkeys(names) for what, names in unknown.items()})]

@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError
-from twolink.robots.load_report import Finding
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import Link
 
@@ -34,8 +33,8 @@ def semidefinite_defect(inertia: np.ndarray, mass: float) -> float:
     return float(lowest) if lowest < -(_ROUNDING * highest + _NOISE_LENGTH_SQUARED * mass) else 0.0
 
 
-def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[Finding]:
-    """Refuse a body whose inertia no real body has; report odd parts of a body that is sound as a whole.
+def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
+    """Refuse a body whose inertia no real body has. Returns the links whose own inertia no real body has.
 
     A body is a link with all links fixed to it: only their sum enters the equations of motion. Files often give
     sensors and covers impossible inertias; judged alone they would refuse half of the published robots.
@@ -44,37 +43,26 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[Finding]
         inertia = model.inertias[joint]
         if not np.isfinite(inertia.inertia).all():
             raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
-        if unphysical == "refuse" and (
-            semidefinite_defect(inertia.inertia, inertia.mass) < 0 or triangle_excess(inertia.inertia, inertia.mass) > 0
-        ):
-            _refuse(_culprit(tree, model, joint))
-    odd = [
-        link.name
-        for link in tree.links.values()
-        if semidefinite_defect(link.inertia, link.mass) < 0 or triangle_excess(link.inertia, link.mass) > 0
-    ]
-    if not odd:
-        return []
-    what = "inertias that no real body has, taken as they are"
-    if unphysical == "refuse":
-        what += " (the bodies they are fixed to are sound)"
-    return [Finding("assumed", what, tuple(odd))]
+        if unphysical == "refuse" and _is_impossible(inertia.inertia, inertia.mass):
+            raise _impossible(_culprit(tree, model, joint))
+    return [link.name for link in tree.links.values() if _is_impossible(link.inertia, link.mass)]
 
 
-def _refuse(link: Link) -> None:
+def _is_impossible(inertia: np.ndarray, mass: float) -> bool:
+    return semidefinite_defect(inertia, mass) < 0 or triangle_excess(inertia, mass) > 0
+
+
+def _impossible(link: Link) -> RobotError:
+    """The error for the link whose inertia makes a body impossible."""
     moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
     tail = 'correct it, or load it as it is with unphysical="report"'
     if semidefinite_defect(link.inertia, link.mass) < 0:
-        raise RobotError(
-            f"inertia is not positive semi-definite: principal moments ({moments}) kg m^2",
-            where=link.where,
-            remedy=f"give the inertia about the centre of mass of a real body; {tail}",
-        )
-    raise RobotError(
-        f"inertia breaks the triangle inequality: no body has the principal moments ({moments}) kg m^2",
-        where=link.where,
-        remedy=f"the two smaller ones must add up to the largest at least; {tail}",
-    )
+        what = f"inertia is not positive semi-definite: principal moments ({moments}) kg m^2"
+        remedy = f"give the inertia about the centre of mass of a real body; {tail}"
+    else:
+        what = f"inertia breaks the triangle inequality: no body has the principal moments ({moments}) kg m^2"
+        remedy = f"the two smaller ones must add up to the largest at least; {tail}"
+    return RobotError(what, where=link.where, remedy=remedy, code="impossible-inertia")
 
 
 def _culprit(tree: Tree, model: pin.Model, joint: int) -> Link:
@@ -103,17 +91,12 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     name = names[-1]
     moved = next((j for j in tree.joints if j.name == name), None)
     link = tree.root if moved is None else moved.child
-    why = (
-        "the link it moves has no mass"
-        if model.inertias[owners[-1]].mass == 0
-        else ("what it moves has no inertia about its axis")
-    )
+    massless = model.inertias[owners[-1]].mass == 0
+    why = "the link it moves has no mass" if massless else "what it moves has no inertia about its axis"
+    what = f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined"
     lock = ", ".join(f"{n!r}: 0" for n in names)
-    raise RobotError(
-        f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined",
-        where=tree.links[link].where,
-        remedy=f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}",
-    )
+    remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
+    raise RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
 
 
 def _configurations(model: pin.Model) -> list[np.ndarray]:

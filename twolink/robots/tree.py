@@ -1,13 +1,14 @@
-"""From elements to a kinematic tree: unique names, one root, no cycle, not absurdly deep."""
+"""From elements to a kinematic tree: unique names, one root, no cycle, not too deep."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twolink.errors import RobotError, nearest
-from twolink.robots.urdf import Joint, Link, Reader, read_joint, read_link
-from twolink.robots.xml import Element
+from twolink.robots.urdf import Joint, Link, read_joint, read_link
+from twolink.robots.xml import Element, Reader
 
 # Pinocchio recurses over the tree while reading: 5,000 chained links overflow an 8 MiB stack and end the process.
 MAX_JOINTS = 5_000
@@ -33,97 +34,94 @@ class Tree:
 
 
 def read_tree(element: Element, source: str) -> Tree:
-    """The tree in a <robot> element. Raises RobotError that names the link or joint at fault."""
+    """The tree in a <robot> element.
+
+    Parameters
+    ----------
+    element : Element
+        The element. The quaternions of its origins are replaced by angles.
+    source : str
+        The name of the file for errors.
+
+    Raises
+    ------
+    RobotError
+        Code "urdf"; it names the link or joint at fault.
+    """
     _require_robot(element, source)
     reader = Reader(source)
     links = [read_link(reader, e) for e in element.all("link")]
-    joints = element.all("joint")
     if not links:
-        raise RobotError("it has no <link>", where=source, remedy="a robot needs at least one link")
-    if len(joints) > MAX_JOINTS:
-        raise RobotError(
-            f"{len(joints)} joints, the limit is {MAX_JOINTS}", where=source, remedy="load a smaller robot"
-        )
-    read_joints = [read_joint(reader, e) for e in joints]
-    moving = sum(j.type != "fixed" for j in read_joints)
+        raise _error("it has no <link>", source, "a robot needs at least one link")
+    elements = element.all("joint")
+    if len(elements) > MAX_JOINTS:
+        raise _error(f"{len(elements)} joints, the limit is {MAX_JOINTS}", source, "load a smaller robot")
+    joints = [read_joint(reader, e) for e in elements]
+    moving = sum(j.type != "fixed" for j in joints)
     if moving > MAX_MOVING:
-        raise RobotError(
-            f"{moving} moving joints, the limit is {MAX_MOVING}",
-            where=source,
-            remedy="Pinocchio needs memory in proportion to their cube: load a smaller robot",
-        )
-    for items in (links, read_joints):
-        _require_unique(items)
+        remedy = "Pinocchio needs memory in proportion to their cube: load a smaller robot"
+        raise _error(f"{moving} moving joints, the limit is {MAX_MOVING}", source, remedy)
+    _require_unique(links)
+    _require_unique(joints)
     by_name = {link.name: link for link in links}
-    _require_links_exist(read_joints, by_name)
-    root = _single_root(by_name, read_joints, source)
-    return Tree(element.attributes.get("name", ""), element, by_name, _ordered(root, by_name, read_joints), root)
+    for joint in joints:
+        for role, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in by_name:
+                raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
+    root = _single_root(by_name, joints, source)
+    return Tree(element.attributes.get("name", ""), element, by_name, _ordered(root, by_name, joints), root)
+
+
+def _error(what: str, where: str, remedy: str) -> RobotError:
+    return RobotError(what, where=where, remedy=remedy, code="urdf")
 
 
 def _require_robot(root: Element, source: str) -> None:
+    """Require a <robot> without xacro."""
     if root.tag != "robot":
-        known = {"sdf": "it is SDF", "mujoco": "it is MJCF", "html": "it is a web page"}.get(root.tag, "")
-        raise RobotError(
-            f"the top element is <{root.tag}>, expected <robot>{', ' + known if known else ''}",
-            where=f"{source}:{root.line}",
-            remedy="pass a URDF",
-        )
+        hint = {"sdf": ", it is SDF", "mujoco": ", it is MJCF", "html": ", it is a web page"}.get(root.tag, "")
+        raise _error(f"the top element is <{root.tag}>, expected <robot>{hint}", f"{source}:{root.line}", "pass a URDF")
     stack = [root]
     while stack:
         element = stack.pop()
         values = element.attributes.items()
         if element.tag.startswith("xacro:") or any("${" in v or "$(" in v for k, v in values if k != "name"):
-            raise RobotError(
-                f"<{element.tag}> is xacro, a macro language that has to be expanded first",
-                where=f"{source}:{element.line}",
-                remedy="pip install xacrodoc, then load_robot(xacrodoc.XacroDoc.from_file(path).to_urdf_string())",
-            )
+            what = f"<{element.tag}> is xacro, a macro language that has to be expanded first"
+            remedy = "pip install xacrodoc, then load_robot(xacrodoc.XacroDoc.from_file(path).to_urdf_string())"
+            raise _error(what, f"{source}:{element.line}", remedy)
         # Gazebo's and the controllers' blocks hold $(...) of their own; they are ignored as a whole.
-        stack.extend(
-            c
-            for c in element.children
-            if element is not root or c.tag in ("link", "joint") or c.tag.startswith("xacro:")
-        )
+        tags = ("link", "joint")
+        stack += [c for c in element.children if element is not root or c.tag in tags or c.tag.startswith("xacro:")]
 
 
-def _require_unique(items: list[Link] | list[Joint]) -> None:
+def _require_unique(items: Sequence[Link] | Sequence[Joint]) -> None:
+    """Require that no two links, or joints, have the same name."""
     for name, count in Counter(item.name for item in items).items():
         if count > 1:
-            twins = [item for item in items if item.name == name]
-            raise RobotError(f"the name is used {count} times", where=twins[1].where, remedy="rename one of them")
-
-
-def _require_links_exist(joints: list[Joint], links: dict[str, Link]) -> None:
-    for joint in joints:
-        for role, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise RobotError(f"{role} link {name!r} does not exist", where=joint.where, remedy=nearest(name, links))
+            second = [item for item in items if item.name == name][1]
+            raise _error(f"the name is used {count} times", second.where, "rename one of them")
 
 
 def _single_root(links: dict[str, Link], joints: list[Joint], source: str) -> str:
+    """The one link that is no joint's child."""
     carriers: dict[str, Joint] = {}
     for joint in joints:
         other = carriers.setdefault(joint.child, joint)
         if other is not joint:
-            raise RobotError(
-                f"link {joint.child!r} is already the child of joint {other.name!r}",
-                where=joint.where,
-                remedy="a URDF is a tree: give the link one parent, and close loops elsewhere",
-            )
+            what = f"link {joint.child!r} is already the child of joint {other.name!r}"
+            remedy = "a URDF is a tree: give the link one parent, and close loops elsewhere"
+            raise _error(what, joint.where, remedy)
     roots = [name for name in links if name not in carriers]
     if not roots:
-        raise RobotError(f"the joints form a cycle: {_cycle(carriers)}", where=source, remedy="remove one of them")
+        raise _error(f"the joints form a cycle: {_cycle(carriers)}", source, "remove one of them")
     if len(roots) > 1:
-        raise RobotError(
-            f"{len(roots)} root links: {', '.join(map(repr, roots[:5]))}",
-            where=source,
-            remedy="connect them with joints, or remove all but one",
-        )
+        what = f"{len(roots)} root links: {', '.join(map(repr, roots[:5]))}"
+        raise _error(what, source, "connect them with joints, or remove all but one")
     return roots[0]
 
 
 def _cycle(carriers: dict[str, Joint]) -> str:
-    """The links around one cycle, by walking from child to parent until a link comes again."""
+    """The links of one cycle: from child to parent until a link comes again."""
     seen: list[str] = []
     link = next(iter(carriers))
     while link not in seen and link in carriers:
@@ -134,30 +132,23 @@ def _cycle(carriers: dict[str, Joint]) -> str:
 
 
 def _ordered(root: str, links: dict[str, Link], joints: list[Joint]) -> tuple[Joint, ...]:
+    """The joints, breadth first from the root."""
     children: dict[str, list[Joint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
     ordered: list[Joint] = []
     queue = deque([(root, 0)])
-    reached = {root}
     while queue:
         link, depth = queue.popleft()
         if depth > MAX_DEPTH:
-            raise RobotError(
-                f"more than {MAX_DEPTH} joints lie between it and the root",
-                where=f"link {link!r}",
-                remedy="load a shorter chain",
-            )
+            what = f"more than {MAX_DEPTH} joints lie between it and the root"
+            raise _error(what, f"link {link!r}", "load a shorter chain")
         for joint in children.get(link, []):
             ordered.append(joint)
-            reached.add(joint.child)
             queue.append((joint.child, depth + 1))
+    reached = {root, *(joint.child for joint in ordered)}
     stray = [name for name in links if name not in reached]
     if stray:  # one root, but a cycle of its own beside the tree
-        carriers = {j.child: j for j in joints if j.child in stray}
-        raise RobotError(
-            f"the joints form a cycle: {_cycle(carriers)}",
-            where=links[stray[0]].where,
-            remedy="remove one of the joints",
-        )
+        cycle = _cycle({j.child: j for j in joints if j.child in stray})
+        raise _error(f"the joints form a cycle: {cycle}", links[stray[0]].where, "remove one of the joints")
     return tuple(ordered)

@@ -14,7 +14,7 @@ from litestar.params import Parameter
 
 from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
-from twolink.robots.catalogue import find
+from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
 from twolink.service.http_io import JSON, UNTOLD, media_type
 from twolink.service.problems import Refusal
@@ -53,7 +53,7 @@ async def list_robots(service: Shared) -> list[dict[str, Any]]:
 @functools.cache
 def _known() -> list[dict[str, Any]]:
     """The robots of the catalogue."""
-    entries = [find(name) for name in catalogue()]
+    entries = [catalogue_entry(name) for name in catalogue()]
     return [
         {"id": e.name, "name": e.name, "origin": "catalogue", "from": e.origin, "usual_root": e.usual_root}
         for e in entries
@@ -67,7 +67,7 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     if uploaded is not None:
         return uploaded
     loaded = await service.robots.get(robot)
-    entry = find(robot)
+    entry = catalogue_entry(robot)
     about = {"id": robot, "origin": "catalogue", "from": entry.origin, "usual_root": entry.usual_root, "root": "fixed"}
     return {**about, **robot_record(loaded)}
 

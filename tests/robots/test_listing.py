@@ -1,0 +1,39 @@
+"""What there is, and what a load report prints."""
+
+import twolink as tl
+from twolink.robots import catalogue_names, robots
+
+
+def test_the_table_of_robots_gives_sizes_or_why_a_robot_is_refused() -> None:
+    table = robots()
+    rows = {row["name"]: row for row in table}
+    assert tuple(rows) == catalogue_names()
+    assert rows["anymal"] | {"mass": None} == {
+        "name": "anymal", "from": "example-robot-data", "root": "free", "nq": 19, "nv": 18, "mass": None,
+        "refused": None,
+    }  # fmt: skip
+    assert rows["two_link"]["mass"] == 4.0
+    assert {name for name, row in rows.items() if row["refused"]} == {"romeo", "romeo_laas_small", "romeo_small"}
+    assert all((row["nq"] is None) == bool(row["refused"]) for row in table)
+
+
+def test_a_load_report_prints_its_statements_by_kind() -> None:
+    report = tl.load_robot("double_pendulum").report
+    for text in (repr(report), str(report)):
+        assert text.splitlines()[0] == "double_pendulum.urdf"
+        assert [line.split(":")[0].strip() for line in text.splitlines()[1:] if not line.startswith(" " * 8)] == [
+            "read", "ignored", "repaired", "assumed",
+        ]  # fmt: skip
+        assert "joint damping" in text
+    html = report._repr_html_()
+    assert "<th>ignored</th>" in html
+    odd = tl.load_robot("two_link").visuals.text.replace('robot name="two_link"', 'robot name="&lt;b&gt;"')
+    assert "<b>" not in tl.load_robot(odd).report._repr_html_()
+
+
+def test_links_of_no_mass_with_an_inertia_are_reported() -> None:
+    text = """<robot name="r"><link name="a"/><link name="b"><inertial><mass value="0"/>
+    <inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="continuous">
+    <parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>"""
+    said = [f for f in tl.load_robot(text).report.assumed if "no mass with an inertia" in f.what]
+    assert [f.names for f in said] == [("b",)]

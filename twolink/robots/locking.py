@@ -1,0 +1,85 @@
+"""Locking joints: their configurations, and the model without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.errors import RobotError, nearest
+from twolink.robots.joint_layout import joint_layouts
+
+Lock = Mapping[str, float | Sequence[float]]
+UNIT_TOLERANCE = 1e-8
+
+
+def numbers(value: Any) -> np.ndarray:
+    """A value as an array of one axis or more; an empty one when it holds no numbers."""
+    try:
+        return np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+
+
+def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
+    """The indices of the joints to lock, and a configuration (nq,) that holds their values.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The model with all joints.
+    lock : mapping
+        The configuration of each joint to lock, by name [rad, m]; of a continuous joint, an angle or (cos, sin).
+
+    Raises
+    ------
+    RobotError
+        A joint does not exist, or its value is no configuration of it.
+    """
+    if not isinstance(lock, Mapping):
+        what = f"expected joints with their configurations, got {lock!r}"
+        raise RobotError(what, argument="lock", remedy="such as {'elbow': 0.5}")
+    reference = np.asarray(pin.neutral(model))
+    layouts = {joint.name: joint for joint in joint_layouts(model)}
+    for name, value in lock.items():
+        if name not in layouts:
+            what = f"there is no moving joint {name!r} to lock"
+            raise RobotError(what, argument="lock", remedy=nearest(str(name), list(layouts)), code="unknown-joint")
+        joint = layouts[name]
+        size = joint.q.stop - joint.q.start
+        values = numbers(value)
+        if joint.kind == "cos-sin" and values.size == 1:
+            values = np.array([np.cos(values[0]), np.sin(values[0])])
+        if values.shape != (size,) or not np.isfinite(values).all():
+            what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
+            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="give its configuration")
+        reference[joint.q] = values
+        length = 1.0 if joint.unit is None else float(np.linalg.norm(reference[joint.unit]))
+        if not abs(length - 1) <= UNIT_TOLERANCE:
+            what = f"quaternion or (cos, sin), expected length 1, got {length:.12g}"
+            raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="divide it by its length")
+    return tuple(sorted(layouts[name].index for name in lock)), reference
+
+
+def beyond_limits(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> list[str]:
+    """The names of the locked joints whose configuration is not within their limits."""
+    names = []
+    for index in locked:
+        start = model.idx_qs[index]
+        lower, upper = model.lowerPositionLimit[start], model.upperPositionLimit[start]
+        if model.nqs[index] == 1 and not lower <= reference[start] <= upper:
+            names.append(model.names[index])
+    return names
+
+
+def without_joints(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> pin.Model:
+    """A copy of the model where the locked joints are fixed."""
+    if not locked:
+        return model.copy()
+    try:
+        return pin.buildReducedModel(model, list(locked), reference)
+    except Exception as error:
+        what = f"Pinocchio cannot lock these joints: {error}"
+        raise RobotError(what, argument="lock", remedy="load it with mimic=False") from None
