@@ -56,10 +56,10 @@ def serve_bare() -> None:
     """Serve the bare application with the service's own options."""
     import uvicorn
 
-    from twolink.service.server import _options
+    from twolink.service.server import uvicorn_options
     from twolink.service.settings import Settings
 
-    config = uvicorn.Config(bare, **{**_options(Settings(data="")), "port": 0})
+    config = uvicorn.Config(bare, **{**uvicorn_options(Settings(data="")), "port": 0})
     socket = config.bind_socket()
     print(f"serves http://127.0.0.1:{socket.getsockname()[1]}/", flush=True)
     uvicorn.Server(config).run(sockets=[socket])

@@ -17,8 +17,8 @@ def leave(**_: Any) -> None:
     os._exit(3)
 
 
-def sleep(*, nap: float, tell: Any, **_: Any) -> int:
-    tell(os.getpid())
+def sleep(*, nap: float, report: Any, **_: Any) -> int:
+    report(os.getpid())
     time.sleep(nap)
     return os.getpid()
 

@@ -182,7 +182,7 @@ def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], statu
 
 
 def test_quotas_of_results(tmp_path: Path) -> None:
-    quotas = ["jobs=1", "queue=1", "job_seconds=2", "disk_mb=0.05", "result_mb=0.03"]
+    quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03"]
     with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
         keys = []
         for k in range(6):  # about 15 kB each
@@ -194,7 +194,7 @@ def test_quotas_of_results(tmp_path: Path) -> None:
         large = http.post("/v1/simulations", json={**SWING, "samples": 5000})
         assert large.status_code == 422
         assert "0.03 MB" in large.json()["detail"]
-        slow = [http.post("/v1/simulations", json={**SLOW, "duration": 1000.0 + k}) for k in range(3)]
+        slow = [http.post("/v1/simulations", json={**SLOW, "duration": 3000.0 + k}) for k in range(3)]
         assert [answer.status_code for answer in slow] == [202, 202, 429]
         failed = ended(http, slow[0].headers["location"])
-        assert "2 s of computing" in failed["problem"]["detail"]
+        assert "6 s of computing" in failed["problem"]["detail"]

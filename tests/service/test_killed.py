@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
 import signal
+import sqlite3
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
-import httpx
-
-from tests.service.serving import Served, serving
+from tests.service.serving import TOP, Served, serving
 from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.urdfs import INERTIAL, pendulum
 
@@ -89,19 +92,35 @@ def test_ending_in_mid_job_marks_it_and_leaves_no_process(tmp_path: Path) -> Non
         assert http.get(path).json()["state"] == "interrupted"
 
 
-def test_two_processes_share_jobs(tmp_path: Path) -> None:
-    """Each answers for all: states, cancelling, results and counters."""
-    with serving(tmp_path / "data", "--workers", "2") as served:
+def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    """Two services on one folder would each take the other's jobs for interrupted."""
+    with serving(tmp_path / "data") as served, served.client() as http:
+        http.post("/v1/simulations", json=SWING)
+        command = [sys.executable, "-m", "twolink", "serve", "--port", "0", "--data", str(tmp_path / "data")]
+        second = subprocess.run(command, capture_output=True, text=True, cwd=TOP, timeout=60)
+        assert (second.returncode, second.stderr.count("\n")) == (1, 1)
+        assert "--data" in second.stderr
+        assert http.get("/health").json()["status"] == "ok"
 
-        def fresh() -> httpx.Client:
-            return served.client(headers={"Connection": "close"})  # a connection each: any process may answer
 
-        with fresh() as http:
-            done = http.post("/v1/simulations", json=SWING).json()
-            path = http.post("/v1/simulations", json=SLOW).headers["location"]
-            for _ in range(8):
-                assert http.get(f"/v1/simulations/{done['id']}").json()["state"] == "done"
-                assert http.get(path).json()["state"] in ("queued", "running")
-            http.post(f"{path}/cancel")
-            assert ended(http, path)["state"] == "cancelled"
-            assert "twolink_requests_total" in http.get("/metrics").text
+def test_jobs_of_version_1_can_be_run_again(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    with contextlib.closing(sqlite3.connect(folder / "twolink.sqlite")) as database:
+        database.executescript(f"""
+            CREATE TABLE robots (id TEXT PRIMARY KEY, created REAL, used REAL, bytes INTEGER, description TEXT)
+                WITHOUT ROWID;
+            CREATE TABLE jobs (
+                id TEXT PRIMARY KEY, kind TEXT, request TEXT, state TEXT, owner TEXT, created REAL, started REAL,
+                ended REAL, used REAL, progress TEXT, problem TEXT, result TEXT, bytes INTEGER DEFAULT 0,
+                cancel INTEGER DEFAULT 0
+            ) WITHOUT ROWID;
+            CREATE INDEX jobs_by_state ON jobs (state);
+            INSERT INTO jobs VALUES ('s-1', 'simulation', '{json.dumps(SWING)}', 'done', 'x', 1.0, 1.0, 2.0, 2.0,
+                NULL, NULL, '{{"events": ["t = 1 s: impact"]}}', 10, 0);
+            PRAGMA user_version = 1;
+        """)
+    with serving(folder) as served, served.client() as http:
+        assert [(job["id"], job["state"]) for job in http.get("/v1/simulations").json()] == [("s-1", "interrupted")]
+        http.post("/v1/simulations/s-1/run")
+        assert ended(http, "/v1/simulations/s-1")["result"]["samples"] == 201

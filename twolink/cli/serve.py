@@ -29,7 +29,6 @@ def serve(
         list[str] | None,
         typer.Option(help="Ask clients for this bearer token; repeatable. Better in TWOLINK_TOKEN (comma between)."),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes that answer.")] = 1,
     quota: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER, repeatable; `--quota help` lists them with their values.")
     ] = None,
@@ -71,12 +70,11 @@ def serve(
     settings = Settings(
         data=str(data or default_folder()), host=host, port=port, tokens=tuple(t.strip() for t in tokens if t.strip()),
         hosts=tuple(allow_host or []), origins=tuple(allow_origin or []),
-        rate=rate if rate is not None or local else OPEN_RATE, workers=workers, quotas=quotas,
+        rate=rate if rate is not None or local else OPEN_RATE, quotas=quotas,
     )  # fmt: skip
     if not local and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
     server = import_extra("twolink.service.server", "service")
-    server.ensure_folder(Path(settings.data))
     server.run(
         settings, on_start=lambda url: typer.echo(f"twolink serves {url}  (data in {settings.data}; Ctrl-C ends it)")
     )

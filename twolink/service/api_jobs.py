@@ -10,10 +10,10 @@ from litestar.response import File, Stream
 
 from twolink.service.components import Shared
 from twolink.service.job_requests import SimulationRequest, StudyRequest
-from twolink.service.results import MEDIA, MOST_POINTS, motion_file, result_file, samples_json
+from twolink.service.results import MAX_POINTS, MEDIA, result_file, samples_json
 from twolink.service.store import ACTIVE
 
-Points = Annotated[int, Parameter(ge=2, le=MOST_POINTS)]
+Points = Annotated[int, Parameter(ge=2, le=MAX_POINTS)]
 Frames = Annotated[int, Parameter(ge=2, le=3600)]
 # The playback brings its scripts with it; it is shut off from the service it came from.
 PLAYBACK_POLICY = (
@@ -88,7 +88,7 @@ async def samples(
     service: Shared,
     job: str,
     form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
-    points: Points = MOST_POINTS,
+    points: Points = MAX_POINTS,
 ) -> Response[Any] | File:
     """Columns t, q.JOINT, v.JOINT, energy, error. JSON is thinned to at most `points`; the others hold all samples."""
     if form == "json":
@@ -100,7 +100,7 @@ async def samples(
 @get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
 async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[bytes]:
     """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}."""
-    path = await motion_file(service, job, frames)
+    path = await result_file(service, "simulation", job, f"motion-{frames}.json", "motion", frames=frames)
     return Response(path.read_bytes(), media_type=MediaType.JSON)
 
 

@@ -95,7 +95,7 @@ async def upload_robot(
     what, options, content = _read(kind, body, given)
     digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + what.encode() + content).hexdigest()
     key = f"u-{digest[:20]}"
-    async with service.once(key):
+    async with service.locks(key):
         known = service.store.robot(key)
         if known is not None:
             return Response(known, status_code=200)
@@ -171,7 +171,7 @@ async def visuals(service: Shared, robot: str) -> Response[bytes]:
     target = service.store.folder / "results" / f"visuals-{__version__}-{robot}.json"
     if service.store.robot(robot) is not None:
         target = service.store.robot_folder(robot) / "visuals.json"
-    async with service.once(str(target)):
+    async with service.locks(str(target)):
         if not target.exists():
             draft = target.with_suffix(".draft")
             await service.read("draw", key=robot, target=str(draft))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from typing import Any
 
-import msgspec
 from litestar import Litestar, Request, Response
 from litestar.di import Provide
 from litestar.openapi import OpenAPIConfig
@@ -20,7 +18,6 @@ from twolink.service.problems import answer_of
 from twolink.service.queries import PREFIX, QUERIES
 from twolink.service.settings import Settings
 
-ENVIRONMENT = "TWOLINK_SERVICE"  # the settings, for processes that uvicorn starts
 _HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]
 _ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
 
@@ -119,12 +116,3 @@ def _given(body: bytes, receive: Any) -> Any:
         return messages.pop() if messages else await receive()
 
     return next_message
-
-
-def from_environment() -> Shell:
-    """The application of a process that uvicorn has started."""
-    from twolink.service.protocol import Protocol
-
-    settings = msgspec.json.decode(os.environ[ENVIRONMENT], type=Settings)
-    Protocol.seconds = settings.quotas.body_seconds
-    return build(settings)

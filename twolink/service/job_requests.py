@@ -8,9 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from twolink._version import __version__
-from twolink.errors import SceneError
 from twolink.scenes.file_format import SceneFile
-from twolink.service.settings import Quotas
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
@@ -57,13 +55,3 @@ def content_id(prefix: str, request: SimulationRequest | StudyRequest) -> str:
     """An id of what is asked for: the same request has the same one. How long to wait is no part of it."""
     content = msgspec.json.encode(msgspec.structs.replace(request, wait=0.0), order="sorted")
     return f"{prefix}-{hashlib.sha256(__version__.encode() + content).hexdigest()[:20]}"
-
-
-def check_quotas(quotas: Quotas, duration: float, samples: float) -> None:
-    """Raise SceneError for a run that is longer, or has more samples, than may be."""
-    if duration > quotas.duration:
-        what = f"{duration:g} s are too long, the service simulates up to {quotas.duration:g} s"
-        raise SceneError(what, where="duration", remedy="ask for less")
-    if duration * samples > quotas.samples:
-        what = f"{duration * samples:.3g} samples are too many, the limit is {quotas.samples}"
-        raise SceneError(what, where="samples", remedy="ask for fewer a second, or a shorter duration")

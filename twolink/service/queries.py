@@ -23,7 +23,7 @@ from twolink.service.http_io import JSON, UNTOLD, accepts, header, media_type, r
 from twolink.service.kinematics import derivatives, frame_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
-from twolink.service.robot_pool import LoadedRobots
+from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
 
 Numbers = list[float | list[float]]
@@ -59,14 +59,14 @@ _NPZ_HEADERS = [(b"content-type", npz.MEDIA_TYPE.encode())]
 class Queries:
     """Answers POST /v1/robots/{id}/{query}."""
 
-    def __init__(self, settings: Settings, robots: LoadedRobots, metrics: Metrics) -> None:
+    def __init__(self, settings: Settings, robots: RobotPool, metrics: Metrics) -> None:
         self._quotas, self._robots, self._metrics = settings.quotas, robots, metrics
         self._threads = ThreadPoolExecutor(_THREADS, "twolink-query")
 
     async def answer(self, scope: Any, receive: Any, key: str, what: str) -> tuple[int, list[Any], bytes]:
         """Status, headers and body. Raises what is wrong with the request."""
         body = await read_body(scope, receive, self._quotas.body_mb * 2**20)
-        robot = self._robots.at_hand(key) or await self._robots.get(key)
+        robot = self._robots.loaded(key) or await self._robots.get(key)
         given = media_type(header(scope, b"content-type"))
         given = JSON if given in UNTOLD else given
         if given not in (JSON, npz.MEDIA_TYPE, "application/zip"):
@@ -84,7 +84,7 @@ class Queries:
             arguments = _from_json(what, body)
         else:
             arguments = _from_npz(what, npz.read_npz(body, int(self._quotas.upload_mb * 2**20)))
-        self._metrics.states(self._check_size(robot, what, arguments, _AS_JSON if reply == JSON else 8))
+        self._metrics.states.inc(self._check_size(robot, what, arguments, _AS_JSON if reply == JSON else 8))
         result = self._ask(robot, what, arguments)
         if reply == JSON:
             plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in result.items()}

@@ -22,35 +22,26 @@ MEDIA = {
     "png": "image/png",
     "html": "text/html",
 }
-MOST_POINTS = 20_000
+MAX_POINTS = 20_000
 
 
-async def result_file(service: Service, kind: str, key: str, name: str) -> Path:
-    """The file of that name beside a job's result, made if it is not there. Raises Refusal unless the job is done."""
-    request = service.jobs.request(kind, key)
-    folder = service.store.result_folder(key)
-    await _made(service, key, folder / name, "export", kind=kind, request=request, folder=str(folder), name=name)
-    return folder / name
+async def result_file(service: Service, kind: str, key: str, name: str, task: str = "export", **arguments: Any) -> Path:
+    """The file of that name beside a job's result, made by the task if it is not there.
 
-
-async def motion_file(service: Service, key: str, frames: int) -> Path:
-    """Where the links are in `frames` pictures of a simulation, as a JSON file."""
-    request = service.jobs.request("simulation", key)
-    folder, name = service.store.result_folder(key), f"motion-{frames}.json"
-    await _made(service, key, folder / name, "motion", request=request, folder=str(folder), name=name, frames=frames)
-    return folder / name
-
-
-async def _made(service: Service, key: str, path: Path, task: str, **arguments: Any) -> None:
-    async with service.once(str(path)):
+    Raises Refusal unless the job is done.
+    """
+    service.jobs.require_done(kind, key)
+    path = service.store.result_folder(key) / name
+    async with service.locks(str(path)):
         if not path.exists():
-            await service.read(task, patience=3.0, **arguments)
+            await service.read(task, patience=3.0, path=str(path), **arguments)
             service.store.measure(key)
+    return path
 
 
 async def samples_json(service: Service, key: str, points: int) -> bytes:
     """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
-    service.jobs.request("simulation", key)
+    service.jobs.require_done("simulation", key)
     return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import ipaddress
-import os
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import platformdirs
 
 from twolink.errors import TwolinkError, nearest
 
@@ -62,17 +61,12 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
     rate: float | None = None
-    workers: Count = 1
     quotas: Quotas = Quotas()
 
 
 def default_folder() -> Path:
     """Where this platform keeps a user's data."""
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "twolink"
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "twolink"
-    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "twolink"
+    return platformdirs.user_data_path("twolink", appauthor=False)
 
 
 def is_loopback(host: str) -> bool:

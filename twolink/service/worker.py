@@ -1,11 +1,12 @@
-"""A worker process: does one task after another for the service, under limits, and may die without harm.
+"""A worker process: runs one task after another for the service, under limits, and may die without harm to it.
 
-Messages are msgpack with their length before them (8 bytes): in on stdin, {task, arguments}; out on stdout,
-{"progress": ...} any number of times, then {"done": ...} or {"failed": problem}.
+Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
+`Done` or `Failed`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -13,80 +14,92 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from typing import Any, BinaryIO
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from twolink.service.problems import Refusal, problem_of
+from twolink.service.problems import Problem, Refusal, problem_of
 
 LENGTH = 8
-Tell = Callable[[Any], None]
+Report = Callable[[Any], None]  # how a task reports its progress
 
 
-def pack(message: Any) -> bytes:
-    """A message as it goes over the pipe; NumPy's scalars become numbers."""
+class Call(msgspec.Struct):
+    """A task by its name in TASKS, with its arguments."""
+
+    task: str
+    arguments: dict[str, Any]
+
+
+class Progress(msgspec.Struct, tag=True):
+    """How far a task is."""
+
+    value: Any
+
+
+class Done(msgspec.Struct, tag=True):
+    """What a task returned."""
+
+    result: Any
+
+
+class Failed(msgspec.Struct, tag=True):
+    """What a task raised. traceback: for the log, of unexpected failures only."""
+
+    problem: Problem
+    traceback: str = ""
+
+
+def packed(message: Call | Progress | Done | Failed) -> bytes:
+    """A message as it goes over the pipe. NumPy's scalars become numbers."""
     content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
     return len(content).to_bytes(LENGTH, "big") + content
 
 
-def limit(megabytes: float) -> None:
-    """Bound what this process may take: its address space, and no core dumps."""
+def limit_memory(megabytes: float) -> None:
+    """Limit this process' address space, and turn core dumps off."""
     try:
         import resource
     except ImportError:  # Windows has no such limits
         return
-    most = int(megabytes * 2**20)
-    for what, value in ((resource.RLIMIT_AS, most), (resource.RLIMIT_CORE, 0)):
+    for what, value in ((resource.RLIMIT_AS, int(megabytes * 2**20)), (resource.RLIMIT_CORE, 0)):
         _, hard = resource.getrlimit(what)
         bound = value if hard == resource.RLIM_INFINITY else min(value, hard)
-        try:
+        with contextlib.suppress(ValueError, OSError):  # macOS refuses RLIMIT_AS
             resource.setrlimit(what, (bound, hard))
-        except (ValueError, OSError):  # macOS refuses RLIMIT_AS
-            continue
 
 
 def main(tasks: str, megabytes: float) -> None:
-    """Answer until stdin ends. tasks: the module whose functions are the tasks."""
-    limit(megabytes)
+    """Run tasks until stdin ends. tasks: the module whose TASKS are the functions by name."""
+    limit_memory(megabytes)
     _end_with_the_service()
-    inward = sys.stdin.buffer
-    outward = os.fdopen(os.dup(1), "wb")
+    answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the messages
-    known = importlib.import_module(tasks).TASKS
+    functions = importlib.import_module(tasks).TASKS
 
-    def send(answer: dict[str, Any]) -> None:
-        outward.write(pack(answer))
-        outward.flush()
+    def send(message: Progress | Done | Failed) -> None:
+        answers.write(packed(message))
+        answers.flush()
 
-    def tell(value: Any) -> None:
-        send({"progress": value})
-
-    while (message := _receive(inward)) is not None:
-        send(_answer(known, message, tell))
+    while len(head := sys.stdin.buffer.read(LENGTH)) == LENGTH:
+        call = msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
+        send(_answer(functions[call.task], call.arguments, lambda value: send(Progress(value))))
 
 
-def _receive(inward: BinaryIO) -> dict[str, Any] | None:
-    head = inward.read(LENGTH)
-    if len(head) < LENGTH:
-        return None
-    found: dict[str, Any] = msgspec.msgpack.decode(inward.read(int.from_bytes(head, "big")))
-    return found
-
-
-def _answer(known: dict[str, Callable[..., Any]], message: dict[str, Any], tell: Tell) -> dict[str, Any]:
+def _answer(function: Callable[..., Any], arguments: dict[str, Any], report: Report) -> Done | Failed:
     try:
-        return {"done": known[message["task"]](tell=tell, **message["arguments"])}
+        return Done(function(report=report, **arguments))
     except MemoryError:
         what = "it takes more memory than a worker process may have"
-        return {"failed": problem_of(Refusal(422, what, code="too-large", remedy="send something smaller"))}
+        return Failed(problem_of(Refusal(422, what, code="too-large", remedy="send something smaller")))
     except Exception as error:
         problem = problem_of(error)
-        return {"failed": problem, "traceback": traceback.format_exc() if problem.status >= 500 else ""}
+        return Failed(problem, traceback.format_exc() if problem.status >= 500 else "")
 
 
 def _end_with_the_service() -> None:
-    """A service that was killed cannot end its workers: they look for themselves."""
+    """End this process when the service has been killed and cannot do it."""
     parent = os.getppid()
 
     def watch() -> None:
