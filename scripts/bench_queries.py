@@ -242,7 +242,7 @@ def picture(rows: list[list]) -> None:
     """Nanoseconds a state against degrees of freedom, one colour a contestant."""
     from matplotlib.ticker import NullLocator, ScalarFormatter
 
-    from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
+    from twolink.show.figure import COLOURS, new_figure, save_figure
 
     colour_of = {
         "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0], "pin.rneaInParallel": COLOURS[0],

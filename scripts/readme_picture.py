@@ -6,7 +6,7 @@ import numpy as np
 
 import twolink as tl
 from twolink.paper.figures import by_hand
-from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
+from twolink.show.figure import COLOURS, new_figure, save_figure
 
 SECONDS = 2.48  # about one cycle
 

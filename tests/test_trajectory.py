@@ -127,7 +127,7 @@ def test_legends_show_every_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     drawn = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
-    plots.plot_trajectory(tl.simulate(tl.Scene(tl.load_robot(run_of_names("_x", "$y$"))), 0.05), tmp_path / "x.png")
+    tl.simulate(tl.Scene(tl.load_robot(run_of_names("_x", "$y$"))), 0.05).plot(tmp_path / "x.png")
     legend = drawn[0].axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == [" _x", r"\$y\$"]
 
@@ -159,7 +159,7 @@ def test_plot_draws_the_samples(run: tl.Trajectory, tmp_path: Path, monkeypatch:
 
     drawn = []
     monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
-    plots.plot_trajectory(run, tmp_path / "x.png")
+    run.plot(tmp_path / "x.png")
     lines = drawn[0].axes[0].get_lines()
     assert [line.get_label() for line in lines] == ["shoulder", "elbow"]
     assert np.array_equal(lines[1].get_ydata(), run.q[:, 1])
@@ -169,6 +169,14 @@ def test_playback_is_written(run: tl.Trajectory, tmp_path: Path) -> None:
     page = run.playback(tmp_path / "x.html").read_text()
     assert "two_link" in page
     assert "http://" not in page.split("<script")[0]
+
+
+@pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])
+def test_a_playback_is_a_page_and_nothing_else(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
+    with pytest.raises(ShowError, match="is not a format we know") as failure:
+        run.playback(tmp_path / name)
+    assert failure.value.code == "unknown-format"
+    assert not (tmp_path / name).exists()
 
 
 def test_unknown_picture_format(run: tl.Trajectory, tmp_path: Path) -> None:

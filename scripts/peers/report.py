@@ -9,7 +9,7 @@ from typing import Any
 
 from matplotlib.lines import Line2D
 
-from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
+from twolink.show.figure import COLOURS, new_figure, save_figure
 
 from .own_peer import PLAIN, VERIFIED
 

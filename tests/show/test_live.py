@@ -21,7 +21,8 @@ import pytest
 # `browser` is a fixture: imported, so that pytest finds it here.
 from tests.show.browser import Browser, browser  # noqa: F401
 from twolink.errors import ShowError
-from twolink.show.live import play_live, resample_at
+from twolink.show.live import play_live
+from twolink.show.motion_samples import resample
 
 URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 
@@ -114,7 +115,7 @@ def test_the_motion_is_checked_first(arm: tuple[Any, Any]) -> None:
 def test_one_instant_is_between_its_samples(arm: tuple[Any, Any], now: float) -> None:
     t, q = motion(1.0)
     expected = [np.interp(now, t, q[:, i]) for i in range(2)]
-    np.testing.assert_allclose(resample_at(arm[0], t, q, now)[0], expected, atol=1e-12)
+    np.testing.assert_allclose(resample(arm[0], t, q, np.array([now]))[0], expected, atol=1e-12)
 
 
 @pytest.mark.browser

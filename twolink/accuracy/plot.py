@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.errors import ShowError
 from twolink.show.direct_labels import label_ends
-from twolink.show.trajectory_plot import COLOURS, new_figure, plain, save_figure
+from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 
 if TYPE_CHECKING:
     from twolink.accuracy.result import Price, Row, Study

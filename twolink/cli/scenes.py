@@ -18,7 +18,7 @@ from twolink.errors import TwolinkError
 from twolink.integrate.methods import methods as method_table
 from twolink.io.tables import SUFFIXES
 from twolink.scenes import bundled_scenes, load_scene
-from twolink.show.trajectory_plot import FORMATS
+from twolink.show.figure import FORMATS
 from twolink.simulation.records import run_record
 
 SceneArgument = Annotated[str, typer.Argument(help="A bundled scene, or the path of a scene file (.toml).")]

@@ -15,7 +15,7 @@ from twolink.cli.printing import print_json
 from twolink.cli.scenes import KEPT, Bar
 from twolink.cli.writing import require_formats
 from twolink.errors import TwolinkError
-from twolink.show.trajectory_plot import FORMATS
+from twolink.show.figure import FORMATS
 
 if TYPE_CHECKING:
     from twolink.paper.throw import Throw, Throws

@@ -10,7 +10,7 @@ from twolink.cli.options import Misuse
 from twolink.cli.printing import say_skipped
 from twolink.errors import TwolinkError
 from twolink.io.tables import SUFFIXES, require_format
-from twolink.show.trajectory_plot import FORMATS
+from twolink.show.figure import FORMATS
 from twolink.simulation.trajectory import Trajectory
 
 

@@ -20,7 +20,7 @@ from twolink.effects import Gravity
 from twolink.lagrange import Variant, two_link
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
-from twolink.show.trajectory_plot import new_figure, save_figure
+from twolink.show.figure import new_figure, save_figure
 from twolink.simulation.scene_run import simulate
 
 BLACK, GREY = "0.0", "0.62"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twolink.show.direct_labels import label_ends
-from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
+from twolink.show.figure import COLOURS, new_figure, save_figure
 
 if TYPE_CHECKING:
     from twolink.paper.throw import Throw, Throws

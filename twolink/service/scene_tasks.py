@@ -20,7 +20,7 @@ from twolink.service.kinematics import frame_poses
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
-from twolink.show.meshcat_view import resample
+from twolink.show.motion_samples import resample
 from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.records import run_record
 from twolink.simulation.scene_run import simulate as simulate_scene

@@ -1,4 +1,4 @@
-"""A motion, played live in the browser by meshcat's server, which is always ended again."""
+"""Live playing of a motion in the browser, by meshcat's server, which ends when playing ends."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import pinocchio as pin
 import umsgpack
 import zmq
 from numpy.typing import ArrayLike
 
 from twolink.errors import ShowError
-from twolink.show.meshcat_scene import Node, poses, scene_nodes, set_object, set_pose
+from twolink.show.meshcat_scene import Node, poses, require_nodes, set_pose
 from twolink.show.meshcat_shapes import Floats, Json
-from twolink.show.meshcat_view import Side, check_motion, look_at, resample, stage
+from twolink.show.meshcat_view import SAMPLES, look_at, opening_commands
+from twolink.show.motion_samples import check_motion, resample
 
-_ASPECT = 1.6  # of the browser window, which we are not told
 _FRAME = 1 / 60  # s, the shortest time between two pictures
-_VIEW_FRAMES = 300  # configurations looked at to choose the view
 _START_LIMIT = 30.0  # s, for the server to start (it imports IPython)
-_SETTLE = 0.7  # s between a browser's coming and the start, for it to draw its first picture
+_FIRST_PICTURE = 0.7  # s, for a browser that has just come to draw its first picture
 _REPLY_LIMIT = 10.0  # s, for the server to take a command
+_FILE_INSTEAD = "try again, or write a playback file, which needs no server"
 
-# meshcat's server with three changes. It ends when its standard input does, so it cannot outlive us, even
-# when we are killed. It listens on this machine only. And it says when a browser has come: its own answer
-# to that question leaves its ZeroMQ socket deaf to the next command.
+# meshcat's server with three changes. It ends when its standard input ends, so it cannot outlive this process,
+# even when this process is killed. It listens on this machine only. It prints a line when a browser connects: its
+# own answer to that question makes its ZeroMQ socket deaf to the next command.
 _SERVER = """
 import os, sys, threading
 threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(0)), daemon=True).start()
@@ -43,8 +44,8 @@ server.main()
 
 
 def play_live(
-    model: Any,
-    visuals: Any,
+    model: pin.Model,
+    visuals: pin.GeometryModel,
     t: ArrayLike,
     q: ArrayLike,
     *,
@@ -52,135 +53,125 @@ def play_live(
     open_browser: bool = True,
     wait: float = 60.0,
     on_url: Callable[[str], None] | None = None,
-    view: Side = "auto",
     on_skipped: Callable[[list[str]], None] | None = None,
 ) -> None:
-    """Play the motion q(t) once in a browser, at `speed` simulated seconds a second.
+    """Play the motion q(t) once in a browser.
 
-    model is a pin.Model, visuals its pin.GeometryModel of visual geometry, t (n,) s increasing, q (n, nq).
-    The page's address goes to `on_url`, and to the user's browser unless `open_browser` is false; playing
-    starts when a browser has the page, or ends in a ShowError after `wait` s without one. Late pictures are
-    dropped: a slow machine shows fewer, but never a slower motion. `on_skipped` is called with the names of
-    the pieces that cannot be drawn, if any. When this returns, however it does, the server is gone.
+    A slow machine shows fewer pictures, but never a slower motion. The server has ended when this returns or raises.
+
+    Parameters
+    ----------
+    model : pin.Model
+        The robot.
+    visuals : pin.GeometryModel
+        Its visual geometry.
+    t : array_like (n,)
+        Times in s, increasing.
+    q : array_like (n, nq)
+        Configurations.
+    speed : float
+        Simulated seconds per second of playing.
+    open_browser : bool
+        Whether to open the page in the user's browser.
+    wait : float
+        Seconds to wait for a browser to open the page.
+    on_url : callable, optional
+        Called with the page's address.
+    on_skipped : callable, optional
+        Called with the names of the pieces that cannot be drawn, if any.
+
+    Raises
+    ------
+    ShowError
+        For a motion that cannot be shown, when no browser comes, and when the server fails.
     """
     times, configurations = check_motion(model, t, q, speed)
-    nodes, skipped = scene_nodes(visuals)
-    if skipped and on_skipped is not None:
-        on_skipped(skipped)
-    if not nodes:
-        raise ShowError("the robot has nothing to draw", remedy="give its links <visual> elements")
-    few = configurations[:: max(1, len(configurations) // _VIEW_FRAMES)]
+    nodes, _ = require_nodes(visuals, on_skipped)
+    few = configurations[:: max(1, len(configurations) // SAMPLES)]
     placed = poses(model, visuals, few, nodes)
-    still = [set_object(node.path, node.object) for node in nodes]
-    still += stage(look_at(nodes, placed, view), _ASPECT)
-    still += [set_pose(node.path, placed[0, k]) for k, node in enumerate(nodes)]
-    with _server() as lines, _connection(_started(lines, "zmq_url")) as socket:
-        web_url = _started(lines, "web_url")
-        for command in still:
+    opening = opening_commands(nodes, placed, look_at(nodes, placed))
+    start_failed = f"meshcat's server did not start within {_START_LIMIT:g} s"
+    with _server() as lines, _connection(_wait_for(lines, "zmq_url", _START_LIMIT, start_failed)) as socket:
+        url = _wait_for(lines, "web_url", _START_LIMIT, start_failed)
+        for command in opening:
             _send(socket, command)
         if on_url is not None:
-            on_url(web_url)
+            on_url(url)
         if open_browser:  # in a thread, because a browser in the terminal returns only when it is closed
-            threading.Thread(target=webbrowser.open, args=(web_url,), daemon=True).start()
-        if _line(lines, "browser", wait) is None:
-            what = f"no browser opened {web_url} within {wait:g} s"
-            remedy = "open that address while it waits, or write a playback file instead"
-            raise ShowError(what, where="live playback", remedy=remedy)
-        time.sleep(_SETTLE)
+            threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+        _wait_for(lines, "browser", wait, f"no browser opened {url} within {wait:g} s")
+        time.sleep(_FIRST_PICTURE)
         _play(socket, model, visuals, nodes, times, configurations, speed)
 
 
 def _play(
     socket: zmq.Socket[bytes],
-    model: Any,
-    visuals: Any,
+    model: pin.Model,
+    visuals: pin.GeometryModel,
     nodes: Sequence[Node],
     t: Floats,
     q: Floats,
     speed: float,
 ) -> None:
-    """Send the poses that the wall clock asks for until the last one is shown."""
-    begun = time.monotonic()
-    last: dict[str, Json] = {}
-    while True:
-        shown = time.monotonic()
-        now = min(t[0] + (shown - begun) * speed, t[-1])
-        placed = poses(model, visuals, resample_at(model, t, q, now), nodes)[0]
+    """Send the poses of the wall clock's time until the last pose is shown."""
+    begin = time.monotonic()
+    sent: dict[str, Json] = {}
+    now = t[0]
+    while now < t[-1]:
+        frame_begin = time.monotonic()
+        now = min(t[0] + (frame_begin - begin) * speed, t[-1])
+        placed = poses(model, visuals, resample(model, t, q, t[:1] * 0.0 + now), nodes)[0]
         for node, pose in zip(nodes, placed, strict=True):
             command = set_pose(node.path, pose)
-            if last.get(node.path) != command:  # what stands still is sent once
+            if sent.get(node.path) != command:  # the pose of a body at rest is sent once
                 _send(socket, command)
-                last[node.path] = command
-        if now >= t[-1]:
-            return
-        time.sleep(max(0.0, shown + _FRAME - time.monotonic()))
-
-
-def resample_at(model: Any, t: Floats, q: Floats, now: float) -> Floats:
-    """The configuration at one time: (1, nq). Looks only at the two samples round it."""
-    right = min(max(int(t.searchsorted(now, side="right")), 1), max(len(t) - 1, 1))
-    around = slice(right - 1, right + 1)
-    return resample(model, t[around], q[around], t[:1] * 0.0 + now)
+                sent[node.path] = command
+        time.sleep(max(0.0, frame_begin + _FRAME - time.monotonic()))
 
 
 @contextlib.contextmanager
 def _server() -> Iterator[queue.SimpleQueue[str]]:
-    """Run meshcat's server, and give the lines it prints. It is ended at the end."""
-    # Not by meshcat's own way of starting it: that waits without a limit, never reads the error output it
-    # collects (the server stops when that is full), and leaves the server running when we are killed.
-    process = subprocess.Popen(
+    """Run meshcat's server and yield the lines it prints; an empty line says that it has ended."""
+    # meshcat's own way of starting it waits without limit, never reads the error output it collects (the server
+    # stops when that pipe is full), and leaves the server running when this process is killed.
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    with subprocess.Popen(
         [sys.executable, "-P", "-u", "-c", _SERVER],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-        start_new_session=True,  # Ctrl-C is for us; we end the server
-    )
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    reader = threading.Thread(target=_drain, args=(process.stdout, lines), daemon=True)
-    try:
-        reader.start()
-        yield lines
-    finally:
-        process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=10.0)
-        reader.join(timeout=10.0)
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
+        start_new_session=True,  # Ctrl-C reaches this process, which ends the server
+    ) as process:
+        reader = threading.Thread(target=_read_lines, args=(process.stdout, lines), daemon=True)
+        try:
+            reader.start()
+            yield lines
+        finally:
+            process.kill()
+            reader.join(timeout=10.0)
 
 
-def _drain(stream: Any, lines: queue.SimpleQueue[str]) -> None:
+def _read_lines(stream: Any, lines: queue.SimpleQueue[str]) -> None:
     for line in stream:
         lines.put(line.strip())
-    lines.put("")  # the server has ended
+    lines.put("")
 
 
-def _line(lines: queue.SimpleQueue[str], name: str, limit: float) -> str | None:
-    """What the server says of `name` in its next line "name=...", or None after `limit` s of silence."""
+def _wait_for(lines: queue.SimpleQueue[str], name: str, limit: float, otherwise: str) -> str:
+    """The value in the server's next line "name=value". Raises ShowError `otherwise` after `limit` s without a line."""
     try:
         line = lines.get(timeout=max(0.0, limit))
     except queue.Empty:
-        return None
+        raise ShowError(otherwise, where="live playback", remedy=_FILE_INSTEAD, code="server-silent") from None
     if not line.startswith(f"{name}="):
-        remedy = "write a playback file instead, which needs no server"
-        raise ShowError("meshcat's server ended by itself", where="live playback", remedy=remedy)
+        raise ShowError("meshcat's server ended by itself", where="live playback", remedy=_FILE_INSTEAD)
     return line.removeprefix(f"{name}=")
-
-
-def _started(lines: queue.SimpleQueue[str], name: str) -> str:
-    """An address of the server that has just been started."""
-    address = _line(lines, name, _START_LIMIT)
-    if address is None:
-        what = f"meshcat's server did not start within {_START_LIMIT:g} s"
-        raise ShowError(what, where="live playback", remedy="try again")
-    return address
 
 
 @contextlib.contextmanager
 def _connection(url: str) -> Iterator[zmq.Socket[bytes]]:
-    """A ZeroMQ socket to the server on which no call can block for ever."""
+    """A ZeroMQ socket to the server on which every call has a time limit."""
     with zmq.Context() as context, context.socket(zmq.REQ) as socket:
         socket.setsockopt(zmq.LINGER, 0)
         socket.setsockopt(zmq.SNDTIMEO, int(1000 * _REPLY_LIMIT))
@@ -196,5 +187,4 @@ def _send(socket: zmq.Socket[bytes], command: Json) -> None:
         socket.recv()
     except zmq.Again as failure:
         what = f"meshcat's server did not answer within {_REPLY_LIMIT:g} s"
-        remedy = "play again, or write a playback file"
-        raise ShowError(what, where="live playback", remedy=remedy) from failure
+        raise ShowError(what, where="live playback", remedy=_FILE_INSTEAD) from failure

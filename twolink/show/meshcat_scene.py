@@ -1,13 +1,13 @@
-"""A robot's visual geometry as meshcat (three.js) objects, and where its pieces are at each configuration.
+"""A robot's visual geometry as meshcat (three.js) objects, their poses, and meshcat's commands.
 
-The objects are the plain dictionaries of the three.js JSON format that meshcat's viewer reads, so neither
-meshcat nor its server is imported here. What cannot be drawn (its file is gone) is named, never fatal.
+Objects are dictionaries in three.js's JSON format, which meshcat's viewer reads; meshcat itself is not imported.
+Pieces that cannot be drawn, for want of their file, are named.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,27 +16,29 @@ from urllib.parse import quote
 import numpy as np
 import pinocchio as pin
 
+from twolink.errors import ShowError
 from twolink.show.mesh_files import SUFFIXES, file_object
-from twolink.show.meshcat_shapes import SHAPES, Floats, Json, buffer_geometry, mesh, phong, triangles
+from twolink.show.meshcat_shapes import SHAPES, Floats, Json, mesh, phong, triangle_geometry, triangles
 
-# The viewer keeps its nodes in JavaScript objects, where these keys exist from the start and pass for nodes.
-_RESERVED = {"constructor", "hasOwnProperty", "isPrototypeOf", "propertyIsEnumerable", "toLocaleString"}
-_RESERVED |= {"toString", "valueOf"}
+# The viewer keeps its nodes in JavaScript objects, in which these keys exist from the start.
+_RESERVED = re.compile(
+    "constructor|hasOwnProperty|isPrototypeOf|propertyIsEnumerable|toLocaleString|toString|valueOf|__.*__"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
     """One piece of geometry that can be drawn."""
 
-    name: str  # Pinocchio's name for it
+    name: str  # Pinocchio's name of the piece
     index: int  # its place in GeometryModel.geometryObjects
     path: str  # its place in meshcat's tree: "/robot/<name>"
-    object: Json  # three.js JSON; the node is placed by a transform of its own
+    object: Json  # three.js JSON; a command places the node
     corners: Floats  # (8, 3) m, its bounding box in its own frame
 
 
 def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
-    """What can be drawn of the pin.GeometryModel `visuals`, and the names of the pieces that cannot."""
+    """The pieces of the pin.GeometryModel `visuals` that can be drawn, and the names of those that cannot."""
     nodes: list[Node] = []
     skipped: list[str] = []
     taken: set[str] = set()
@@ -46,26 +48,49 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
         if drawn is None or corners is None:
             skipped.append(item.name)
             continue
-        path = _path(item.name, taken)
-        nodes.append(Node(item.name, index, path, drawn, corners))
+        nodes.append(Node(item.name, index, _path(item.name, taken), drawn, corners))
+    return nodes, skipped
+
+
+def require_nodes(visuals: Any, on_skipped: Callable[[list[str]], None] | None) -> tuple[list[Node], list[str]]:
+    """As `scene_nodes`; `on_skipped` is called with the names that cannot be drawn. Raises ShowError without nodes."""
+    nodes, skipped = scene_nodes(visuals)
+    if skipped and on_skipped is not None:
+        on_skipped(skipped)
+    if not nodes:
+        remedy = "give its links <visual> elements"
+        raise ShowError("the robot has nothing to draw", where="playback", remedy=remedy, code="nothing-to-draw")
     return nodes, skipped
 
 
 def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Node]) -> Floats:
-    """Where the nodes are: (n, len(nodes), 7), position (m) and unit quaternion (x y z w) in the world frame.
+    """The poses of the nodes in the world frame.
 
-    q is (n, nq). Quaternions keep their sign from one configuration to the next: q and -q are the same
-    rotation, but a viewer that interpolates between them would spin the body all the way round.
+    Parameters
+    ----------
+    model, visuals : pin.Model, pin.GeometryModel
+        The robot.
+    q : array (n, nq)
+        Configurations.
+    nodes : sequence of Node
+        The pieces.
+
+    Returns
+    -------
+    array (n, len(nodes), 7)
+        Position (m) and unit quaternion (x y z w). The sign of a quaternion does not jump from one configuration to
+        the next: q and -q are one rotation, but a viewer that interpolates between them turns the body all the way
+        round.
     """
-    data, placed = model.createData(), pin.GeometryData(visuals)  # private: a pin.Data belongs to one thread
+    data, placed = model.createData(), pin.GeometryData(visuals)  # not shared: a pin.Data belongs to one thread
     result = np.empty((len(q), len(nodes), 7))
     for i, configuration in enumerate(q):
         pin.updateGeometryPlacements(model, data, visuals, placed, configuration)
         for k, node in enumerate(nodes):
             result[i, k] = pin.SE3ToXYZQUAT(placed.oMg[node.index])
-    turns = result[..., 3:]
-    flips = np.where((turns[1:] * turns[:-1]).sum(axis=-1) < 0.0, -1.0, 1.0)
-    turns[1:] *= np.cumprod(flips, axis=0)[..., None]
+    quaternions = result[..., 3:]
+    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=-1) < 0.0, -1.0, 1.0)
+    quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
     return result
 
 
@@ -86,41 +111,41 @@ def set_property(path: str, key: str, value: object) -> Json:
 
 
 def _draw(item: Any, uuid: str) -> Json | None:
-    """The three.js object of one pin.GeometryObject, or None when there is no way to draw it."""
+    """The three.js object of one pin.GeometryObject; None when there is no way to draw it."""
     rgba = np.asarray(item.meshColor, float)
     if Path(item.meshPath).suffix.lower() in SUFFIXES:
         file_colours, scale = not item.overrideMaterial, np.diag([*np.asarray(item.meshScale, float), 1.0])
         drawn = file_object(Path(item.meshPath), file_colours=file_colours, rgba=rgba, uuid=uuid, scale=scale)
         if drawn is not None:
             return drawn
-    material = phong(rgba)
     kind = type(item.geometry).__name__
     if kind in SHAPES:
         geometry, matrix = SHAPES[kind](item.geometry)
-        return mesh(geometry, material, uuid, matrix)
+        return mesh(geometry, phong(rgba), uuid, matrix)
     faces = triangles(item.geometry)
     if faces is None:
         return None
-    # No scale here: whoever read the mesh has applied it already.
-    return mesh(buffer_geometry(*faces), {**material, "flatShading": True}, uuid)
+    # Without item.meshScale: the reader of the mesh has applied it.
+    return mesh(triangle_geometry(*faces), {**phong(rgba), "flatShading": True}, uuid)
 
 
 def _corners(item: Any) -> Floats | None:
+    """The corners (8, 3) of the box round a piece; None when the piece is empty or has no bounds."""
     item.geometry.computeLocalAABB()
-    low, high = np.asarray(item.geometry.aabb_local.min_), np.asarray(item.geometry.aabb_local.max_)
-    sides = np.stack([low, high])
-    if not np.all(np.isfinite(sides)) or np.any(np.abs(sides) > 1e6):  # empty or unbounded
+    box = item.geometry.aabb_local
+    sides = np.stack([box.min_, box.max_])
+    if not np.all(np.isfinite(sides)) or np.any(np.abs(sides) > 1e6):
         return None
-    return np.array([[sides[i, 0], sides[j, 1], sides[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    return np.array([sides[[i, j, k], [0, 1, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 def _path(name: str, taken: set[str]) -> str:
-    """A path of its own for a geometry name; "/" separates levels there, so it is escaped."""
+    """A path for a piece that no other has; "/" separates levels there, so it is escaped."""
     safe = quote(name, safe=" ") or "unnamed"
-    if safe in _RESERVED or re.fullmatch(r"__\w+__", safe):
-        safe = f"~{safe}"
+    path = f"/robot/~{safe}" if _RESERVED.fullmatch(safe) else f"/robot/{safe}"
     number = 1
-    while (path := f"/robot/{safe}" if number == 1 else f"/robot/{safe} ({number})") in taken:
+    while path in taken:
         number += 1
+        path = f"/robot/{safe} ({number})"
     taken.add(path)
     return path

@@ -50,13 +50,13 @@ def attribute(values: NDArray[Any], kind: str = "Float32Array") -> Json:
 def mesh(
     geometry: Json, materials: Json | list[Json], uuid: str, matrix: Floats | None = None, kind: str = "Mesh"
 ) -> Json:
-    """A three.js object of one geometry and its material, or one material for each of the geometry's groups.
+    """A three.js object of one geometry with one material, or with one material for each group of the geometry.
 
-    `matrix` (4, 4) places it inside its node.
+    `matrix` (4, 4) places the object in its node; `kind` is three.js's class.
     """
     listed = materials if isinstance(materials, list) else [materials]
     names = [f"{uuid}-material-{k}" for k in range(len(listed))]
-    inner = np.eye(4) if matrix is None else matrix
+    placement = np.eye(4) if matrix is None else matrix
     return {
         "metadata": {"version": 4.5, "type": "Object"},
         "geometries": [{"uuid": f"{uuid}-geometry", **geometry}],
@@ -66,17 +66,15 @@ def mesh(
             "type": kind,
             "geometry": f"{uuid}-geometry",
             "material": names if isinstance(materials, list) else names[0],
-            "matrix": inner.T.ravel().tolist(),
+            "matrix": placement.T.ravel().tolist(),
         },
     }
 
 
-def buffer_geometry(vertices: NDArray[Any], faces: NDArray[Any] | None = None) -> Json:
-    """A three.js geometry from (n, 3) vertices (m) and (m, 3) faces (triangles), or none (lines)."""
-    data: Json = {"attributes": {"position": attribute(vertices)}}
-    if faces is not None:
-        data["index"] = attribute(faces.reshape(-1, 1), "Uint32Array")
-    return {"type": "BufferGeometry", "data": data}
+def triangle_geometry(vertices: NDArray[Any], faces: NDArray[Any]) -> Json:
+    """A three.js geometry of triangles: vertices (n, 3) m, faces (m, 3)."""
+    index = attribute(faces.reshape(-1, 1), "Uint32Array")
+    return {"type": "BufferGeometry", "data": {"attributes": {"position": attribute(vertices)}, "index": index}}
 
 
 def phong(rgba: Floats) -> Json:
@@ -118,7 +116,7 @@ def _capsule(radius: float, half_length: float) -> Json:
     here, there = low + np.arange(_SEGMENTS), low + (np.arange(_SEGMENTS) + 1) % _SEGMENTS
     lower = np.stack([here, there, here + _SEGMENTS], -1)
     upper = np.stack([there, there + _SEGMENTS, here + _SEGMENTS], -1)
-    return buffer_geometry(vertices.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
+    return triangle_geometry(vertices.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
 
 
 # By the coal class's name: its three.js geometry, and the matrix that puts it as coal has it (along z).

@@ -1,6 +1,6 @@
-"""A motion as one HTML file that plays in any browser, with no network and no server.
+"""A motion as one HTML file that plays in any browser, without network and server.
 
-meshcat's viewer, its scene and its animation are all inside the file, which is made without meshcat's server.
+The file holds meshcat's viewer, the scene and the animation.
 """
 
 from __future__ import annotations
@@ -13,36 +13,38 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import umsgpack
 from numpy.typing import ArrayLike
 
-from twolink.errors import MissingExtraError, ShowError, TwolinkError
-from twolink.io.atomic import write_atomic
-from twolink.show.meshcat_scene import Node, poses, scene_nodes, set_object, set_pose
+from twolink.errors import MissingExtraError, ShowError
+from twolink.show.figure import check_ending, write_shown
+from twolink.show.meshcat_scene import Node, poses, require_nodes
 from twolink.show.meshcat_shapes import Floats, Json, packed
-from twolink.show.meshcat_view import Side, View, check_motion, look_at, resample, stage, to_three
+from twolink.show.meshcat_view import View, look_at, opening_commands, to_three
+from twolink.show.motion_samples import check_motion, resample
 
-_ASPECT = 1.6  # width to height, until the page knows its own
-_FEWEST_FRAMES = 30  # a motion squeezed into fewer is not shown but hidden
+_MIN_FRAMES = 30  # with fewer a motion cannot be recognized
+_FRAME_BYTES = 48  # of a body in a frame: seven numbers and the time twice, four bytes each, in base64
+_PAGE_BYTES = 50_000  # of the page without viewer, bodies and animation
 _TRACKS = (("position", "vector3", slice(0, 3)), ("quaternion", "quaternion", slice(3, 7)))
-_STILL = 1e-7  # m, and in quaternions: less than this is no motion
+_AT_REST = 1e-7  # m, and in quaternions: a smaller range is no motion
 
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """When the pictures are taken: simulated times at equal distances, both ends among them."""
+    """The times of the pictures, at equal distances, the first and last sample among them."""
 
-    times: Floats  # (n,) s
-    rate: float  # a second of playing
-    note: str  # what the viewer should know about it, or ""
+    times: Floats  # (n,) s, simulated
+    rate: float  # frames per second of playing
+    note: str  # for the viewer, when there are fewer frames than wanted
 
 
 def write_playback(
-    model: Any,
-    visuals: Any,
+    model: pin.Model,
+    visuals: pin.GeometryModel,
     t: ArrayLike,
     q: ArrayLike,
     path: str | Path,
@@ -52,96 +54,99 @@ def write_playback(
     fps: float = 60.0,
     max_frames: int = 3600,
     max_bytes: int = 50_000_000,
-    view: Side = "auto",
     on_skipped: Callable[[list[str]], None] | None = None,
 ) -> Path:
-    """Write the motion q(t) of a robot as a page that plays it over and over, and return the page's path.
+    """Write the motion q(t) of a robot as a page that plays it again and again.
 
-    model is a pin.Model, visuals its pin.GeometryModel of visual geometry, t (n,) s increasing, q (n, nq).
-    `speed` is simulated seconds a second of playing. There are `fps` frames a second, fewer if that made
-    more than `max_frames` or more than `max_bytes`; the page says so then. `view`: "auto" looks square at a
-    motion in a plane and slantwise at any other. `on_skipped` is called with the names of the pieces that
-    cannot be drawn, if any; the page says so too. Raises ShowError for a motion that cannot be shown, a
-    page that would be too large, or a path that cannot be written.
+    Parameters
+    ----------
+    model : pin.Model
+        The robot.
+    visuals : pin.GeometryModel
+        Its visual geometry.
+    t : array_like (n,)
+        Times in s, increasing.
+    q : array_like (n, nq)
+        Configurations.
+    path : str or Path
+        The page, an .html file.
+    title : str
+        The page's title.
+    speed : float
+        Simulated seconds per second of playing.
+    fps : float
+        Frames per second of playing.
+    max_frames, max_bytes : int
+        Limits. The motion is shown with fewer frames where it would exceed them, and the page says so.
+    on_skipped : callable, optional
+        Called with the names of the pieces that cannot be drawn, if any. The page names them too.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ShowError
+        For a motion that cannot be shown, another ending than .html (code "unknown-format"), a page that would be
+        too large, and a path that cannot be written.
     """
+    file = Path(path)
+    check_ending(file, (".html",))
     times, configurations = check_motion(model, t, q, speed)
     if not (fps > 0 and max_frames >= 2):
         remedy = "60 and 3600 are the usual ones"
         raise ShowError(f"fps is {fps} and max_frames {max_frames}", where="playback", remedy=remedy)
-    nodes, skipped = scene_nodes(visuals)
-    if skipped and on_skipped is not None:
-        on_skipped(skipped)
-    if not nodes:
-        remedy = "give its links <visual> elements"
-        raise ShowError("the robot has nothing to draw", where=str(path), remedy=remedy)
-    frames = choose_frames(times, speed, fps, max_frames)
+    nodes, skipped = require_nodes(visuals, on_skipped)
+    fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
+    affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
+    frames = choose_frames(times, speed, fps, min(max_frames, max(affordable, _MIN_FRAMES)))
     placed = poses(model, visuals, resample(model, times, configurations, frames.times), nodes)
-    seen = look_at(nodes, placed, view)
-    still = [set_object(node.path, node.object) for node in nodes] + stage(seen, _ASPECT)
-    still += [set_pose(node.path, placed[0, k]) for k, node in enumerate(nodes)]
-    fixed = _page(still, title, seen, frames, speed, skipped)
-    frames, placed = _fit(frames, placed, len(nodes), max_bytes - len(fixed))
-    moving = animation(nodes, placed, (frames.times - frames.times[0]) / speed)
-    page = _page(still + ([moving] if moving else []), title, seen, frames, speed, skipped)
+    view = look_at(nodes, placed)
+    commands = opening_commands(nodes, placed, view) + _animation(nodes, placed, (frames.times - times[0]) / speed)
+    page = _page(commands, title, view, frames, speed, skipped)
     if len(page) > max_bytes:
         what = f"the page would take {len(page) / 1e6:.1f} MB, more than max_bytes ({max_bytes / 1e6:.1f} MB)"
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
-        raise ShowError(what, where=str(path), remedy=remedy)
-    try:
-        return write_atomic(Path(path), lambda file: file.write(page))
-    except TwolinkError as failure:
-        raise ShowError(failure.what, where=failure.where, remedy=failure.remedy) from None
+        raise ShowError(what, where=str(path), remedy=remedy, code="page-too-large", bytes=len(page))
+    return write_shown(file, lambda out: out.write(page))
 
 
-def choose_frames(t: Floats, speed: float, fps: float, most: int) -> Frames:
-    """The instants to show: `fps` a second of playing, but not more than `most` in all."""
+def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> Frames:
+    """The times to show: `fps` per second of playing, but not more than `max_frames` in all."""
     seconds = float(t[-1] - t[0]) / speed
     wanted = 1 + max(1, round(seconds * fps)) if len(t) > 1 else 1
-    return _spread(float(t[0]), float(t[-1]), seconds, min(wanted, most), reduced=wanted > most)
-
-
-def _spread(start: float, end: float, seconds: float, count: int, *, reduced: bool) -> Frames:
+    count = min(wanted, max_frames)
     rate = (count - 1) / seconds if count > 1 else 0.0
-    note = f"shown at {rate:.3g} frames a second" if reduced else ""
-    return Frames(np.linspace(start, end, count), rate, note)
+    note = f"shown at {rate:.3g} frames a second" if count < wanted else ""
+    return Frames(np.linspace(t[0], t[-1], count), rate, note)
 
 
-def _fit(frames: Frames, placed: Floats, bodies: int, room: int) -> tuple[Frames, Floats]:
-    """Drop frames until the animation needs at most `room` bytes: 36 a body and frame, in base64 48."""
-    affordable = int(room / (36 * 4 / 3 * bodies)) - 20
-    count = len(frames.times)
-    if count <= max(affordable, _FEWEST_FRAMES):
-        return frames, placed  # if even that is too much, the caller's own count of the bytes says so
-    every = -(-(count - 1) // max(affordable - 1, _FEWEST_FRAMES))
-    kept = np.unique(np.append(np.arange(0, count - every // 2, every), count - 1))
-    seconds = (count - 1) / frames.rate
-    rate = (len(kept) - 1) / seconds
-    return Frames(frames.times[kept], rate, f"shown at {rate:.3g} frames a second"), placed[kept]
+def _animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> list[Json]:
+    """The command that animates the nodes that move, endlessly; none when all are at rest.
 
-
-def animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> Json | None:
-    """The command that animates what moves, for ever: placed (n, len(nodes), 7), times (n,) s from 0."""
+    `placed` is (n, len(nodes), 7), `times` (n,) s of playing.
+    """
     animations = []
     for k, node in enumerate(nodes):
         tracks = []
-        for name, kind, part in _TRACKS:
-            values = placed[:, k, part]
-            if np.ptp(values, axis=0).max() > _STILL:
-                # Typed arrays take 4 bytes a number; lists of keys, as meshcat's Python writes, take 20.
+        for name, kind, columns in _TRACKS:
+            values = placed[:, k, columns]
+            if np.ptp(values, axis=0).max() > _AT_REST:
+                # Typed arrays take 4 bytes a number; the lists of keys that meshcat's Python writes take 20.
                 numbers = {"times": packed(times), "values": packed(values)}
                 tracks.append({"name": f".{name}", "type": kind, **numbers})
         if tracks:
             animations.append({"path": node.path, "clip": {"fps": 1, "name": "default", "tracks": tracks}})
-    if not animations:
-        return None
     options = {"play": True, "repetitions": float("inf")}
-    return {"type": "set_animation", "animations": animations, "options": options, "path": ""}
+    return [{"type": "set_animation", "animations": animations, "options": options, "path": ""}] if animations else []
 
 
 def _page(
     commands: Sequence[Json], title: str, view: View, frames: Frames, speed: float, skipped: Sequence[str]
 ) -> bytes:
-    """The page as UTF-8. What comes from outside enters it as base64, escaped HTML, or JSON without "<"."""
+    """The page as UTF-8. Texts from outside enter it as base64, escaped HTML, or JSON without "<"."""
     facts = {
         "start": float(frames.times[0]),
         "duration": float(frames.times[-1] - frames.times[0]) / speed,
@@ -149,21 +154,27 @@ def _page(
         "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
         "direction": to_three(view.direction),
     }
-    notes = [f"speed {speed:g}×"] if speed != 1.0 else []
-    notes += [frames.note] if frames.note else []
-    notes += [f"grid {view.cell:g} m"]
-    notes += [f"not drawn: {', '.join(skipped)}"] if skipped else []
-    blobs = "\n".join(base64.b64encode(umsgpack.packb(command)).decode("ascii") for command in commands)
+    notes = [
+        f"speed {speed:g}×" if speed != 1.0 else "",
+        frames.note,
+        f"grid {view.cell:g} m",
+        f"not drawn: {', '.join(skipped)}" if skipped else "",
+    ]
     parts = {
         "TITLE": html.escape(title),
-        "NOTES": html.escape(" · ".join(notes)),
+        "NOTES": html.escape(" · ".join(filter(None, notes))),
         "FACTS": json.dumps(facts).replace("<", "\\u003c"),
-        "COMMANDS": blobs,
+        "COMMANDS": "\n".join(map(_encoded, commands)),
         "VIEWER": viewer_script().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
     }
     template = Path(__file__).with_name("playback.html").read_text("utf-8")
-    pieces = template.split("%%")  # odd ones are names; one pass: no part is itself searched
+    pieces = template.split("%%")  # every second one is a name; no inserted part is itself searched for names
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces)).encode("utf-8")
+
+
+def _encoded(command: Json) -> str:
+    """A command in base64, as the page holds it."""
+    return base64.b64encode(umsgpack.packb(command)).decode("ascii")
 
 
 @functools.cache

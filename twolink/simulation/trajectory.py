@@ -95,6 +95,11 @@ class Trajectory:
             table["error"] = self.error
         return table
 
+    def _named(self, letter: str) -> dict[str, np.ndarray]:
+        """The columns of q or v by the joint's name, without the letter."""
+        columns = self.columns().items()
+        return {name.removeprefix(f"{letter}."): x for name, x in columns if name.startswith(f"{letter}.")}
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
         return write_table(Path(path), self.columns(), robot_notes(self.robot))
@@ -137,7 +142,9 @@ class Trajectory:
         """Draw q, v, energy and the error bar over time into a .png, .svg or .pdf."""
         from twolink.show.trajectory_plot import plot_trajectory
 
-        return plot_trajectory(self, Path(path))
+        title = f"{self.robot.name}: {self.t[-1]:g} s"
+        q, v = self._named("q"), self._named("v")
+        return plot_trajectory(Path(path), title, self.t, q, v, self.energy, self.error)
 
     def playback(
         self, path: str | os.PathLike[str], *, speed: float = 1.0, on_skipped: Callable[[list[str]], None] | None = None

@@ -1,0 +1,64 @@
+"""Figures in one style, and writing what is shown: whole or not at all, with failures as ShowError."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from twolink.errors import ShowError, TwolinkError
+from twolink.io.atomic import write_atomic
+from twolink.io.tables import require_format
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = (".png", ".svg", ".pdf")
+# Okabe and Ito's colours, which people with colour blindness can tell apart (Okabe and Ito 2008, jfly.uni-koeln.de).
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+
+
+def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
+    """A figure and its axes (rows, columns) in the common style. It belongs to no window and no global state.
+
+    `size` is in inches; `options` go to matplotlib's `Figure.subplots`.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=150, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    for axis in axes.flat:
+        axis.grid(True, color="0.9", linewidth=0.6)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Save a figure as .png, .svg or .pdf. Returns the path. Raises ShowError."""
+    kind = check_ending(path, FORMATS)[1:]
+    return write_shown(path, lambda file: figure.savefig(file, format=kind))
+
+
+def plain(name: str) -> str:
+    """A name as matplotlib draws it letter by letter: no formulas, and none that a legend leaves out."""
+    text = name.replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def check_ending(path: Path, endings: Iterable[str]) -> str:
+    """The path's ending in lower case. Raises ShowError (code "unknown-format") when it is none of `endings`."""
+    try:
+        return require_format(path, endings)
+    except TwolinkError as error:
+        raise ShowError(error.what, where=error.where, remedy=error.remedy, code=error.code) from None
+
+
+def write_shown(path: Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Write a file whole or not at all, and return its path. Raises ShowError."""
+    try:
+        return write_atomic(path, write)
+    except TwolinkError as error:
+        raise ShowError(error.what, where=error.where, remedy=error.remedy, code=error.code) from None
