@@ -1,8 +1,8 @@
-"""A second reading of the same URDF by yourdfpy, held against Pinocchio's.
+"""The same URDF read by yourdfpy, compared with what Pinocchio read.
 
-What yourdfpy reads is the URDF as our own XML reader wrote it out for drawing: joints, inertias and visuals as in the
-file, before any joint is locked. From there on the two share no code: yourdfpy's own parser and forward kinematics
-against Pinocchio's parser and model. What our XML reader itself would misread, this cannot show.
+yourdfpy reads the URDF that our XML reader wrote for drawing: joints, inertias and visuals as in the file, before any
+joint is locked. From there on the two share no code: yourdfpy's parser and forward kinematics against Pinocchio's
+parser and model. What our XML reader itself would misread, this comparison cannot show.
 """
 
 from __future__ import annotations
@@ -13,59 +13,54 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from twolink.robots.joint_layout import joint_layouts
 from twolink.robots.model import RobotModel
 
 TOLERANCE = 1e-9
 
 
 def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
-    """The largest difference of any link's frame (m, or entries of the rotation), and of the mass, kg; and a verdict.
+    """Compare link frames at random configurations, and the mass, with yourdfpy's.
 
-    They agree when frames at random configurations differ by at most 1e-9, and the mass by at most 1e-9 of itself.
+    Parameters
+    ----------
+    robot : RobotModel
+        The robot.
+    configurations : int
+        How many random configurations.
+
+    Returns
+    -------
+    dict
+        frames: the largest difference of an entry of any link's frame (m, or entries of the rotation); mass: the
+        difference [kg]; links: their number; agree: frames to 1e-9 and mass to 1e-9 of itself; text: all that in words.
     """
     import yourdfpy  # 1.7 s: only where it is asked for
 
-    visuals = robot.visuals
-    text = io.BytesIO(visuals.text.encode())
-    second = yourdfpy.URDF.load(text, build_scene_graph=True, load_meshes=False, force_mesh=False)
-    model, rng = visuals.model, np.random.default_rng(7)
-    data = model.createData()
-    simple = [n for n in second.actuated_joint_names if model.existJointName(n)]
-    worst = 0.0
+    urdf = io.BytesIO(robot.visuals.text.encode())
+    second = yourdfpy.URDF.load(urdf, build_scene_graph=True, load_meshes=False, force_mesh=False)
+    model, rng = robot.visuals.model, np.random.default_rng(7)
+    data, layouts = model.createData(), {joint.name: joint for joint in joint_layouts(model)}
+    largest = 0.0
     for _ in range(configurations):
-        q, angles = pin.neutral(model), {}
-        for name in simple:
-            index = model.getJointId(name)
-            angles[name] = rng.uniform(-1, 1)
-            start = model.idx_qs[index]
-            pair = [np.cos(angles[name]), np.sin(angles[name])]
-            q[start : start + model.nqs[index]] = pair if model.nqs[index] == 2 else angles[name]
-        _follow_mimics(second, model, q, angles)
+        q = pin.neutral(model)
+        angles = {name: rng.uniform(-1, 1) for name in second.actuated_joint_names if name in layouts}
+        # yourdfpy couples mimic joints, to 0 where they mimic one that does not move.
+        coupled = {j.name: j.mimic for j in second.robot.joints if j.mimic is not None and j.name in layouts}
+        values = {name: m.multiplier * angles.get(m.joint, 0.0) + m.offset for name, m in coupled.items()}
+        for name, angle in (angles | values).items():
+            joint = layouts[name]
+            q[joint.q] = [np.cos(angle), np.sin(angle)] if joint.kind == "cos-sin" else angle
         second.update_cfg(angles)
         pin.framesForwardKinematics(model, data, q)
         for frame, placement in zip(model.frames, data.oMf, strict=True):
             if frame.type == pin.FrameType.BODY and frame.name in second.link_map:
-                other = second.get_transform(frame.name)
-                worst = max(worst, float(np.abs(placement.homogeneous - other).max()))
+                difference = placement.homogeneous - second.get_transform(frame.name)
+                largest = max(largest, float(np.abs(difference).max()))
     masses = [k.inertial.mass or 0.0 for k in second.robot.links if k.inertial is not None]
-    ours = sum(inertia.mass for inertia in model.inertias)
-    difference = abs(ours - sum(masses))
-    agree = worst <= TOLERANCE and difference <= TOLERANCE * abs(ours)
-    links = len(second.robot.links)
-    return {
-        "agree": agree,
-        "frames": worst,
-        "mass": difference,
-        "links": links,
-        "text": f"{'agree' if agree else 'DIFFER'}: {links} links; frames to {worst:.1e}, mass to {difference:.1e} kg",
-    }
-
-
-def _follow_mimics(second: Any, model: pin.Model, q: np.ndarray, angles: dict[str, float]) -> None:
-    """yourdfpy couples mimic joints, to 0 where they mimic one that does not move; give Pinocchio's the same values."""
-    for joint in second.robot.joints:
-        if joint.mimic is not None and model.existJointName(joint.name):
-            value = joint.mimic.multiplier * angles.get(joint.mimic.joint, 0.0) + joint.mimic.offset
-            index = model.getJointId(joint.name)
-            if model.nqs[index] == 1:
-                q[model.idx_qs[index]] = value
+    mass = sum(inertia.mass for inertia in model.inertias)
+    lacking, links = abs(mass - sum(masses)), len(second.robot.links)
+    agree = largest <= TOLERANCE and lacking <= TOLERANCE * abs(mass)
+    verdict = "agree" if agree else "DIFFER"
+    text = f"{verdict}: {links} links; frames to {largest:.1e}, mass to {lacking:.1e} kg"
+    return {"agree": agree, "frames": largest, "mass": lacking, "links": links, "text": text}

@@ -1,4 +1,4 @@
-"""How a configuration is laid out: which entries of q and v belong to which joint, and which must be unit."""
+"""The layout of q and v: which entries belong to which joint, and which have length 1."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class JointLayout:
 def _kind(joint: pin.JointModel) -> JointKind:
     if "Mimic" in joint.shortname():
         return "mimic"
-    sizes: dict[tuple[int, int], JointKind] = {(2, 1): "cos-sin", (4, 3): "quaternion", (7, 6): "free-flyer"}
     if joint.shortname() == "JointModelPlanar":
         return "planar"
+    sizes: dict[tuple[int, int], JointKind] = {(2, 1): "cos-sin", (4, 3): "quaternion", (7, 6): "free-flyer"}
     return sizes.get((joint.nq, joint.nv), "vector")
 
 

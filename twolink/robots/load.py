@@ -8,16 +8,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, TypeVar
 
-import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError, nearest
-from twolink.robots import load_report, meshes
+from twolink.robots import load_report
 from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
 from twolink.robots.load_report import LoadReport
-from twolink.robots.locking import Lock, beyond_limits, lock_configuration, numbers, without_joints
+from twolink.robots.meshes import drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
+from twolink.robots.options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.physical_checks import check_bodies, check_invertible
 from twolink.robots.pinocchio_check import check_agreement
 from twolink.robots.source import open_source
@@ -62,7 +62,7 @@ def load_model(
     """
     _require_choice("root", root, ("fixed", "free"))
     _require_choice("unphysical", unphysical, ("refuse", "report"))
-    field = _gravity(gravity)
+    field = gravity_field(gravity, RobotError)
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
     if mimic:
@@ -74,13 +74,12 @@ def load_model(
     model.gravity.linear = field
     odd_inertias = check_bodies(tree, full, unphysical)
     check_invertible(tree, model)
-    base = None if urdf.path is None else urdf.path.parent
-    dirs = meshes.search_path(_folders(package_dirs), urdf.path, examples_share())
+    folders = mesh_folders(_folders(package_dirs), urdf.path, examples_share())
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(tree, mimic=mimic),
         *load_report.inertia_findings(odd_inertias, unphysical),
-        *load_report.mesh_findings(meshes.missing(tree.element, dirs, base)),
+        *load_report.mesh_findings(missing_meshes(tree.element, folders)),
         *load_report.choice_findings(
             tree,
             root=root,
@@ -90,7 +89,7 @@ def load_model(
             beyond=beyond_limits(full, locked, reference),
         ),
     ]
-    visuals = Visuals(meshes.without_missing(tree.element, dirs, base), full, locked, reference)
+    visuals = Visuals(drawable_urdf(tree.element, folders), full, locked, reference)
     name = urdf.entry.name if urdf.entry else tree.name or urdf.label
     return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
 
@@ -133,14 +132,6 @@ def _check_mimic(tree: Tree) -> None:
             what = f"it mimics {joint.mimic!r}, which is not another joint"
             remedy = nearest(joint.mimic, [name for name in names if name != joint.name])
             raise RobotError(what, where=joint.where, remedy=remedy)
-
-
-def _gravity(gravity: Sequence[float]) -> np.ndarray:
-    field = numbers(gravity)
-    if field.shape != (3,) or not np.isfinite(field).all():
-        remedy = "give m/s^2 in the world's axes, such as (0, 0, -9.81)"
-        raise RobotError(f"expected 3 finite numbers, got {gravity!r}", argument="gravity", remedy=remedy)
-    return field
 
 
 def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:

@@ -1,4 +1,4 @@
-"""What Pinocchio made of a URDF, held against our own reading of it."""
+"""The model that Pinocchio built, compared with the checked values of the URDF."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from twolink.robots.tree import Tree
 
 
 def check_agreement(model: pin.Model, tree: Tree, label: str, root: str) -> None:
-    """Compare what Pinocchio made with our own reading: joints, masses and limits.
+    """Compare the joints, the mass and the limits of Pinocchio's model with those of the tree.
 
-    It guards against anything the parser below drops or misreads without a word: a locale's decimal comma, say.
+    This catches anything that Pinocchio's parser drops or misreads without a message, such as numbers under a locale
+    with a decimal comma. Raises RobotError.
     """
-    own = ("universe", "root_joint") if root == "free" else ("universe",)
-    built = {name for name in model.names if name not in own}
+    reserved = ("universe", "root_joint") if root == "free" else ("universe",)
+    built = {name for name in model.names if name not in reserved}
     expected = {j.name for j in tree.moving}
     if built != expected:
         odd = ", ".join(sorted(built ^ expected)[:5])

@@ -148,13 +148,15 @@ class Scene:
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
     def _summary(self) -> dict[str, str]:
-        """What a person wants to know, line by line."""
-        moving = {
-            name: ", ".join(f"{x:.4g}" for x in values) if len(values) <= 8 else f"{len(values)} numbers"
-            for name, values in (("q", self.q), ("v", self.v))
+        """What a person wants to know of the scene, by its name."""
+        robot = self.robot
+        return {
+            "robot": f"{robot.name}, nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.4g} kg",
+            "q": _shown(self.q),
+            "v": _shown(self.v),
+            "effects": ", ".join(type(effect).__name__ for effect in self.effects) or "none: free motion",
+            "duration": f"{self.duration:g} s",
         }
-        effects = ", ".join(type(effect).__name__ for effect in self.effects) or "none: free motion"
-        return {"robot": repr(self.robot)[1:-1], **moving, "effects": effects, "duration": f"{self.duration:g} s"}
 
     def __repr__(self) -> str:
         lines = [f"Scene{f': {self.title}' if self.title else ''}"]
@@ -165,6 +167,10 @@ class Scene:
             f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in self._summary().items()
         )
         return f"<table><caption>{html.escape(self.title or 'Scene')}</caption>{rows}</table>"
+
+
+def _shown(state: np.ndarray) -> str:
+    return ", ".join(f"{x:.4g}" for x in state[:8]) + (f", ... ({state.size} numbers)" if state.size > 8 else "")
 
 
 def _one_state(name: str, value: np.ndarray, size: int) -> np.ndarray:

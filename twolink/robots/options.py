@@ -1,4 +1,4 @@
-"""Locking joints: their configurations, and the model without them."""
+"""Options of loading a robot: its gravity field, and joints that are locked."""
 
 from __future__ import annotations
 
@@ -8,19 +8,28 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import RobotError, nearest
+from twolink.errors import RobotError, TwolinkError, nearest
 from twolink.robots.joint_layout import joint_layouts
 
 Lock = Mapping[str, float | Sequence[float]]
 UNIT_TOLERANCE = 1e-8
 
 
-def numbers(value: Any) -> np.ndarray:
+def _numbers(value: Any) -> np.ndarray:
     """A value as an array of one axis or more; an empty one when it holds no numbers."""
     try:
         return np.atleast_1d(np.asarray(value, dtype=float))
     except (TypeError, ValueError, OverflowError):
         return np.empty(0)
+
+
+def gravity_field(value: Any, error: type[TwolinkError]) -> np.ndarray:
+    """A gravity field as an array (3,) [m/s^2]. Raises the error unless it has 3 finite numbers."""
+    field = _numbers(value)
+    if field.shape != (3,) or not np.isfinite(field).all():
+        remedy = "give m/s^2 in the world's axes, such as (0, 0, -9.81)"
+        raise error(f"expected 3 finite numbers, got {value!r}", argument="gravity", remedy=remedy)
+    return field
 
 
 def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], np.ndarray]:
@@ -49,7 +58,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
             raise RobotError(what, argument="lock", remedy=nearest(str(name), list(layouts)), code="unknown-joint")
         joint = layouts[name]
         size = joint.q.stop - joint.q.start
-        values = numbers(value)
+        values = _numbers(value)
         if joint.kind == "cos-sin" and values.size == 1:
             values = np.array([np.cos(values[0]), np.sin(values[0])])
         if values.shape != (size,) or not np.isfinite(values).all():
