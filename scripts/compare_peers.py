@@ -6,44 +6,52 @@ Scenes: the arm-swing scene (10 s); UR5 and Panda (fingers locked) falling from 
 no damping, no armature. Peers get their models from the numbers in the pin.Model, and their accelerations are compared
 with pin.aba's before anything is timed. Everybody solves one trajectory on one thread, and delivers q at 21 equally
 spaced times; twolink also delivers its usual 200 samples a second of q, v and energy within its time.
-Error: max |q - q_ref| over those times and all joints, rad. The reference is a Taylor series in long double.
+Error: max |q - q_ref| over those times and all joints, rad. The reference is a Taylor series in extended precision.
 Seconds: the solving call alone, models and compiled code being there; medians, everybody taking turns in every round.
-A ladder of settings ends after the first that takes more than the budget. Drake: pip install drake.
+A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
 Writes out/compare_peers.csv and out/compare_peers.png.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import importlib
 import os
 import platform
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.util import find_spec
-from itertools import chain
-from pathlib import Path
-from typing import Any
+from itertools import groupby
+from types import ModuleType
 
-from peers import own_peer, scipy_peer
-from peers.problem import COARSE, FINE, Contestant, Problem, Reference, RefusedError, Rung, largest_difference, problems
-from peers.report import Entry, picture, print_scene
+import numpy as np
+from _common import OUT, write_records
+from peers_report import PLAIN, VERIFIED, Entry, picture, print_scene
 
-OUT = Path(__file__).parents[1] / "out"
+import twolink as tl
+from twolink.errors import TwolinkError
+from twolink.hard.case import Track
+from twolink.hard.extended_precision import COARSE, FINE, extended_reference
+from twolink.hard.peers import NAMES, peer_module
+from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, task_of
+
+INTERVALS, SAMPLES = 20, 200  # between the common times; a second, twolink's default
+FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 AGREED = 1e-10  # relative: accelerations that differ by more belong to another robot
-TURN = 0.05  # seconds of calls a turn of one contestant's setting, one call at least and ten at most
+TURN = 0.05  # seconds of calls a turn of one setting, one call at least and ten at most
+PERTURBATION = 1e-9  # rad, rad/s: of the initial state, to see how much it grows
+Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass
-class Runner:
-    """One setting that is to be timed, and its times so far [s]."""
+class Timing:
+    """One setting of a contestant that is to be timed, and its times so far [s]."""
 
     contestant: str
-    rung: Rung
+    setting: str
+    run: Callable[[], PeerRun]
     error: float
     evaluations: int | None
     first: float
@@ -53,92 +61,22 @@ class Runner:
         """A few calls in a row; a short one is called once more before."""
         calls = max(1, min(10, int(TURN / self.first)))
         if self.first < 4 * TURN:
-            self.rung.run()
+            self.run()
         for _ in range(calls):
             start = time.perf_counter()
-            self.rung.run()
+            self.run()
             self.seconds.append(time.perf_counter() - start)
 
     def entry(self, scene: str) -> Entry:
-        return Entry(scene, self.contestant, self.rung.setting, self.error, statistics.median(self.seconds),
-                     self.evaluations, len(self.seconds))  # fmt: skip
-
-
-def climb(contestant: Contestant, reference: Reference, budget: float) -> Iterator[Runner]:
-    """Every rung once, up to the first that takes more than the budget; this is the warm-up as well."""
-    for rung in contestant.rungs:
-        start = time.perf_counter()
-        try:
-            answer = rung.run()
-            first = time.perf_counter() - start
-            if first > budget:  # perhaps only because something was compiled
-                start = time.perf_counter()
-                answer = rung.run()
-                first = time.perf_counter() - start
-        except RefusedError as error:
-            print(f"  {contestant.name}, {rung.setting}: left out: {error}")
-            if time.perf_counter() - start > budget:
-                return
-            continue
-        yield Runner(contestant.name, rung, reference.error(answer.q), answer.evaluations, first)
-        if first > budget:
-            return
-
-
-def peer_modules() -> dict[str, Any]:
-    """MuJoCo and Drake, those that are installed."""
-    found = {}
-    for name in ("mujoco", "drake"):
-        try:
-            found[name] = importlib.import_module(f"peers.{name}_peer")
-        except ImportError as error:
-            print(f"{name} is left out: {error}")
-    return found
-
-
-def require_agreement(problem: Problem, reference: Reference, modules: dict[str, Any]) -> None:
-    """Print how far everybody's accelerations are from pin.aba's; end the script where they are another robot's."""
-    others = {"reference": reference.accelerations, own_peer.PLAIN: own_peer.accelerations(problem)}
-    others |= {name: module.accelerations(problem) for name, module in modules.items()}
-    differences = {name: largest_difference(problem, other) for name, other in others.items()}
-    shown = ", ".join(f"{name} {d:.0e}" for name, d in differences.items())
-    print(f"accelerations against pin.aba, 20 random states, relative: {shown}")
-    for name, difference in differences.items():
-        if not difference <= AGREED:
-            raise SystemExit(f"compare_peers: {name}'s model of {problem.name} is another one: its accelerations "
-                             f"differ from pin.aba's by {difference:.1e}, and {AGREED:.0e} is allowed")  # fmt: skip
-
-
-def measure(problem: Problem, modules: dict[str, Any], options: argparse.Namespace) -> tuple[list[Entry], Reference]:
-    """All contestants' entries of one scene, and the reference."""
-    reference = Reference(problem)
-    start = " ".join(f"{x:g}" for x in problem.scene.q)
-    print(f"\n{problem.name}: {problem.duration:g} s from rest at q = ({start}) rad")
-    print(
-        f"reference good to {reference.doubt:.0e} rad: tolerance {FINE:.0e} against {COARSE:.0e}; "
-        f"errors of the initial state grow up to {reference.growth:.0f} times"
-    )
-    require_agreement(problem, reference, modules)
-    whole, half = (2, 4) if options.quick else (1, 1)
-    halves = [10 ** (-k / 2) for k in range(2, 33, half)]
-    ladders = [own_peer.contestants(problem, [10.0**-k for k in range(1, 13, whole)]),
-               scipy_peer.contestants(problem, halves)]  # fmt: skip
-    if "mujoco" in modules:
-        ladders.append(modules["mujoco"].contestants(problem, 2.0 if options.quick else 2**0.5))
-    if "drake" in modules:
-        ladders.append(modules["drake"].contestants(problem, halves))
-    runners = [r for contestant in chain(*ladders) for r in climb(contestant, reference, options.budget)]
-    for _ in range(options.rounds):
-        for runner in runners:
-            runner.turn()
-    return [runner.entry(problem.name) for runner in runners], reference
+        median = statistics.median(self.seconds)
+        return Entry(scene, self.contestant, self.setting, self.error, median, self.evaluations, len(self.seconds))
 
 
 def main() -> None:
-    scenes = problems()
+    scenes = compared_scenes()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", choices=list(scenes), action="append", help="one scene; may be given again")
-    parser.add_argument("--budget", type=float, help="seconds after which a ladder ends (1; quick: 0.3)")
+    parser.add_argument("--scene", choices=list(scenes), action="append", help="one scene; may be repeated")
+    parser.add_argument("--budget", type=float, help="seconds after which a method's settings end (1; quick: 0.3)")
     parser.add_argument("--rounds", type=int, help="turns of everybody (3; quick: 1)")
     parser.add_argument("--quick", action="store_true", help="every other setting, less time, one round")
     options = parser.parse_args()
@@ -147,22 +85,149 @@ def main() -> None:
     if find_spec("heyoka") is None:
         raise SystemExit("compare_peers: the reference needs heyoka, whose wheels are for Linux")
     os.environ["TWOLINK_THREADS"] = "1"
-    modules = peer_modules()
-    packages = {name: version(name) for name in ("numpy", "scipy", "pin", "heyoka")}
+    modules = installed_peers()
+    packages = {name: version(name) for name in ("numpy", "pin", "heyoka")}
     packages |= {name: module.VERSION for name, module in modules.items()}
     print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
     entries: list[Entry] = []
     for name in options.scene or scenes:
-        mine, reference = measure(scenes[name], modules, options)
-        print_scene(mine, reference.doubt)
-        entries += mine
-    OUT.mkdir(exist_ok=True)
-    with (OUT / "compare_peers.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["scene", "contestant", "setting", "error_rad", "seconds", "evaluations", "calls"])
-        writer.writerows(e.row() for e in entries)
+        entries += measure(name, *scenes[name], modules, options)
+    path = write_records("compare_peers.csv", entries)
     picture(entries, OUT / "compare_peers.png")
-    print(f"\nwrote {OUT / 'compare_peers.csv'} and {OUT / 'compare_peers.png'}")
+    print(f"\nwrote {path} and {OUT / 'compare_peers.png'}")
+
+
+def compared_scenes() -> dict[str, tuple[tl.Scene, float]]:
+    """Scenes of revolute joints under gravity, with their durations [s]."""
+    gravity = [tl.effects.Gravity()]
+    ur5 = tl.Scene(tl.load_robot("ur5"), (0.3, -0.8, 1.2, -0.7, 0.5, 0.2), effects=gravity)
+    panda = tl.Scene(tl.load_robot("panda", lock=FINGERS), (-0.7, 1.4, -0.4, -0.2, -0.8, 1.1, -0.7), effects=gravity)
+    return {"arm-swing": (tl.load_scene("arm-swing"), 10.0), "ur5": (ur5, 2.0), "panda": (panda, 2.0)}
+
+
+def installed_peers() -> dict[str, ModuleType]:
+    modules = {}
+    for name in NAMES:
+        try:
+            modules[name] = peer_module(name)
+        except ImportError as error:
+            print(f"{name} is left out: {error}")
+    return modules
+
+
+def measure(
+    name: str, scene: tl.Scene, duration: float, modules: dict[str, ModuleType], options: argparse.Namespace
+) -> list[Entry]:
+    """Print the tables of one scene. Returns all contestants' entries."""
+    task = task_of(scene, np.linspace(0.0, duration, INTERVALS + 1))
+    reference, doubt = extended_reference(scene, task.times)
+    growth = largest_growth(scene, task.times, reference)
+    print(f"\n{name}: {duration:g} s from rest at q = ({' '.join(f'{x:g}' for x in scene.q)}) rad")
+    print(f"reference good to {doubt[-1]:.0e} rad: tolerance {FINE:.0e} against {COARSE:.0e}; "
+          f"errors of the initial state grow up to {growth:.0f} times")  # fmt: skip
+    require_agreement(name, task, modules)
+    timings = [*own_timings(scene, task.times, reference, options)]
+    for peer, module in modules.items():
+        for method, settings in groupby(module.ladder(task, options.quick), key=lambda s: s.method):
+            runs = ((s.words, prepared(module, task, s)) for s in settings)
+            timings += climb(f"{NAMES[peer]} {method}", runs, reference, options.budget)
+    for _ in range(options.rounds):
+        for timing in timings:
+            timing.turn()
+    entries = [timing.entry(name) for timing in timings]
+    print_scene(entries, doubt[-1])
+    return entries
+
+
+def largest_growth(scene: tl.Scene, times: np.ndarray, reference: np.ndarray) -> float:
+    """How many times an error of the initial state grows, the largest of four random directions."""
+    random, worst = np.random.default_rng(0), 0.0
+    for _ in range(4):
+        dq, dv = PERTURBATION * random.uniform(-1, 1, (2, scene.robot.nv))
+        other, _ = extended_reference(tl.Scene(scene.robot, scene.q + dq, scene.v + dv, scene.effects), times)
+        worst = max(worst, error_of(other, reference) / PERTURBATION)
+    return worst
+
+
+def error_of(q: np.ndarray, reference: np.ndarray) -> float:
+    """max |q - reference| over the times and joints, rad."""
+    return float(np.abs(q - reference).max())
+
+
+def require_agreement(name: str, task: PeerTask, modules: dict[str, ModuleType]) -> None:
+    """Print how far everybody's accelerations are from pin.aba's; end the script where they are another robot's."""
+    zero = np.zeros(task.model.nv)
+    others: dict[str, Acceleration] = {peer: module.accelerations(task) for peer, module in modules.items()}
+    aba = others.pop("scipy")
+    others[PLAIN] = lambda q, v: np.asarray(task.robot.forward_dynamics(q, v, zero, engine="compiled"))
+    differences = {who: largest_difference(task, other, aba) for who, other in others.items()}
+    shown = ", ".join(f"{who} {d:.0e}" for who, d in differences.items())
+    print(f"accelerations against pin.aba, 20 random states, relative: {shown}")
+    for who, difference in differences.items():
+        if not difference <= AGREED:
+            raise SystemExit(f"compare_peers: {who}'s model of {name} is another one: its accelerations differ from "
+                             f"pin.aba's by {difference:.1e}, and {AGREED:.0e} is allowed")  # fmt: skip
+
+
+def largest_difference(task: PeerTask, other: Acceleration, aba: Acceleration, states: int = 20) -> float:
+    """max |a - a_aba| / max |a_aba|, the worst of some random states with |q| < 2 rad, |v| < 2 rad/s."""
+    random, worst = np.random.default_rng(0), 0.0
+    for _ in range(states):
+        q, v = random.uniform(-2, 2, (2, task.model.nv))
+        a = np.array(aba(q, v))
+        worst = max(worst, float(np.abs(other(q, v) - a).max() / np.abs(a).max()))
+    return worst
+
+
+def own_timings(
+    scene: tl.Scene, times: np.ndarray, reference: np.ndarray, options: argparse.Namespace
+) -> Iterator[Timing]:
+    """twolink by its public call alone, without and with the second solution behind the error bar."""
+    wanted = np.round(times * SAMPLES).astype(int)
+
+    def prepared_own(accuracy: float, verify: bool) -> Callable[[], PeerRun]:
+        def run() -> PeerRun:
+            try:
+                got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples=SAMPLES, verify=verify)
+            except TwolinkError as error:
+                raise PeerError(str(error)) from None
+            if np.abs(got.t[wanted] - times).max() > 1e-12:
+                raise PeerError("the samples are not at the common times")
+            return PeerRun(Track(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
+
+        return run
+
+    accuracies = [10.0**-k for k in range(1, 13, 2 if options.quick else 1)]
+    for name, verify in ((PLAIN, False), (VERIFIED, True)):
+        runs = ((f"accuracy {a:.0e}", prepared_own(a, verify)) for a in accuracies)
+        yield from climb(name, runs, reference, options.budget)
+
+
+def prepared(module: ModuleType, task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
+    return module.prepare(task, setting)
+
+
+def climb(
+    contestant: str, runs: Iterator[tuple[str, Callable[[], PeerRun]]], reference: np.ndarray, budget: float
+) -> Iterator[Timing]:
+    """Every setting once, up to the first that takes more than the budget; this is the warm-up as well."""
+    for setting, run in runs:
+        start = time.perf_counter()
+        try:
+            answer = run()
+            first = time.perf_counter() - start
+            if first > budget:  # perhaps only because something was compiled
+                start = time.perf_counter()
+                answer = run()
+                first = time.perf_counter() - start
+        except PeerError as error:
+            print(f"  {contestant}, {setting}: left out: {str(error).splitlines()[0]}")
+            if time.perf_counter() - start > budget:
+                return
+            continue
+        yield Timing(contestant, setting, run, error_of(answer.track.q, reference), answer.evaluations, first)
+        if first > budget:
+            return
 
 
 if __name__ == "__main__":

@@ -14,8 +14,7 @@ from twolink.errors import TwolinkError
 from twolink.scenes import Scene, load_scene
 
 SCENES = Path(__file__).parent / "scenes"
-NAMES = {"scipy": "SciPy + pin.aba", "mujoco": "MuJoCo", "drake": "Drake"}
-PEERS = tuple(NAMES)
+PEERS = ("scipy", "mujoco", "drake")
 
 
 class Track(NamedTuple):

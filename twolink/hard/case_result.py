@@ -39,7 +39,10 @@ class Curve:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One run. error: the largest true one; bar: the error bar reported; seconds: all of it, compiling included."""
+    """One run. error: the largest true one; bar: the error bar reported; seconds: all of it, compiling included.
+
+    default: it is a peer's run at its default setting.
+    """
 
     setting: str
     verdict: str
@@ -50,6 +53,7 @@ class Attempt:
     steps: int = 0
     message: str = ""
     trusted_until: float | None = None
+    default: bool = False
     curve: Curve | None = field(default=None, repr=False)
 
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from twolink.hard.case import NAMES, Motion
+from twolink.hard.case import Motion
 from twolink.hard.case_result import MET, MISSED, SAID, UNABLE, WRONG, Attempt, Result
+from twolink.hard.peers import NAMES
 from twolink.hard.plot import plot
 from twolink.hard.table import number
 from twolink.io.atomic import write_atomic
@@ -59,7 +60,7 @@ def _silent(results: Sequence[Result]) -> str:
     """The table of cases where a peer as it comes is wrong and does not say so, with our own verdict beside it."""
     rows = []
     for result in results:
-        wrong = {n: a for n, a in result.peers if a.verdict == WRONG and "default" in a.setting}
+        wrong = {n: a for n, a in result.peers if a.verdict == WRONG and a.default}
         if not wrong:
             continue
         met = [a for a in result.ours if a.verdict == MET]

@@ -32,7 +32,7 @@ def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> 
     ours = tuple(_attempt(case, scene, setting, patience) for setting in case.settings)
     if not peers:
         return Result(case, ours)
-    from twolink.hard.peers import run_peers
+    from twolink.hard.run_peers import run_peers
 
     return Result(case, ours, tuple(run_peers(case, scene)))
 

@@ -41,7 +41,7 @@ def number(value: float | None) -> str:
 def summary(results: Sequence[Result]) -> str:
     """What came of it all, in a few lines."""
     failed = [r.case.name for r in results if not r.passed]
-    peers = sorted({r.case.name for r in results for _, a in r.peers if a.verdict == WRONG and "default" in a.setting})
+    peers = sorted({r.case.name for r in results for _, a in r.peers if a.verdict == WRONG and a.default})
     text = f"{len(results) - len(failed)} of {len(results)} cases met their bar or said that they do not"
     text += f"; not: {', '.join(failed)}" if failed else ""
     if any(r.peers for r in results):

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.hard.case import Track
@@ -21,18 +20,39 @@ def of_configuration(closed: Closed) -> Callable[[Robot, Track], np.ndarray]:
 
     def error(robot: Robot, track: Track) -> np.ndarray:
         exact = closed(track.t)
-        if robot.nq == robot.nv:
-            return np.asarray(np.abs(track.q - exact).max(axis=1))
-        out = np.full(len(track.t), np.nan)
-        for k in np.flatnonzero(np.isfinite(exact).all(axis=1)):
-            q = track.q[k]
-            q = q if np.isfinite(q).all() else np.full(robot.nq, np.inf)
-            off = pin.difference(robot.model, exact[k], pin.normalize(robot.model, q)) if q[0] < np.inf else q
-            largest = float(np.abs(off).max())  # NaN of equal ones, where rounding makes a cosine larger than 1
-            out[k] = largest if np.isfinite(largest) else float(np.abs(q - exact[k]).max())
+        out = distance(robot, track.q, exact)
+        out[~np.isfinite(track.q).all(axis=1) & ~np.isnan(exact).any(axis=1)] = np.inf
         return out
 
     return error
+
+
+def distance(robot: Robot, q: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The distance of configurations (n, nq) in the tangent space, max over its entries (n,), rad or m.
+
+    Angles between unit vectors and quaternions are taken by the arc tangent, which keeps its digits for near ones;
+    pin.difference returns 0 for some of them. Computed in the precision of the arguments; positions count along the
+    axes they are stored in.
+    """
+    parts = [np.zeros(len(q), q.dtype)]
+    for joint in robot.joints:
+        a, b = q[:, joint.q].T, other[:, joint.q].T
+        flat = {"vector": len(a), "planar": 2, "free-flyer": 3}.get(joint.kind, 0)
+        parts += list(np.abs(a[:flat] - b[:flat]))
+        a, b = a[flat:], b[flat:]
+        if len(a) == 2:
+            parts.append(np.abs(np.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])))
+        elif len(a) == 4:
+            parts.append(_rotation_between(a, b))
+    return np.asarray(np.max(parts, axis=0)).astype(float)
+
+
+def _rotation_between(p: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """The largest component of the rotation vector between unit quaternions (4, n), (x, y, z, w)."""
+    vector = p[3] * r[:3] - r[3] * p[:3] - np.cross(p[:3].T, r[:3].T).T
+    length = np.sqrt((vector * vector).sum(axis=0))
+    angle = 2 * np.arctan2(length, np.abs((p * r).sum(axis=0)))
+    return np.asarray(np.abs(vector).max(axis=0) / np.where(length > 0, length, 1.0) * angle)
 
 
 def of_energy(scale: float) -> Callable[[Robot, Track], np.ndarray]:

@@ -1,62 +1,24 @@
-"""Peers on the same cases: SciPy around pin.aba, MuJoCo, Drake; as they come, and set as tightly as they go."""
+"""Peers: other simulators that solve the same scene, for the hard cases and for scripts/compare_peers.py.
+
+A PeerTask goes in: a robot, an initial state, times, and those effects that peers have as well. States at the times
+come out. Every peer is a module with the same functions, and takes its model from the numbers of the pin.Model:
+
+- `usual(task)`: the peer's own default setting and a tight one.
+- `ladder(task, coarse)`: settings from rough to fine, method by method.
+- `prepare(task, setting)`: builds the model, and returns the function that solves; calling it is what is timed.
+- `accelerations(task)`: the peer's forward dynamics without torques, for the comparison with pin.aba.
+
+Nothing here judges an answer.
+"""
 
 from __future__ import annotations
 
 import importlib
-import time
-from collections.abc import Callable, Iterator
+from types import ModuleType
 
-import numpy as np
-
-from twolink.hard.case import NAMES, Motion, Track
-from twolink.hard.case_result import MET, SAID, UNABLE, WRONG, Attempt, Curve
-from twolink.hard.peers.limited import limited
-from twolink.hard.peers.problem import CannotError, Problem, SaidError, Way
-from twolink.scenes import Scene
-
-MODULES = {"scipy": "scipy_peer", "mujoco": "mujoco_peer", "drake": "drake_peer"}
-FAIR = 0.1  # of the motion's size: a peer is called wrong only above it, whatever its tolerance promises
+NAMES = {"scipy": "SciPy", "mujoco": "MuJoCo", "drake": "Drake"}
 
 
-def run_peers(case: Motion, scene: Scene) -> Iterator[tuple[str, Attempt]]:
-    """Every peer that can do the case, at its own settings; what is not installed is left out."""
-    if not case.peers:
-        return
-    try:
-        problem = Problem.of(case, scene)
-    except CannotError as error:
-        yield "peers", Attempt("", UNABLE, message=str(error))
-        return
-    for name in case.peers:
-        try:
-            module = importlib.import_module(f"twolink.hard.peers.{MODULES[name]}")
-        except ImportError:
-            continue
-        try:
-            ways: list[Way] = list(module.ways(problem))
-        except CannotError as error:
-            yield NAMES[name], Attempt("", UNABLE, message=str(error))
-            continue
-        except SaidError as error:
-            yield NAMES[name], Attempt("building the model", SAID, message=str(error))
-            continue
-        for way in ways:
-            yield NAMES[name], _attempt(case, problem, way.setting, way.run)
-
-
-def _attempt(case: Motion, problem: Problem, setting: str, run: Callable[[], Track]) -> Attempt:
-    start = time.perf_counter()
-    try:
-        track, said = limited(run)
-    except SaidError as error:
-        return Attempt(setting, SAID, seconds=time.perf_counter() - start, message=str(error)[:300])
-    except CannotError as error:
-        return Attempt(setting, UNABLE, seconds=time.perf_counter() - start, message=str(error)[:300])
-    seconds = time.perf_counter() - start
-    errors = np.asarray(case.truth.error(problem.scene.robot, track))
-    errors[~np.isfinite(track.q).all(axis=1)] = np.inf
-    known = ~np.isnan(errors)
-    largest = float(errors[known].max())
-    limit = FAIR * case.size if case.truth.exact else max(0.01, 100 * case.truth.bar(1e-3))
-    verdict = SAID if said and largest > limit else WRONG if largest > limit else MET
-    return Attempt(setting, verdict, largest, None, seconds, message=said, curve=Curve(track.t, errors))
+def peer_module(name: str) -> ModuleType:
+    """The module of a peer. Raises ImportError where the peer is not installed."""
+    return importlib.import_module(f"twolink.hard.peers.{name}_peer")

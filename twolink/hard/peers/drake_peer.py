@@ -1,22 +1,23 @@
 """Drake: the bodies and joints of the pin.Model in a MultibodyPlant.
 
-A tree is a continuous plant with Simulator's default integrator (runge_kutta3, accuracy 1e-3) and at a tight accuracy.
-Loops need a discrete plant (ball constraints), at Drake's usual 1 ms.
+A tree is a continuous plant, solved by Simulator's integrators with error control. Loops need a discrete plant (ball
+constraints), at Drake's usual 1 ms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     PrismaticJoint,
     PrismaticSpring,
+    QuaternionFloatingJoint,
     RevoluteJoint,
     RevoluteSpring,
     RotationalInertia,
@@ -24,123 +25,125 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from twolink.hard.case import Track
-from twolink.hard.peers.problem import CannotError, Clock, JointSpec, Problem, SaidError, Way
+from twolink.hard.peers.task import (
+    PeerError,
+    PeerJoint,
+    PeerRun,
+    PeerTask,
+    Setting,
+    UnsupportedError,
+    from_peer,
+    to_peer,
+    tolerances,
+)
 
-TIGHT = 1e-10
-STEP = 1e-3
+VERSION = version("drake")
+TIGHT, STEP = 1e-10, 1e-3
+DISCRETE = "discrete plant (SAP)"
+METHODS = {"runge_kutta3": 1e-16, "runge_kutta5": 1e-16, "radau3": 1e-9}
+"""Each with the smallest accuracy it is asked for: below it radau3's Newton iterations no longer converge, and it takes
+minutes without an error."""
 
 
-def ways(problem: Problem) -> Iterator[Way]:
-    """A continuous plant at the default and at a tight accuracy; with loops a discrete one."""
-    if problem.torques:
-        raise CannotError("torques in time are not built for Drake here")
-    if problem.loops:
-        yield Way("discrete plant (SAP), 1 ms, ball constraints", lambda: _solve(problem, None, STEP))
-        yield Way("discrete plant (SAP), 0.1 ms, ball constraints", lambda: _solve(problem, None, STEP / 10))
-        return
-    _build(problem, 0.0)
-    yield Way("Simulator default: runge_kutta3, accuracy 1e-3", lambda: _solve(problem, None, 0.0))
-    yield Way(f"runge_kutta5, accuracy {TIGHT:.0e}", lambda: _solve(problem, TIGHT, 0.0))
+def usual(task: PeerTask) -> list[Setting]:
+    """A continuous plant at the default and at a tight accuracy; with loops a discrete one at two steps."""
+    if task.torques:
+        raise UnsupportedError("torques in time are not modelled for Drake")
+    if task.loops:
+        return [Setting(DISCRETE, f"{h * 1e3:g} ms, ball constraints", step=h) for h in (STEP, STEP / 10)]
+    return [Setting("runge_kutta3", "default: accuracy 1e-3", default=True),
+            Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT)]  # fmt: skip
 
 
-def _build(problem: Problem, step: float) -> tuple[Any, list[Any]]:
+def ladder(task: PeerTask, coarse: bool) -> list[Setting]:
+    """Integrators with error control at falling accuracies."""
+    del task
+    return [Setting(method, f"accuracy {a:.0e}", a) for method, smallest in METHODS.items()
+            for a in tolerances(coarse) if a >= smallest]  # fmt: skip
+
+
+def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
+    """The function that solves the task at the setting. Raises PeerError when Drake refuses the model."""
+    plant, q_at, v_at = _build(task, setting.step or 0.0)
+    simulator = Simulator(plant)
+    context, later = simulator.get_mutable_context(), task.times[1:].tolist()
+    q0, v0 = np.empty(len(q_at)), np.empty(len(v_at))
+    q0[q_at], v0[v_at] = to_peer(task, body_spin=False)
+
+    def run() -> PeerRun:
+        if setting.tolerance is not None:  # takes 10 microseconds, and drops the last run's integrator
+            integrator = ResetIntegratorFromFlags(simulator, setting.method, task.interval)
+            integrator.set_target_accuracy(setting.tolerance)
+        context.SetTime(0.0)
+        plant.SetPositions(context, q0)
+        plant.SetVelocities(context, v0)
+        q, v = [q0], [v0]
+        try:
+            simulator.Initialize()
+            for t in later:
+                simulator.AdvanceTo(t)
+                q.append(plant.GetPositions(context).copy())
+                v.append(plant.GetVelocities(context).copy())
+        except RuntimeError as error:
+            raise PeerError(str(error).split("\n")[0]) from None
+        evaluations = None if setting.step else simulator.get_integrator().get_num_derivative_evaluations()
+        return PeerRun(from_peer(task, np.array(q)[:, q_at], np.array(v)[:, v_at], body_spin=False), evaluations)
+
+    return run
+
+
+def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """a (nv,) of q and v by the plant's time derivatives, for joints whose q is one number."""
+    plant, q_at, v_at = _build(task, 0.0)
+    context, state = plant.CreateDefaultContext(), np.empty(len(q_at) + len(v_at))
+
+    def derivatives(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        state[q_at], state[len(q) + v_at] = q, v
+        plant.SetPositionsAndVelocities(context, state)
+        return np.asarray(plant.EvalTimeDerivatives(context).CopyToVector())[len(q) + v_at]
+
+    return derivatives
+
+
+def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
+    """The finished plant, and the entries of its q and v in the order of the task's joints."""
     plant: Any = MultibodyPlant(time_step=step)
-    plant.mutable_gravity_field().set_gravity_vector(problem.model.gravity.linear)
+    plant.mutable_gravity_field().set_gravity_vector(task.model.gravity.linear)
     bodies, joints = [plant.world_body()], []
     try:
-        for joint in problem.joints:
-            joints.append(_add(plant, bodies, joint, problem))
-        for a, point_a, b, point_b in problem.loops:
+        for joint in task.joints:
+            joints.append(_add_joint(task, plant, bodies, joint))
+        for a, point_a, b, point_b in task.loops:
             plant.AddBallConstraint(bodies[a], point_a, bodies[b], point_b)
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
-        raise SaidError(f"the model is refused: {' '.join(str(error).split())[:250]}") from None
-    return plant, joints
+        raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
+    q: list[int] = []
+    v: list[int] = []
+    for joint, made in zip(task.joints, joints, strict=True):
+        free = joint.kind == "free"  # Drake has the quaternion before the position, and angular velocities first
+        q += [made.position_start() + k for k in ((4, 5, 6, 0, 1, 2, 3) if free else (0,))]
+        v += [made.velocity_start() + k for k in ((3, 4, 5, 0, 1, 2) if free else (0,))]
+    return plant, np.array(q), np.array(v)
 
 
-def _add(plant: Any, bodies: list[Any], joint: JointSpec, problem: Problem) -> Any:
-    inertia, name = joint.inertia, joint.name
-    xx, xy, yy, xz, yz, zz = inertia.inertia[np.tril_indices(3)]
-    own = SpatialInertia.MakeFromCentralInertia(
-        inertia.mass, inertia.lever, RotationalInertia(xx, yy, zz, xy, xz, yz)
-    )  # fmt: skip
-    body = plant.AddRigidBody(f"body of {name}", own)
-    parent = bodies[joint.parent].body_frame()
+def _add_joint(task: PeerTask, plant: Any, bodies: list[Any], joint: PeerJoint) -> Any:
+    """Add the joint and the body behind it."""
+    xx, xy, yy, xz, yz, zz = joint.inertia.inertia[np.tril_indices(3)]
+    central = RotationalInertia(xx, yy, zz, xy, xz, yz)
+    inertia = SpatialInertia.MakeFromCentralInertia(joint.inertia.mass, joint.inertia.lever, central)
+    body = plant.AddRigidBody(f"body of {joint.name}", inertia)
+    parent, place = bodies[joint.parent].body_frame(), RigidTransform(joint.place.homogeneous)
     bodies.append(body)
+    base = plant.AddFrame(FixedOffsetFrame(f"place of {joint.name}", parent, place))
     if joint.kind == "free":
-        return None
-    place = plant.AddFrame(FixedOffsetFrame(f"place of {name}", parent, RigidTransform(joint.place.homogeneous)))
-    damping = problem.damping.get(name, 0.0)
+        return plant.AddJoint(QuaternionFloatingJoint(joint.name, base, body.body_frame()))
     prismatic = joint.kind == "prismatic"
     kind = PrismaticJoint if prismatic else RevoluteJoint
     axis: Any = joint.axis  # whose type pydrake states too narrowly
-    made = plant.AddJoint(kind(name, place, body.body_frame(), axis, damping=damping))
-    stiffness, rest = problem.stiffness.get(name, 0.0), problem.rest.get(name, 0.0)
+    damping = task.damping.get(joint.name, 0.0)
+    made = plant.AddJoint(kind(joint.name, base, body.body_frame(), axis, damping=damping))
+    stiffness, rest = task.springs.get(joint.name, (0.0, 0.0))
     if stiffness:
         plant.AddForceElement((PrismaticSpring if prismatic else RevoluteSpring)(made, rest, stiffness))
     return made
-
-
-def _solve(problem: Problem, accuracy: float | None, step: float) -> Track:
-    plant, joints = _build(problem, step)
-    simulator = Simulator(plant)
-    context, clock = simulator.get_mutable_context(), Clock()
-    if accuracy is not None:
-        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1)
-        simulator.get_mutable_integrator().set_target_accuracy(accuracy)
-    _start(problem, plant, context, joints)
-    q, v = [problem.scene.q], [problem.scene.v]
-    try:
-        simulator.Initialize()
-        for t in problem.times[1:].tolist():
-            clock(t)
-            simulator.set_monitor(_Watch(clock))
-            simulator.AdvanceTo(t)
-            now = _read(problem, plant, context, joints)
-            q.append(now[0])
-            v.append(now[1])
-    except RuntimeError as error:
-        raise SaidError(str(error).split("\n")[0]) from None
-    return Track(problem.times, np.array(q), np.array(v))
-
-
-class _Watch:
-    """A monitor of Drake's that only looks at the clock."""
-
-    def __init__(self, clock: Clock) -> None:
-        self.clock = clock
-
-    def __call__(self, context: Any) -> None:
-        self.clock(context.get_time())
-
-
-def _start(problem: Problem, plant: Any, context: Any, joints: list[Any]) -> None:
-    for joint, made in zip(problem.joints, joints, strict=True):
-        q, v = problem.scene.q[joint.q], problem.scene.v[joint.v]
-        if joint.kind == "free":
-            plant.SetPositions(context, [q[6], *q[3:6], *q[:3]])
-            turn = pin.Quaternion(np.array(q[3:])).matrix()
-            plant.SetVelocities(context, [*(turn @ v[3:]), *(turn @ v[:3])])
-        elif joint.kind == "prismatic":
-            made.set_translation(context, float(q[0]))
-            made.set_translation_rate(context, float(v[0]))
-        else:
-            made.set_angle(context, float(np.arctan2(q[1], q[0]) if joint.kind == "continuous" else q[0]))
-            made.set_angular_rate(context, float(v[0]))
-
-
-def _read(problem: Problem, plant: Any, context: Any, joints: list[Any]) -> tuple[np.ndarray, np.ndarray]:
-    q, v = np.empty(problem.model.nq), np.empty(problem.model.nv)
-    for joint, made in zip(problem.joints, joints, strict=True):
-        if joint.kind == "free":
-            p, u = plant.GetPositions(context), plant.GetVelocities(context)
-            q[joint.q] = [*p[4:], *(p[1:4] / np.linalg.norm(p[:4])), p[0] / np.linalg.norm(p[:4])]
-            turn = pin.Quaternion(q[joint.q][3:]).matrix()
-            v[joint.v] = [*(turn.T @ u[3:]), *(turn.T @ u[:3])]
-            continue
-        value = made.get_translation(context) if joint.kind == "prismatic" else made.get_angle(context)
-        rate = made.get_translation_rate(context) if joint.kind == "prismatic" else made.get_angular_rate(context)
-        q[joint.q] = [np.cos(value), np.sin(value)] if joint.kind == "continuous" else value
-        v[joint.v] = rate
-    return q, v

@@ -1,168 +1,155 @@
-"""MuJoCo: the bodies and joints of the pin.Model, at its default step and integrator, and at finer ones.
+"""MuJoCo: the bodies and joints of the pin.Model; everything that the task does not use is switched off.
 
-Contacts and joint limits are off; springs, dampers and equality constraints are MuJoCo's own, with its default solver
-parameters. Torques are applied as a controller does, once a step.
+Springs, dampers and equality constraints are MuJoCo's own, with its default solver parameters. Torques are applied
+once a step, as a controller does it. mj_step with `nstep` advances; mujoco.rollout took 2 to 20 % longer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
-from twolink.hard.case import Track
-from twolink.hard.peers.problem import CannotError, Clock, JointSpec, Problem, SaidError, Way, value
+from twolink.effects.inputs import value_at
+from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting, from_peer, to_peer
 
-DEFAULT_STEP = 0.002
-FINE = ("RK4", 1e-4)
-LEAST_MOMENT = 2e-15  # kg m^2: a thin rod's own axis has 0, and MuJoCo takes none below 1e-15
+VERSION = mujoco.__version__
+DEFAULT_STEP, FINE_STEP = 0.002, 1e-4
+LONGEST_STEP, MAX_STEPS = 0.1, 10_000_000  # s; steps in an interval
+SMALLEST_MOMENT = 2e-15  # kg m^2: a thin rod's own axis has 0, and MuJoCo takes none below 1e-15
+STAGES = {"Euler": 1, "implicitfast": 1, "RK4": 4}
 KINDS = {"revolute": mujoco.mjtJoint.mjJNT_HINGE, "continuous": mujoco.mjtJoint.mjJNT_HINGE,
-         "prismatic": mujoco.mjtJoint.mjJNT_SLIDE, "free": mujoco.mjtJoint.mjJNT_FREE}  # fmt: skip
-WARNED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC,
-          mujoco.mjtWarning.mjWARN_INERTIA)  # fmt: skip
+         "prismatic": mujoco.mjtJoint.mjJNT_SLIDE}  # fmt: skip
+WARNINGS = tuple(getattr(mujoco.mjtWarning, f"mjWARN_{name}") for name in ("BADQPOS", "BADQVEL", "BADQACC", "INERTIA"))
 
 
-def ways(problem: Problem) -> Iterator[Way]:
+def usual(task: PeerTask) -> list[Setting]:
     """The default (Euler, 2 ms), and RK4 at 0.1 ms."""
-    model = build(problem)
-    name, step = FINE
-    yield Way("default: Euler, 2 ms", lambda: _solve(problem, model, DEFAULT_STEP, None))
-    yield Way(f"{name}, {step * 1e3:g} ms", lambda: _solve(problem, model, step, name))
+    del task
+    return [Setting("Euler", "default: 2 ms", step=DEFAULT_STEP, default=True),
+            Setting("RK4", f"{FINE_STEP * 1e3:g} ms", step=FINE_STEP)]  # fmt: skip
 
 
-def build(problem: Problem) -> mujoco.MjModel:
-    """The model. Raises SaidError when MuJoCo refuses it."""
+def ladder(task: PeerTask, coarse: bool) -> list[Setting]:
+    """Steps that divide the interval between two times, each about a square root of two shorter, or half as long."""
+    factor, first = 2.0 if coarse else 2**0.5, int(np.ceil(task.interval / LONGEST_STEP))
+    count = int(np.log(MAX_STEPS / first) / np.log(factor))
+    steps = [task.interval / n for n in sorted({round(first * factor**k) for k in range(count)})]
+    return [Setting(method, f"step {step:.2e} s", step=step) for method in STAGES for step in steps]
+
+
+def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
+    """The function that solves the task at the setting. Raises PeerError when MuJoCo refuses the model."""
+    model = build(task)
+    data, times, count = mujoco.MjData(model), task.times, len(task.times)
+    per_interval = max(1, int(np.ceil(task.interval / (setting.step or DEFAULT_STEP) * (1 - 1e-9))))
+    model.opt.timestep = task.interval / per_interval
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setting.method.upper()}")
+    (q0, v0), (q_at, v_at) = to_peer(task, body_spin=True), _columns(task, model)
+    mujoco.set_mju_user_warning(lambda _: None)  # looked at below; unhandled they go to the terminal and to a file
+
+    def run() -> PeerRun:
+        mujoco.mj_resetData(model, data)
+        data.qpos[q_at], data.qvel[v_at] = q0, v0
+        q, v = np.empty((count, model.nq)), np.empty((count, model.nv))
+        q[0], v[0] = data.qpos, data.qvel
+        for k in range(1, count):
+            _advance(task, model, data, v_at, float(times[k - 1]), per_interval)
+            q[k], v[k] = data.qpos, data.qvel
+        for kind in WARNINGS:  # MuJoCo starts again at 0 when a state is not finite
+            if data.warning[kind].number:
+                raise PeerError(mujoco.mju_warningText(kind, data.warning[kind].lastinfo))
+        track = from_peer(task, q[:, q_at], v[:, v_at], body_spin=True)
+        return PeerRun(track, (count - 1) * per_interval * STAGES[setting.method])
+
+    return run
+
+
+def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """a (nv,) of q and v by mj_forward, for joints whose q is one number."""
+    model = build(task)
+    data, (q_at, v_at) = mujoco.MjData(model), _columns(task, model)
+
+    def forward(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        data.qpos[q_at], data.qvel[v_at] = q, v
+        mujoco.mj_forward(model, data)
+        return np.array(data.qacc[v_at])
+
+    return forward
+
+
+def build(task: PeerTask) -> mujoco.MjModel:
+    """The model. Inertias are made principal here, so that nothing is rounded in a text, or balanced."""
     spec = mujoco.MjSpec()
     spec.compiler.autolimits = False
-    spec.option.gravity = problem.model.gravity.linear
+    spec.option.gravity = task.model.gravity.linear
     bodies = [spec.worldbody]
-    for joint in problem.joints:
-        body = _add_body(bodies[joint.parent], joint)
-        if joint.kind == "free":
-            body.add_freejoint(name=joint.name)
-        else:
-            body.add_joint(
-                name=joint.name, type=KINDS[joint.kind], axis=joint.axis,
-                stiffness=_filled(problem.stiffness.get(joint.name, 0.0)),
-                springref=problem.rest.get(joint.name, 0.0), damping=_filled(problem.damping.get(joint.name, 0.0)),
-            )  # fmt: skip
-        bodies.append(body)
-    for a, point_a, b, point_b in problem.loops:
-        spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1=_site(bodies[a], point_a), name2=_site(bodies[b], point_b),
-        )  # fmt: skip
+    for joint in task.joints:
+        bodies.append(_add_body(task, bodies[joint.parent], joint))
+    for k, (a, point_a, b, point_b) in enumerate(task.loops):
+        bodies[a].add_site(name=f"a{k}", pos=point_a)
+        bodies[b].add_site(name=f"b{k}", pos=point_b)
+        spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_SITE, name1=f"a{k}",
+                          name2=f"b{k}")  # fmt: skip
     try:
         model = spec.compile()
     except ValueError as error:
-        raise SaidError(f"the model is refused: {' '.join(str(error).split())}") from None
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
+    off = ["FRICTIONLOSS", "LIMIT", "CONTACT", "ACTUATION", "SENSOR"]
+    off += [] if task.loops else ["CONSTRAINT", "EQUALITY", "WARMSTART"]
+    off += [] if task.springs else ["SPRING"]
+    off += [] if task.damping else ["DAMPER", "EULERDAMP"]
+    for name in off:
+        model.opt.disableflags |= getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0)
     return model
 
 
-_sites = 0
-
-
-def _site(body: Any, point: np.ndarray) -> str:
-    global _sites
-    _sites += 1
-    body.add_site(name=f"site{_sites}", pos=point)
-    return f"site{_sites}"
-
-
-def _filled(number: float) -> np.ndarray:
-    """Stiffness and damping may be polynomials in MuJoCo: the first coefficient is the linear one."""
-    return np.array([number, 0.0, 0.0])
-
-
-def _add_body(parent: Any, joint: JointSpec) -> Any:
+def _add_body(task: PeerTask, parent: Any, joint: PeerJoint) -> Any:
     moments, principal = np.linalg.eigh(joint.inertia.inertia)
-    principal[:, 0] *= np.linalg.det(principal)
-    return parent.add_body(
+    principal[:, 0] *= np.linalg.det(principal)  # a rotation, not a reflection
+    body = parent.add_body(
         name=f"body of {joint.name}", pos=joint.place.translation, quat=_quaternion(joint.place.rotation),
         explicitinertial=True, mass=joint.inertia.mass, ipos=joint.inertia.lever, iquat=_quaternion(principal),
-        inertia=np.maximum(moments, LEAST_MOMENT),
+        inertia=np.maximum(moments, SMALLEST_MOMENT),
     )  # fmt: skip
+    if joint.kind == "free":
+        body.add_freejoint(name=joint.name)
+        return body
+    stiffness, rest = task.springs.get(joint.name, (0.0, 0.0))
+    body.add_joint(  # stiffness and damping are polynomials: the first coefficient is the linear one
+        name=joint.name, type=KINDS[joint.kind], axis=joint.axis, stiffness=[stiffness, 0.0, 0.0], springref=rest,
+        damping=[task.damping.get(joint.name, 0.0), 0.0, 0.0],
+    )  # fmt: skip
+    return body
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(w, x, y, z), MuJoCo's order."""
     return np.asarray(pin.Quaternion(rotation).coeffs())[[3, 0, 1, 2]]
 
 
-def _solve(problem: Problem, model: mujoco.MjModel, step: float, integrator: str | None) -> Track:
-    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{(integrator or 'Euler').upper()}")
-    data, clock, times = mujoco.MjData(model), Clock(), problem.times
-    _start(problem, model, data)
-    each = max(1, int(np.ceil((times[1] - times[0]) / step * (1 - 1e-9))))
-    model.opt.timestep = (times[1] - times[0]) / each
-    q, v = [problem.scene.q], [problem.scene.v]
-    mujoco.set_mju_user_warning(lambda _: None)  # counted below; unhandled it goes to the terminal and to a file
-    for t in times[:-1]:
-        _advance(problem, model, data, float(t), each, clock)
-        q.append(_configuration(problem, data))
-        v.append(_velocity(problem, data))
-        for kind in WARNED:
-            if data.warning[kind].number:
-                raise SaidError(mujoco.mju_warningText(kind, data.warning[kind].lastinfo))
-    return Track(times, np.array(q), np.array(v))
+def _columns(task: PeerTask, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """The entries of qpos and qvel in the order of the task's joints."""
+    q: list[int] = []
+    v: list[int] = []
+    for joint in task.joints:
+        index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.name)
+        free = joint.kind == "free"
+        q += [int(model.jnt_qposadr[index]) + k for k in range(7 if free else 1)]
+        v += [int(model.jnt_dofadr[index]) + k for k in range(6 if free else 1)]
+    return np.array(q), np.array(v)
 
 
-def _advance(problem: Problem, model: Any, data: Any, t: float, steps: int, clock: Clock) -> None:
-    chunk = 1 if problem.torques else min(steps, 20_000)
-    done = 0
-    while done < steps:
-        clock(t)
-        for joint in problem.joints:
-            if joint.name in problem.torques:
-                data.qfrc_applied[joint.v] = value(problem.torques[joint.name], t + done * model.opt.timestep)
-        now = min(chunk, steps - done)
-        mujoco.mj_step(model, data, nstep=now)
-        done += now
-
-
-def _start(problem: Problem, model: Any, data: Any) -> None:
-    mujoco.mj_resetData(model, data)
-    for joint, index in zip(problem.joints, range(model.njnt), strict=True):
-        at, dof = model.jnt_qposadr[index], model.jnt_dofadr[index]
-        q, v = problem.scene.q[joint.q], problem.scene.v[joint.v]
-        if joint.kind == "free":
-            data.qpos[at : at + 7] = [*q[:3], q[6], *q[3:6]]
-            turn = pin.Quaternion(np.array(q[3:])).matrix()
-            data.qvel[dof : dof + 6] = [*(turn @ v[:3]), *v[3:]]
-        else:
-            data.qpos[at] = np.arctan2(q[1], q[0]) if joint.kind == "continuous" else q[0]
-            data.qvel[dof] = v[0]
-
-
-def _configuration(problem: Problem, data: Any) -> np.ndarray:
-    out, at = np.empty(problem.model.nq), 0
-    for joint in problem.joints:
-        if joint.kind == "free":
-            p = data.qpos[at : at + 7]
-            out[joint.q] = [*p[:3], *p[4:], p[3]]
-        elif joint.kind == "continuous":
-            out[joint.q] = [np.cos(data.qpos[at]), np.sin(data.qpos[at])]
-        else:
-            out[joint.q] = data.qpos[at]
-        at += 7 if joint.kind == "free" else 1
-    return out
-
-
-def _velocity(problem: Problem, data: Any) -> np.ndarray:
-    out, at, place = np.empty(problem.model.nv), 0, 0
-    for joint in problem.joints:
-        if joint.kind == "free":
-            w, x, y, z = data.qpos[place + 3 : place + 7]
-            turn = pin.Quaternion(w, x, y, z).matrix()
-            out[joint.v] = [*(turn.T @ data.qvel[at : at + 3]), *data.qvel[at + 3 : at + 6]]
-        else:
-            out[joint.v] = data.qvel[at]
-        at += 6 if joint.kind == "free" else 1
-        place += 7 if joint.kind == "free" else 1
-    return out
-
-
-__all__ = ["CannotError", "build", "ways"]
+def _advance(task: PeerTask, model: Any, data: Any, v_at: np.ndarray, t: float, steps: int) -> None:
+    if not task.torques:
+        mujoco.mj_step(model, data, nstep=steps)
+        return
+    for k in range(steps):
+        for joint in task.joints:
+            if joint.name in task.torques:
+                value = value_at(task.torques[joint.name], t + k * model.opt.timestep, np)
+                data.qfrc_applied[v_at[joint.v]] = value
+        mujoco.mj_step(model, data)

@@ -1,18 +1,16 @@
-"""What came out: a table a scene, the cheapest way to each error, and the figure."""
+"""The report of compare_peers.py: a table for each scene, the cheapest way to each error, and the figure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from matplotlib.lines import Line2D
 
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
-from .own_peer import PLAIN, VERIFIED
-
+PLAIN, VERIFIED = "twolink", "twolink, verified"
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)  # rad
 BARS = {
     "arm-swing": {1e-3: 10.0, 1e-6: 20.0, 1e-9: 20.0, 1e-12: 20.0},
@@ -21,15 +19,11 @@ BARS = {
 }
 """How many times faster than the cheapest peer twolink is to be, unverified."""
 VERIFY_BAR = 3.0  # times the seconds, with the error bar
-# A colour a package; a marker a method.
-STYLES = {
-    "SciPy RK45": (COLOURS[0], "o"), "SciPy DOP853": (COLOURS[0], "s"), "SciPy LSODA": (COLOURS[0], "^"),
-    "SciPy Radau": (COLOURS[0], "D"),
-    "SciPy odeint (LSODA)": (COLOURS[4], "^"), "SciPy ode (dop853)": (COLOURS[4], "s"),
-    "MuJoCo Euler": (COLOURS[3], "o"), "MuJoCo implicitfast": (COLOURS[3], "x"), "MuJoCo RK4": (COLOURS[3], "s"),
-    "Drake runge_kutta3": (COLOURS[2], "o"), "Drake runge_kutta5": (COLOURS[2], "s"), "Drake radau3": (COLOURS[2], "D"),
-    PLAIN: (COLOURS[5], "o"), VERIFIED: (COLOURS[1], "o"),
-}  # fmt: skip
+COLOUR = {PLAIN: COLOURS[5], VERIFIED: COLOURS[1], "SciPy": COLOURS[0], "SciPy od": COLOURS[4], "MuJoCo": COLOURS[3],
+          "Drake": COLOURS[2]}  # fmt: skip
+MARKER = {"RK45": "o", "DOP853": "s", "LSODA": "^", "Radau": "D", "odeint (LSODA)": "^", "ode (dop853)": "s",
+          "Euler": "o", "implicitfast": "x", "RK4": "s", "runge_kutta3": "o", "runge_kutta5": "s",
+          "radau3": "D"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,7 +33,7 @@ class Entry:
     scene: str
     contestant: str
     setting: str
-    error: float
+    error_rad: float
     seconds: float
     evaluations: int | None
     calls: int
@@ -49,41 +43,34 @@ class Entry:
         """Whether this is twolink, with or without the error bar."""
         return self.contestant in (PLAIN, VERIFIED)
 
-    def row(self) -> list[Any]:
-        """For the CSV file, every digit kept."""
-        return [self.scene, self.contestant, self.setting, repr(self.error), repr(self.seconds), self.evaluations,
-                self.calls]  # fmt: skip
-
 
 def print_scene(entries: list[Entry], doubt: float) -> None:
     """All entries of one scene, then who is cheapest for each error, and the cost of verifying."""
     print(f"  {'contestant':<22}{'setting':<18}{'error, rad':>11}{'ms':>11}{'evaluations':>13}{'calls':>7}")
     for e in entries:
         evaluations = "" if e.evaluations is None else str(e.evaluations)
-        print(f"  {e.contestant:<22}{e.setting:<18}{e.error:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
+        print(f"  {e.contestant:<22}{e.setting:<18}{e.error_rad:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
               f"{e.calls:>7}")  # fmt: skip
     bars = BARS.get(entries[0].scene, {})
     print(f"  {'error':<8}{'cheapest peer':<41}{'ms':>10}   {'twolink':<16}{'ms':>10}{'ratio':>8}  bar")
     for level in LEVELS:
         if doubt > level / 10:
-            print(f"  {level:<8.0e}the reference is not good enough to tell")
+            print(f"  {level:<8.0e}the reference is too coarse")
             continue
         peer = _cheapest((e for e in entries if not e.ours), level)
         own = _cheapest((e for e in entries if e.contestant == PLAIN), level)
-        print(f"  {level:<8.0e}{_shown(peer, 41, named=True)}   {_shown(own, 16, named=False)}"
-              f"{_verdict(peer, own, bars.get(level))}")  # fmt: skip
+        peer_text = _shown(peer, f"{peer.contestant}, {peer.setting}" if peer else "", 41)
+        own_text = _shown(own, own.setting if own else "", 16)
+        print(f"  {level:<8.0e}{peer_text}   {own_text}{_verdict(peer, own, bars.get(level))}")
     _print_verifying(entries)
 
 
 def _cheapest(entries: Iterable[Entry], level: float) -> Entry | None:
-    return min((e for e in entries if e.error <= level), key=lambda e: e.seconds, default=None)
+    return min((e for e in entries if e.error_rad <= level), key=lambda e: e.seconds, default=None)
 
 
-def _shown(entry: Entry | None, width: int, *, named: bool) -> str:
-    if entry is None:
-        return f"{'none gets there':<{width + 10}}"
-    what = f"{entry.contestant}, {entry.setting}" if named else entry.setting
-    return f"{what:<{width}}{entry.seconds * 1e3:>10.3f}"
+def _shown(entry: Entry | None, what: str, width: int) -> str:
+    return f"{what:<{width}}{entry.seconds * 1e3:>10.3f}" if entry else f"{'none gets there':<{width + 10}}"
 
 
 def _verdict(peer: Entry | None, own: Entry | None, bar: float | None) -> str:
@@ -98,8 +85,8 @@ def _verdict(peer: Entry | None, own: Entry | None, bar: float | None) -> str:
 
 
 def _print_verifying(entries: list[Entry]) -> None:
-    plain = {e.setting: e for e in entries if e.contestant == PLAIN}
-    ratios = {e.setting: e.seconds / plain[e.setting].seconds for e in entries
+    plain = {e.setting: e.seconds for e in entries if e.contestant == PLAIN}
+    ratios = {e.setting: e.seconds / plain[e.setting] for e in entries
               if e.contestant == VERIFIED and e.setting in plain}  # fmt: skip
     if not ratios:
         print("  verified, times the seconds: nothing to compare")
@@ -110,35 +97,37 @@ def _print_verifying(entries: list[Entry]) -> None:
 
 
 def _unbeaten(entries: Iterable[Entry]) -> list[Entry]:
-    """Those to which no cheaper one has a smaller error, cheap ones first."""
+    """The entries to which no cheaper one has a smaller error, cheap ones first."""
     kept: list[Entry] = []
     for entry in sorted(entries, key=lambda e: e.seconds):
-        if not kept or entry.error < kept[-1].error:
+        if not kept or entry.error_rad < kept[-1].error_rad:
             kept.append(entry)
     return kept
 
 
+def _style(name: str) -> dict[str, object]:
+    """A colour for each package, a marker for each method, and thick lines for twolink."""
+    package, _, method = name.partition(" ")
+    ours = name in (PLAIN, VERIFIED)
+    colour = COLOUR[name if ours else "SciPy od" if method.startswith("od") else package]
+    return {"color": colour, "marker": MARKER.get(method, "o"), "linewidth": 2.4 if ours else 0.9,
+            "markersize": 5 if ours else 3.2, "markerfacecolor": colour if ours else "white"}  # fmt: skip
+
+
 def picture(entries: list[Entry], path: Path) -> None:
-    """Seconds against error, one panel a scene, a line a contestant, without settings its others beat."""
-    scenes = list(dict.fromkeys(e.scene for e in entries))
+    """Seconds against error, one panel a scene, a line a contestant, without settings that its others beat."""
+    scenes, names = (list(dict.fromkeys(x)) for x in ([e.scene for e in entries], [e.contestant for e in entries]))
     figure, axes = new_figure(1, len(scenes), size=(4.6 * len(scenes) + 1.8, 5.2), sharey=True)
-    names = [n for n in STYLES if any(e.contestant == n for e in entries)]
     for axis, scene in zip(axes[0], scenes, strict=True):
         for name in names:
-            mine = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
-            colour, marker = STYLES[name]
-            ours = name in (PLAIN, VERIFIED)
-            axis.plot([e.error for e in mine], [e.seconds for e in mine], marker=marker,
-                      color=colour, linewidth=2.4 if ours else 0.9, markersize=5 if ours else 3.2,
-                      markerfacecolor=colour if ours else "white", zorder=4 if ours else 3)  # fmt: skip
+            best = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
+            axis.plot([e.error_rad for e in best], [e.seconds for e in best], zorder=3, **_style(name))
         for level in LEVELS:
             axis.axvline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
         axis.set(xscale="log", yscale="log", xlim=(0.3, 1e-14), xlabel="error: max |q - reference| (rad)")
         axis.set_title(scene, fontsize=10)
     axes[0, 0].set_ylabel("seconds")
-    handles = [Line2D([], [], color=STYLES[n][0], marker=STYLES[n][1], label=n, markersize=4,
-                      markerfacecolor=STYLES[n][0] if n in (PLAIN, VERIFIED) else "white",
-                      linewidth=2.4 if n in (PLAIN, VERIFIED) else 0.9) for n in names]  # fmt: skip
+    handles = [Line2D([], [], label=name, **_style(name)) for name in names]
     figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
     figure.suptitle("The same motion, one thread: below is faster, to the right is more accurate", fontsize=11)
     save_figure(figure, path)

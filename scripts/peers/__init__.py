@@ -1,1 +1,0 @@
-"""The contestants of compare_peers.py: one module each, around the same Problem."""

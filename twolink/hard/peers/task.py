@@ -1,0 +1,217 @@
+"""What a peer is asked and what it answers: task, setting, result, and the coordinates that peers share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from twolink import effects as fx
+from twolink.dynamics import Robot
+from twolink.hard.case import Track
+from twolink.scenes import Scene
+
+Loop = tuple[int, np.ndarray, int, np.ndarray]
+"""(body, point (3,), body, point (3,)): points held together, in the frames of the bodies' joints; 0 is the ground."""
+
+
+class UnsupportedError(Exception):
+    """The peer lacks a feature that the task needs, or is not given it here."""
+
+
+class PeerError(Exception):
+    """The peer itself reports that something is wrong."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a peer is run.
+
+    Parameters
+    ----------
+    method : str
+        The peer's name of the method.
+    words : str
+        Tolerance or step as text.
+    tolerance : float, optional
+        Relative and absolute tolerance of a step; None leaves the peer's default.
+    step : float, optional
+        Length of a step, s.
+    default : bool
+        Whether this is what the peer does when nothing is set.
+    """
+
+    method: str
+    words: str
+    tolerance: float | None = None
+    step: float | None = None
+    default: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.method}, {self.words}"
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """States at the task's times, and the number of evaluations of the dynamics where the peer counts them."""
+
+    track: Track
+    evaluations: int | None = None
+
+
+@dataclass(frozen=True)
+class PeerJoint:
+    """A joint of the model: "revolute", "prismatic", "continuous" or "free", with its axis in its own frame.
+
+    parent: number of the parent's joint, 0 for the ground. place: of the joint's frame in the parent's. inertia: of the
+    body behind it. q, v: its entries in Pinocchio's q and v.
+    """
+
+    name: str
+    kind: str
+    parent: int
+    place: pin.SE3
+    axis: np.ndarray
+    inertia: pin.Inertia
+    q: slice
+    v: slice
+
+
+@dataclass(frozen=True)
+class PeerTask:
+    """A robot under gravity that is solved from (q, v) for the `times` (n,) [s], equally spaced from 0.
+
+    springs: (stiffness, rest position) by joint. damping: by joint. torques: inputs in time by joint. SI units.
+    """
+
+    robot: Robot
+    q: np.ndarray
+    v: np.ndarray
+    times: np.ndarray
+    joints: tuple[PeerJoint, ...]
+    springs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    damping: Mapping[str, float] = field(default_factory=dict)
+    torques: Mapping[str, Any] = field(default_factory=dict)
+    loops: tuple[Loop, ...] = ()
+
+    @property
+    def model(self) -> pin.Model:
+        """Pinocchio's model, gravity included."""
+        return self.robot.model
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two times."""
+        return float(self.times[1] - self.times[0])
+
+
+def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
+    """The task of a scene. Raises UnsupportedError for effects and joints that peers are not given."""
+    springs: dict[str, tuple[float, float]] = {}
+    damping: dict[str, float] = {}
+    torques: dict[str, Any] = {}
+    loops: list[Loop] = []
+    for effect in scene.effects:
+        if isinstance(effect, fx.JointSpring):
+            springs |= {name: (k, effect.rest.get(name, 0.0)) for name, k in effect.stiffness.items()}
+        elif isinstance(effect, fx.JointDamping) and effect.damping is not None:
+            damping |= effect.damping
+        elif isinstance(effect, fx.Torque):
+            torques |= effect.inputs
+        elif isinstance(effect, fx.PointLoop | fx.HingeLoop):
+            loops += _point_pairs(scene.robot, effect)
+        elif not isinstance(effect, fx.Gravity):
+            raise UnsupportedError(f"{type(effect).__name__} is not modelled for peers")
+    joints = _joints(scene.robot)
+    return PeerTask(scene.robot, scene.q, scene.v, times, joints, springs, damping, torques, tuple(loops))
+
+
+def _point_pairs(robot: Robot, effect: Any) -> list[Loop]:
+    """A ball joint is a pair of points; a hinge is two pairs, half a metre apart on its axis."""
+    (body_a, at_a), (body_b, at_b) = _carrier(robot, effect.a), _carrier(robot, effect.b)
+    a, b = at_a.act(np.array(effect.point_a)), at_b.act(np.array(effect.point_b))
+    pairs: list[Loop] = [(body_a, a, body_b, b)]
+    if isinstance(effect, fx.HingeLoop):
+        along_a = at_a.rotation @ np.array(effect.axis_a) / np.linalg.norm(effect.axis_a) / 2
+        along_b = at_b.rotation @ np.array(effect.axis_b) / np.linalg.norm(effect.axis_b) / 2
+        pairs.append((body_a, a + along_a, body_b, b + along_b))
+    return pairs
+
+
+def _carrier(robot: Robot, link: str) -> tuple[int, pin.SE3]:
+    """The joint that carries a link, and the link's place in its frame."""
+    if link == "universe":
+        return 0, pin.SE3.Identity()
+    frame = robot.model.frames[robot.model.getFrameId(link)]
+    return int(frame.parentJoint), frame.placement
+
+
+def _joints(robot: Robot) -> tuple[PeerJoint, ...]:
+    model = robot.model
+    if model.armature.any():
+        raise UnsupportedError("armature is not modelled for peers")
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    out = []
+    for i, layout in enumerate(robot.joints, 1):
+        joint, subspace = model.joints[i], np.asarray(data.joints[i].S).reshape(6, -1)
+        turning = subspace[3:].any()
+        if joint.nv == 6:
+            kind = "free"
+        elif joint.nv == 1:
+            kind = "continuous" if joint.nq == 2 else "revolute" if turning else "prismatic"
+        else:
+            raise UnsupportedError(f"{joint.shortname()} is not modelled for peers")
+        axis = subspace[3:, 0] if turning else subspace[:3, 0]
+        out.append(PeerJoint(model.names[i], kind, int(model.parents[i]), model.jointPlacements[i], axis,
+                             model.inertias[i], layout.q, layout.v))  # fmt: skip
+    return tuple(out)
+
+
+def to_peer(task: PeerTask, *, body_spin: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The initial state in the coordinates that peers share, joint by joint.
+
+    One number for a joint of one degree of freedom. For a free body position and quaternion (w, x, y, z); velocity,
+    then angular velocity, in the world's axes. body_spin: the angular velocity is in the body's axes.
+    """
+    q: list[float] = []
+    for joint in task.joints:
+        x = task.q[joint.q]
+        q += {"free": [*x[:3], *x[-1:], *x[3:-1]], "continuous": [np.arctan2(x[-1], x[0])]}.get(joint.kind, [*x])
+    return np.array(q), _turned(task, task.q[None], task.v[None], body_spin, inverse=False)[0]
+
+
+def from_peer(task: PeerTask, q: np.ndarray, v: np.ndarray, *, body_spin: bool) -> Track:
+    """Pinocchio's q (n, nq) and v (n, nv) of rows in the coordinates of `to_peer`."""
+    out, at = np.empty((len(q), task.model.nq)), 0
+    for joint in task.joints:
+        if joint.kind == "free":
+            quaternion = q[:, at + 3 : at + 7] / np.linalg.norm(q[:, at + 3 : at + 7], axis=1, keepdims=True)
+            out[:, joint.q] = np.hstack([q[:, at : at + 3], quaternion[:, 1:], quaternion[:, :1]])
+            at += 6
+        elif joint.kind == "continuous":
+            out[:, joint.q] = np.stack([np.cos(q[:, at]), np.sin(q[:, at])], axis=1)
+        else:
+            out[:, joint.q.start] = q[:, at]
+        at += 1
+    return Track(task.times, out, _turned(task, out, v, body_spin, inverse=True))
+
+
+def _turned(task: PeerTask, q: np.ndarray, v: np.ndarray, body_spin: bool, *, inverse: bool) -> np.ndarray:
+    """Velocities of free bodies from the body's axes to the world's, or back; v has one layout everywhere."""
+    for joint in task.joints:
+        if joint.kind == "free":
+            v, at = v.copy(), joint.v.start
+            turn = Rotation.from_quat(q[:, joint.q][:, 3:])
+            for part in (slice(at, at + 3), slice(at + 3, at + 6))[: 1 if body_spin else 2]:
+                v[:, part] = turn.apply(v[:, part], inverse=inverse)
+    return v
+
+
+def tolerances(coarse: bool) -> list[float]:
+    """Tolerances from 0.1 to 1e-16, half a decade apart, or two decades."""
+    return [10 ** (-k / 2) for k in range(2, 33, 4 if coarse else 1)]
