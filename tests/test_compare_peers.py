@@ -1,54 +1,60 @@
-"""scripts/compare_peers.py: its peers simulate the same robots, and its reference is one."""
+"""scripts/compare_peers.py: its peers simulate the same robots, its reference is one, its tables say what is met."""
 
 import mujoco
 import numpy as np
 import pytest
+from compare_peers import INTERVALS, compared_scenes, error_of, largest_difference, largest_growth
+from peers_report import Entry, print_scene
 
-import twolink as tl
-from scripts.peers import mujoco_peer, scipy_peer
-from scripts.peers.problem import INTERVALS, Reference, axes, largest_difference, problems
-from scripts.peers.report import Entry, print_scene
+from twolink.hard.extended_precision import extended_reference
+from twolink.hard.peers import mujoco_peer, scipy_peer
+from twolink.hard.peers.task import Setting, task_of
 
-PROBLEMS = problems()
-
-
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_the_models_for_mujoco_accelerate_as_pinocchio_says(name: str) -> None:
-    assert largest_difference(PROBLEMS[name], mujoco_peer.accelerations(PROBLEMS[name])) < 1e-12
+TASKS = {name: task_of(scene, np.linspace(0, end, INTERVALS + 1)) for name, (scene, end) in compared_scenes().items()}
 
 
-def test_what_a_robot_is_compared_without_is_off_in_mujoco() -> None:
-    model = mujoco_peer.build(PROBLEMS["panda"].model)
+@pytest.mark.parametrize("name", TASKS)
+def test_mujocos_models_accelerate_as_pinocchio_says(name: str) -> None:
+    aba, forward = scipy_peer.accelerations(TASKS[name]), mujoco_peer.accelerations(TASKS[name])
+    assert largest_difference(TASKS[name], forward, aba) < 1e-12
+
+
+def test_effects_that_the_scene_lacks_are_off_in_mujoco() -> None:
+    model = mujoco_peer.build(TASKS["panda"])
     assert not model.dof_damping.any()
     assert not model.dof_armature.any()
     assert not model.jnt_limited.any()
-    assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+    for name in ("CONTACT", "LIMIT", "CONSTRAINT", "SPRING", "DAMPER"):
+        if flag := getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0):
+            assert model.opt.disableflags & flag, name
 
 
-def test_robots_that_the_peers_would_not_share_are_refused() -> None:
-    with pytest.raises(ValueError, match="only revolute joints"):
-        axes(tl.load_robot("anymal", root="free").model)
-
-
-def test_the_reference_is_close_to_every_contestant() -> None:
+def test_the_reference_is_close_to_every_peer() -> None:
     pytest.importorskip("heyoka")
-    problem = PROBLEMS["arm-swing"]
-    reference = Reference(problem)
-    assert reference.q.shape == (INTERVALS + 1, 2)
-    assert np.array_equal(reference.q[0], problem.scene.q)
-    assert reference.doubt < 1e-15
-    assert reference.growth < 100
-    assert largest_difference(problem, reference.accelerations) < 1e-12
-    errors = {}
-    for contestant in scipy_peer.contestants(problem, [1e-8]):
-        if contestant.name != "SciPy Radau":
-            errors[contestant.name] = reference.error(contestant.rungs[0].run().q)
-    runge_kutta = next(c for c in mujoco_peer.contestants(problem, 2.0) if c.name == "MuJoCo RK4")
-    errors["MuJoCo RK4"] = reference.error(runge_kutta.rungs[6].run().q)
+    scene, _ = compared_scenes()["arm-swing"]
+    task = TASKS["arm-swing"]
+    reference, doubt = extended_reference(scene, task.times)
+    assert reference.shape == (INTERVALS + 1, 2)
+    assert np.array_equal(reference[0], scene.q)
+    assert doubt[-1] < 1e-15
+    assert largest_growth(scene, task.times, reference) < 100
+    settings = [Setting(method, "tol 1e-8", 1e-8) for method in scipy_peer.METHODS if method != "Radau"]
+    errors = {s.method: error_of(scipy_peer.prepare(task, s)().track.q, reference) for s in settings}
+    runge_kutta = [s for s in mujoco_peer.ladder(task, coarse=True) if s.method == "RK4"][6]
+    errors["MuJoCo RK4"] = error_of(mujoco_peer.prepare(task, runge_kutta)().track.q, reference)
     assert max(errors.values()) < 1e-5, errors
 
 
-def test_the_summary_tells_what_is_met(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_go_from_rough_to_fine() -> None:
+    for module in (scipy_peer, mujoco_peer):
+        coarse, fine = (module.ladder(TASKS["ur5"], coarse) for coarse in (True, False))
+        assert len(fine) > 1.8 * len(coarse)
+        for method in {s.method for s in fine}:
+            values = [s.tolerance or s.step for s in fine if s.method == method]
+            assert values == sorted(values, reverse=True)
+
+
+def test_the_summary_says_what_is_met(capsys: pytest.CaptureFixture[str]) -> None:
     def entry(who: str, error: float, seconds: float) -> Entry:
         return Entry("arm-swing", who, "accuracy 1e-03", error, seconds, None, 3)
 

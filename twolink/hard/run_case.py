@@ -81,7 +81,7 @@ def _judged(
         verdict = SAID if bar is not None and bar > accuracy else WRONG
     return Attempt(
         label, verdict, largest, bar, seconds, cost.method if cost else "", cost.steps if cost else 0, message,
-        run.trusted_until, Curve(run.t, error, run.error),
+        run.trusted_until, curve=Curve(run.t, error, run.error),
     )  # fmt: skip
 
 

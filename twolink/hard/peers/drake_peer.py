@@ -100,7 +100,8 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
     def derivatives(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         state[q_at], state[len(q) + v_at] = q, v
         plant.SetPositionsAndVelocities(context, state)
-        return np.asarray(plant.EvalTimeDerivatives(context).CopyToVector())[len(q) + v_at]
+        rates: np.ndarray = plant.EvalTimeDerivatives(context).CopyToVector()
+        return np.asarray(rates[len(q) + v_at])
 
     return derivatives
 

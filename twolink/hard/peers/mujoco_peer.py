@@ -84,7 +84,7 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
 def build(task: PeerTask) -> mujoco.MjModel:
     """The model. Inertias are made principal here, so that nothing is rounded in a text, or balanced."""
     spec = mujoco.MjSpec()
-    spec.compiler.autolimits = False
+    spec.compiler.autolimits, spec.compiler.degree = False, False
     spec.option.gravity = task.model.gravity.linear
     bodies = [spec.worldbody]
     for joint in task.joints:

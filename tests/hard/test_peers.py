@@ -1,0 +1,107 @@
+"""Peers of the hard cases: shared coordinates, what they are not given, and what ends a run."""
+
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink import effects as fx
+from twolink.hard import Motion, chosen
+from twolink.hard.case_result import MET
+from twolink.hard.peers import drake_peer, mujoco_peer, peer_module, time_limit
+from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, from_peer, task_of, to_peer
+from twolink.hard.run_peers import run_peers
+
+TIMES = np.linspace(0.0, 0.5, 6)
+TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3),
+         "drake": Setting("runge_kutta5", "accuracy 1e-10", 1e-10)}  # fmt: skip
+TREE = """<robot name="tree"><link name="base"><inertial><mass value="2"/>
+<inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>{links}</robot>"""
+LINK = """<link name="{name}"><inertial><origin xyz="0.1 0.2 0.3"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.2" izz="0.15" ixy="0.01" ixz="0" iyz="0"/></inertial></link>
+<joint name="j{name}" type="{kind}"><parent link="{parent}"/><child link="{name}"/><origin xyz="0.2 0 0.1"
+rpy="0.3 0.2 0.1"/><axis xyz="0 0.6 0.8"/><limit lower="-9" upper="9" effort="9" velocity="9"/></joint>"""
+
+
+def tree(*kinds: str) -> str:
+    """A floating base; the first and the last joint sit on it, the others each on the one before."""
+    parents = ["base", *(f"l{k}" for k in range(len(kinds) - 2)), "base"]
+    links = [LINK.format(name=f"l{k}", kind=kind, parent=parents[k]) for k, kind in enumerate(kinds)]
+    return TREE.format(links="".join(links))
+
+
+def floating_tree() -> tl.Scene:
+    robot = tl.load_robot(tree("revolute", "continuous", "prismatic", "continuous"), root="free")
+    random = np.random.default_rng(2)
+    q = pin.integrate(robot.model, np.array(robot.neutral), random.uniform(-1, 1, robot.nv))
+    springs = {"jl0": 3.0, "jl2": 20.0}
+    effects = [fx.Gravity(), fx.JointSpring(springs, {"jl0": 0.4}), fx.JointDamping({"jl1": 0.2, "jl2": 1.0})]
+    return tl.Scene(robot, q, random.uniform(-1, 1, robot.nv), effects)
+
+
+@pytest.mark.parametrize("body_spin", [False, True])
+def test_coordinates_there_and_back(body_spin: bool) -> None:
+    scene = floating_tree()
+    task = task_of(scene, TIMES)
+    q, v = to_peer(task, body_spin=body_spin)
+    assert len(q) == len(v) + 1
+    track = from_peer(task, q[None], v[None], body_spin=body_spin)
+    np.testing.assert_allclose(track.q[0], scene.q, atol=1e-15)
+    np.testing.assert_allclose(track.v[0], scene.v, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", TIGHT)
+def test_every_peer_moves_a_floating_tree_as_twolink_does(name: str) -> None:
+    scene = floating_tree()
+    try:
+        module = peer_module(name)
+    except ImportError as error:
+        pytest.skip(str(error))
+    ours = tl.simulate(scene, TIMES[-1], accuracy=1e-9, samples=10)
+    track = module.prepare(task_of(scene, TIMES), TIGHT[name])().track
+    np.testing.assert_allclose(track.q, ours.q, atol=1e-6)
+    np.testing.assert_allclose(track.v, ours.v, atol=1e-5)
+
+
+def test_what_peers_are_not_given_is_named() -> None:
+    arm = tl.load_robot("two_link")
+    with pytest.raises(UnsupportedError, match="SmoothFriction"):
+        task_of(tl.Scene(arm, effects=[fx.SmoothFriction({"elbow": 0.5}, 0.1)]), TIMES)
+    with pytest.raises(UnsupportedError, match="Planar"):
+        task_of(tl.Scene(tl.load_robot(tree("planar", "revolute").replace('"0 0.6 0.8"', '"0 0 1"'))), TIMES)
+    moving = task_of(tl.Scene(arm, effects=[fx.Torque({"elbow": fx.Sine(1.0, 2.0)})]), TIMES)
+    with pytest.raises(UnsupportedError, match="torques"):
+        drake_peer.usual(moving)
+
+
+def test_a_state_that_is_not_finite_is_the_peers_own_error() -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[fx.Gravity(), fx.JointSpring({"elbow": 1e9})], q=[0, 1.0])
+    with pytest.raises(PeerError, match="unstable"):
+        mujoco_peer.prepare(task_of(scene, TIMES), Setting("RK4", "0.1 s", step=0.1))()
+
+
+def test_a_run_is_ended_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time_limit, "MAX_SECONDS", 0.2)
+    start = time.monotonic()
+    with pytest.raises(UnsupportedError, match="not at the end"):
+        time_limit.run_limited(lambda: time.sleep(60))  # type: ignore[arg-type, func-returns-value]
+    assert time.monotonic() - start < 10
+
+
+def test_a_run_that_fails_is_reported_with_its_words() -> None:
+    def fail() -> PeerRun:
+        raise ValueError("the plant is on fire")
+
+    with pytest.raises(PeerError, match="on fire"):
+        time_limit.run_limited(fail)
+
+
+def test_peers_of_a_case_are_judged_by_its_truth() -> None:
+    (case,) = chosen(["torque-steps"])
+    assert isinstance(case, Motion)
+    attempts = list(run_peers(case, case.load()))
+    assert [name for name, _ in attempts] == ["SciPy", "SciPy", "MuJoCo", "MuJoCo"]
+    assert all(a.verdict == MET and a.curve is not None for _, a in attempts)
+    assert [a.default for _, a in attempts] == [True, False, True, False]
