@@ -6,7 +6,7 @@ import numpy as np
 
 from twolink.hard.truths import distance
 from twolink.integrate import taylor
-from twolink.integrate.equations import equations_of
+from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.scenes import Scene
 
