@@ -11,11 +11,11 @@ import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.motion import Loads, Motion
-from twolink.integrate import step_control as control
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.pinocchio_rate import rate
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_control import control_rows, initial_state
 from twolink.integrate.step_map import step_map
 
 GRAVITY = E.Gravity()
@@ -48,14 +48,14 @@ def test_compiled_is_portable(case: str) -> None:
     x = np.repeat(equations.start[:, None], 8, axis=1)
     x[:, 1:] *= np.random.default_rng(0).uniform(0.5, 1.5, (len(x), 7))
     x = equations.space.normalized(x, Numbers)
-    given = portable.initial(x, 0.31, 1e-3, 5.0, np.inf)
+    given = initial_state(x, 0.31, 1e-3, 5.0, np.inf)
     ours, theirs = np.empty_like(given), np.empty_like(given)
     compiled(given, ours)
     portable(given, theirs)
     assert compiled.compiled
     size = equations.space.size
     np.testing.assert_allclose(ours[:size], theirs[:size], rtol=0, atol=1e-12 * (1 + np.abs(theirs[:size]).max()))
-    assert np.array_equal(ours[size + control.TIME], theirs[size + control.TIME])
+    assert np.array_equal(ours[control_rows(size).time], theirs[control_rows(size).time])
 
 
 def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:

@@ -16,7 +16,7 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import march_many
+from twolink.integrate.stepping import integrate_many
 
 KNOTS, VALUES = np.array([0.1, 0.4, 0.5, 1.0, 1.3]), np.array([1.0, -2.0, 3.0, 3.5, 0.5])
 TIMES = np.linspace(-0.2, 1.6, 400)
@@ -120,7 +120,7 @@ def test_many_worlds_end_steps_at_breaks() -> None:
     x0 = np.array([[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]])
     times = np.array([0.0, 0.45, 1.6])
     for name, setting in (("dop853", 1e-9), ("rk4", 0.01)):
-        found, steps, _ = march_many(step_map(equations, METHODS[name]), x0, times, setting)
+        found, steps, _ = integrate_many(step_map(equations, METHODS[name]), x0, times, setting)
         assert found.shape == (3, 2, 3)
         assert np.all(steps >= 6)
         expected = exact("hold", times)[:, None] + x0[0]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import BOX_END, GRAVITY, arm, box, random_states, tight
-from twolink.integrate import step_control as control
 from twolink.integrate import taylor
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_control import control_rows, initial_state
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.scenes import Scene
 
@@ -84,10 +84,10 @@ def _smallest_admitted(steps: StepMap, x: np.ndarray, h: float) -> np.ndarray:
     low, high = np.full(x.shape[1], 1e-16), np.full(x.shape[1], 1e3)
     for _ in range(60):
         middle = np.sqrt(low * high)
-        state = steps.initial(x, 0.0, h, h, middle)
+        state = initial_state(x, 0.0, h, h, middle)
         out = np.empty_like(state)
         steps(state, out)
-        admitted = out[len(x) + control.ACCEPTED] == 1
+        admitted = out[control_rows(len(x)).accepted] == 1
         low, high = np.where(admitted, low, middle), np.where(admitted, middle, high)
     return high
 

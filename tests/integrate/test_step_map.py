@@ -8,9 +8,9 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
-from twolink.integrate import step_control as control
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_control import control_rows, initial_state
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes import Scene
@@ -28,7 +28,7 @@ ROBOTS: dict[str, Callable[[], tl.Robot]] = {
 
 def advance(steps: StepMap, x: np.ndarray, h: float, end: float, tolerance: float) -> np.ndarray:
     """The state array after one attempt from t = 0."""
-    state = steps.initial(x, 0.0, h, end, tolerance)
+    state = initial_state(x, 0.0, h, end, tolerance)
     out = np.empty_like(state)
     steps(state, out)
     return out
@@ -46,7 +46,7 @@ def test_compiled_is_portable(robot: str, method: Method) -> None:
     assert not portable.compiled
     ours, theirs = (advance(m, x, 0.02, 1.0, np.inf) for m in (compiled, portable))
     np.testing.assert_allclose(ours[: len(x)], theirs[: len(x)], rtol=0, atol=1e-12 * max(1, np.abs(x).max()))
-    np.testing.assert_array_equal(ours[len(x) + control.TIME], theirs[len(x) + control.TIME])
+    np.testing.assert_array_equal(ours[control_rows(len(x)).time], theirs[control_rows(len(x)).time])
     if method.adaptive:
         ours, theirs = (advance(m, x, 0.2, 1.0, 1e-4)[len(x) :] for m in (compiled, portable))
         np.testing.assert_allclose(ours, theirs, rtol=1e-6)
@@ -98,8 +98,8 @@ def test_a_world_gets_the_same_bits_in_any_batch(name: str, monkeypatch: pytest.
 def test_steps_land_on_the_end(method: Method) -> None:
     """From 0 to 0.7 in steps of 0.1, which is not a binary fraction: neither a crumb is left nor the end missed."""
     steps = step_map(equations_of(arm()), method)
-    state = steps.initial(steps.equations.start[:, None], 0.0, 0.1 * 0.2, 0.7 * 0.2, 1e9)
-    clock, out = 4 + control.TIME, np.empty_like(state)
+    state = initial_state(steps.equations.start[:, None], 0.0, 0.1 * 0.2, 0.7 * 0.2, 1e9)
+    clock, out = control_rows(4).time, np.empty_like(state)
     for _ in range(20):
         if state[clock, 0] == 0.7 * 0.2:
             break
@@ -107,7 +107,7 @@ def test_steps_land_on_the_end(method: Method) -> None:
         state = out.copy()
     assert state[clock, 0] == 0.7 * 0.2
     if not method.adaptive:
-        assert state[4 + control.ACCEPTED, 0] == 7
+        assert state[control_rows(4).accepted, 0] == 7
     steps(state, out)
     np.testing.assert_array_equal(out, state)  # who has arrived stays
 
@@ -131,10 +131,10 @@ def test_a_refused_step_leaves_the_state(method: Method, portable: bool) -> None
     out = advance(steps, x, h, 10.0, 1e-13)
     np.testing.assert_array_equal(out[:4], x)
     now = out[4:]
-    assert not now[control.TIME].any()
-    assert not now[control.ACCEPTED].any()
-    assert np.all(now[control.REJECTED] == 1)
-    assert np.all((now[control.STEP] >= 0.19 * h) & (now[control.STEP] < h))
+    assert not now[control_rows(0).time].any()
+    assert not now[control_rows(0).accepted].any()
+    assert np.all(now[control_rows(0).rejected] == 1)
+    assert np.all((now[control_rows(0).step] >= 0.19 * h) & (now[control_rows(0).step] < h))
 
 
 @EVERY
@@ -151,8 +151,7 @@ def test_nan_is_never_a_step(method: Method, portable: bool) -> None:
     np.testing.assert_array_equal(out[:, [0, 2, 7]], alone[:, [0, 2, 7]])
     if method.adaptive:
         np.testing.assert_array_equal(out[:4, 1], x[:, 1])
-        assert out[4 + control.REJECTED, 1] == 1
-        assert 0.3 * 0.01 < out[4 + control.STEP, 1] < 1.4 * 0.01  # another size about the last good one,
-        assert out[4 + control.GOOD, 1] == pytest.approx(0.9 * 0.01)  # which becomes smaller
+        assert out[control_rows(4).rejected, 1] == 1
+        assert out[control_rows(4).step, 1] == out[control_rows(4).good, 1] == pytest.approx(0.9 * 0.01)
     else:
         assert not np.isfinite(out[:4, 1]).all()

@@ -10,14 +10,21 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
+from twolink.integrate.failures import (
+    MAX_STEPS,
+    acceleration_not_finite,
+    collapsed,
+    is_hopeless,
+    not_finite,
+    too_many_steps,
+)
 from twolink.integrate.methods import Method
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
-from twolink.integrate.solution import MAX_STEPS, Progress, Solution, collapsed, not_finite, too_many_steps
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 
-SURE, HOPELESS = 5_000, 1e9  # steps after which the pace tells; how many it must not lead to
+PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 
@@ -80,10 +87,9 @@ def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarra
 
 
 def _finite(t: float, rate: np.ndarray) -> np.ndarray:
-    """The rate, or an error: a solver that is given NaN shortens its step for ever."""
+    """The rate, or an error: from NaN a solver would shorten its step without end."""
     if not math.isfinite(sum(rate.tolist())):
-        raise AccuracyError("the acceleration is not finite", where=f"t = {t:.6g} s",
-                            remedy="check forces, masses and the initial state")  # fmt: skip
+        raise acceleration_not_finite(t)
     return rate
 
 
@@ -93,5 +99,6 @@ def _require_going_on(solver: Any, steps: int, start: float) -> None:
         raise collapsed(t)
     if not np.isfinite(solver.y).all():
         raise not_finite(t)
-    if steps >= MAX_STEPS or (steps >= SURE and steps * (solver.t_bound - start) > HOPELESS * (t - start)):
+    slow = steps >= PACE_FROM and is_hopeless(steps, MAX_STEPS, t, start, solver.t_bound)
+    if steps >= MAX_STEPS or slow:
         raise too_many_steps(t)

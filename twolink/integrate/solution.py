@@ -1,4 +1,4 @@
-"""Solution: the states a solver found, and what it took; and what every solver refuses alike."""
+"""Solution: the states that a solver computed, and their cost."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from twolink.errors import AccuracyError
 from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
-MAX_STEPS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -49,39 +47,6 @@ class Solution:
     events: tuple[Event, ...] = ()
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
-
-
-def collapsed(t: float) -> AccuracyError:
-    """The step size has become too small to go on."""
-    return AccuracyError(
-        "the step size has collapsed: the equations are stiff, singular or not finite there",
-        where=f"t = {t:.6g} s",
-        remedy='try method="esdirk43" or "scipy-radau" for stiff scenes, a shorter duration, or less accuracy',
-    )
-
-
-def not_finite(t: float, step: float | None = None) -> AccuracyError:
-    """The state has left the finite numbers."""
-    remedy = "check forces and the initial state" if step is None else f"take steps smaller than {step:.3g} s"
-    return AccuracyError("the state is not finite any more", where=f"t = {t:.6g} s", remedy=remedy)
-
-
-def too_many_steps(t: float, limit: int = MAX_STEPS) -> AccuracyError:
-    """So many steps are needed."""
-    return AccuracyError(
-        f"more than {limit:,} steps are needed to the end",
-        where=f"t = {t:.6g} s",
-        remedy="ask for a shorter duration or less accuracy",
-    )
-
-
-def out_of_reach(t: float, limit: float) -> AccuracyError:
-    """An angle is beyond what the compiled steps' sine can take."""
-    return AccuracyError(
-        f"an angle is beyond {limit:.0e} rad",
-        where=f"t = {t:.6g} s",
-        remedy='make the joint continuous, or use method="taylor" or "scipy-dop853"',
-    )
 
 
 def joined(parts: Sequence[Solution]) -> Solution:

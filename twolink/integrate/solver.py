@@ -17,7 +17,7 @@ from twolink.integrate.pieces import in_pieces
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import march
+from twolink.integrate.stepping import integrate
 
 SMALLEST = {"explicit": 1e-15, "implicit": 1e-15, "scipy": scipy_solver.SMALLEST_TOLERANCE, "taylor": 1e-16}
 SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
@@ -89,7 +89,7 @@ def _solve(
 
     def smooth(piece: Equations, part: Array) -> Solution:
         longest = float(part[-1] - part[0]) / perturbation.min_steps
-        return march(step_map(piece, method), part, setting, progress, longest=longest)
+        return integrate(step_map(piece, method), part, setting, progress, longest=longest)
 
     return in_pieces(equations, times, smooth)
 

@@ -1,153 +1,204 @@
-"""Step control over plain arithmetic: one advance of (x, t, h) with its error norm, acceptance and next step.
+"""Step control over plain arithmetic: one attempt to advance (x, t), its error norm, acceptance and the next step size.
 
-It is part of the step map, so that every world of a batch has its own step size at no cost of its own.
-The controller is PI: h_new = h safety e^(-0.7/p) e_before^(0.4/p), limited, with e the error over what is admitted
-(Gustafsson 1991; Hairer, Wanner: Solving Ordinary Differential Equations II, IV.2).
+It is part of the step map, so that every world of a batch has its own step size. With e the norm of the error estimate
+over what is admitted, and p the order that e has in h, the controller is the PI controller
+
+    h_new = h * SAFETY * e^(-0.7 / p) * e_previous^(0.4 / p)        after an accepted step
+    h_new = h * SAFETY * e^(-1 / p)                                  after a rejected one
+
+A step that gives no finite number says nothing about the error. It met a singular instant, such as the one at which
+the links of a parallelogram are in one line, where no stage of a step may lie. Steps have to cross it: the next size
+is that of the last accepted step, shorter by NO_NUMBER_FACTOR each time, and not that of a step rejected near it.
+
+References: Gustafsson: ACM Trans. Math. Softw. 17 (1991) 533-554; Hairer, Wanner: Solving Ordinary Differential
+Equations II, IV.2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from twolink.integrate.state import Array
 
 SAFETY = 0.9
-SLOWEST, FASTEST = 0.2, 6.0  # factors of the step size
-BLIND = 0.9  # what the sizes to try next shrink by after a step that gave no number
-ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to whole numbers
-LARGEST_SEEN = 1e300
-LAST = 1.0 + 1e-6  # a step that ends this near to the end goes to the end
-ROUNDING = 16 * 2.3e-16  # relative: what no step can resolve
-SMALLEST_ERROR, LARGEST_ERROR = 1e-8, 1e30  # of the square that decides about the next step
-UNSOLVED = 1e-9  # what the last iteration of a fixed implicit step may have moved, relative
+MIN_FACTOR, MAX_FACTOR = 0.2, 6.0  # of the step size, from one step to the next
+NO_NUMBER_FACTOR = 0.9  # of the last good step size, after a step that gave no finite number
+LARGEST_NUMBER = 1e300  # squares above it count as not finite
+LAST_STEP = 1.0 + 1e-6  # a step that ends this near to the end goes to the end: rounding must not leave a tiny one
+ROUNDING = 16 * 2.3e-16  # relative: no estimate resolves less of a state
+MIN_SQUARE, MAX_SQUARE = 1e-8, 1e30  # limits of e^2 in the controller, whose powers must stay finite
+UNSOLVED = 1e-9  # relative: the largest last change of the iteration in an implicit step of fixed size
+FIRST_SQUARE = 1e-4  # e^2 that the controller remembers before the first step
 
-FIRST_ERROR = 1e-4  # what the controller remembers before the first step
-# The control's own rows, after the state's size rows: the clock, and what every world is told.
-TIME, STEP, BEFORE, GOOD, ACCEPTED, REJECTED, END, TOLERANCE, LONGEST = range(9)
-ROWS = 9
 
+class Control(NamedTuple):
+    """The rows of the control in the state array, after those of x: their values, or their indices."""
+
+    time: Any  # t, s
+    step: Any  # the size of the next step, s
+    good: Any  # the size of the last accepted step, less after each step without a number, s
+    previous: Any  # e^2 of the last accepted step
+    accepted: Any  # number of steps so far
+    rejected: Any  # number of attempts in vain
+    end: Any  # where to stop, s
+    tolerance: Any  # of the error in a step; infinite: every step is accepted
+    longest: Any  # the largest step size, s
+
+
+ROWS = len(Control._fields)
 Step = Callable[[Any, Array, Any], tuple[Array, list[Array], Array | None]]
+
+
+def control_rows(size: int) -> Control:
+    """The indices of the control's rows in the state array of states x (size,)."""
+    return Control(*range(size, size + ROWS))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is advanced: the method's step, and the states it works on.
+    """What is advanced.
 
-    size: rows of x. absolute (size,): whether an entry's error counts as it is. normalize: back onto the manifold.
-    order: p of the error estimate, which goes as h^p.
+    step: (t, x, h) -> (x_new, error estimates, last change of an iteration or None). size: rows of x. absolute (size,):
+    whether the error of an entry is compared with the tolerance alone, not with the entry's size. project: puts a state
+    back onto its manifold. order: p, the power of h that the error estimate has.
     """
 
     step: Step
     size: int
     absolute: np.ndarray
-    normalize: Callable[[Array], Array]
+    project: Callable[[Array], Array]
     order: int
 
 
 def fixed_advance(problem: Problem, state: Array, xp: Any) -> Array:
     """One step of a fixed size; the last one ends at the end."""
-    x, own, parameters = _parts(problem, state)
-    t, h, before, good, accepted, rejected, end, tolerance, longest = own
-    left = end - t
+    x, control, parameters = _split(problem, state)
+    left = control.end - control.time
     going = xp.less(0.0, left)
-    arrived = xp.where(xp.less_equal(left, h * LAST), end, t + h)
-    new, _, moved = problem.step(t, x, arrived - t)
-    if moved is not None:  # an iteration that did not converge gives no answer, and NaN says so
-        unsolved = _square(moved, x, new, problem.absolute, 1.0, xp)
+    arrival = xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + control.step)
+    new, _, change = problem.step(control.time, x, arrival - control.time)
+    if change is not None:  # an iteration that did not converge gives no answer
+        unsolved = _mean_square(change, x, new, problem.absolute, 1.0, xp)
         new = xp.where(xp.less_equal(unsolved, UNSOLVED**2), new, np.nan)
-    new = problem.normalize(new)
-    counted = xp.where(going, accepted + 1.0, accepted)
-    now = [xp.where(going, arrived, t), h, before, good, counted, rejected, end, tolerance, longest]
-    return _stacked(xp.where(going, new, x), now, parameters)
+    control = control._replace(
+        time=xp.where(going, arrival, control.time),
+        accepted=xp.where(going, control.accepted + 1.0, control.accepted),
+    )
+    return _stack(xp.where(going, problem.project(new), x), control, parameters)
 
 
 def adaptive_advance(problem: Problem, state: Array, xp: Any) -> Array:
-    """One attempt: the new state where its error is admitted, the old one elsewhere; and the size of the next step."""
-    x, own, parameters = _parts(problem, state)
-    t, h, before, good, accepted, rejected, end, tolerance, longest = own
-    left = end - t
-    going = xp.less(0.0, left)
-    last = xp.less_equal(left, h * LAST)
-    # Two equal steps to the end instead of one and a crumb. What is added to t is what the step takes, rounding
-    # included, so that time does not drift.
-    arrived = xp.where(last, end, t + xp.where(xp.less(left, h * 2.0), left * 0.5, h))
-    taken = arrived - t
-    new, errors, moved = problem.step(t, x, taken)
-    # Judged where it lands: where the way back onto the manifold is lost, no step ends. A sample (its tolerance is
-    # infinite) may be there, and stays as it is.
-    landed = problem.normalize(new)
-    square = _error(errors, moved, x, new, problem.absolute, tolerance, xp)
-    fine = xp.less_equal((landed * landed).sum(axis=0), LARGEST_SEEN)
-    new = xp.where(fine, landed, new)
-    square = xp.where(fine, square, xp.where(xp.less(tolerance, LARGEST_SEEN), np.nan, square))
-    admitted = xp.less_equal(square, 1.0)
-    # A NaN fails every comparison: it counts as the largest error.
-    known = xp.where(xp.less_equal(square, LARGEST_ERROR), square, LARGEST_ERROR)
-    known = xp.where(xp.less(known, SMALLEST_ERROR), SMALLEST_ERROR, known)
-    alone = SAFETY * xp.power(known, -0.5 / problem.order)
-    with_memory = SAFETY * xp.power(known, -0.35 / problem.order) * xp.power(before, 0.2 / problem.order)
-    factor = xp.where(admitted, xp.where(xp.less(with_memory, FASTEST), with_memory, FASTEST), alone)
-    factor = xp.where(xp.less(SLOWEST, factor), factor, SLOWEST)
-    # What could not be computed tells nothing about the error. Near a singular instant, which no stage may meet, other
-    # sizes about the last good one will do; where nothing will, they become smaller.
-    seen = xp.less_equal(square, LARGEST_SEEN)
-    golden = rejected * 0.6180339887498949
-    slower, kept = good * BLIND, xp.where(admitted, taken, good)
-    elsewhere = good * (0.35 + golden - ((golden - 0.5 + ROUND) - ROUND))
-    proposed = xp.where(seen, taken * factor, elsewhere)
-    moving_on = xp.both(going, admitted)
-    now = [
-        xp.where(moving_on, arrived, t),
-        xp.where(going, xp.where(xp.less(longest, proposed), longest, proposed), h),
-        xp.where(moving_on, known, before),
-        xp.where(going, xp.where(seen, xp.where(xp.less(slower, kept), kept, slower), slower), good),
-        xp.where(moving_on, accepted + 1.0, accepted),
-        xp.where(going, xp.where(admitted, rejected, rejected + 1.0), rejected),
-        end,
-        tolerance,
-        longest,
-    ]
-    return _stacked(xp.where(moving_on, new, x), now, parameters)
+    """One attempt: the new state where its error is admitted, else the old one; and the size of the next step."""
+    x, control, parameters = _split(problem, state)
+    going = xp.less(0.0, control.end - control.time)
+    arrival = _arrival(control, xp)
+    h = arrival - control.time  # rounding included, so that the time does not drift
+    new, square = _judged(problem, control, x, h, xp)
+    admitted = xp.less_equal(square, 1.0)  # NaN fails every comparison: not admitted
+    finite = xp.less_equal(square, LARGEST_NUMBER)
+    bounded = xp.where(xp.less_equal(square, MAX_SQUARE), square, MAX_SQUARE)
+    bounded = xp.where(xp.less(bounded, MIN_SQUARE), MIN_SQUARE, bounded)
+    factor = _factor(bounded, control.previous, admitted, problem.order, xp)
+    good = xp.where(admitted, h, xp.where(finite, control.good, control.good * NO_NUMBER_FACTOR))
+    proposed = xp.where(finite, h * factor, good)
+    proposed = xp.where(xp.less(control.longest, proposed), control.longest, proposed)
+    advancing = xp.both(going, admitted)
+    control = control._replace(
+        time=xp.where(advancing, arrival, control.time),
+        step=xp.where(going, proposed, control.step),
+        good=xp.where(going, good, control.good),
+        previous=xp.where(advancing, bounded, control.previous),
+        accepted=xp.where(advancing, control.accepted + 1.0, control.accepted),
+        rejected=xp.where(going, xp.where(admitted, control.rejected, control.rejected + 1.0), control.rejected),
+    )
+    return _stack(xp.where(advancing, new, x), control, parameters)
 
 
-def _parts(problem: Problem, state: Array) -> tuple[Array, Array, Array]:
-    """x, the control's own rows, and the run-time parameters."""
-    own = problem.size + ROWS
-    return state[: problem.size], state[problem.size : own], state[own:]
+def _arrival(control: Control, xp: Any) -> Any:
+    """The time at which the next step ends.
+
+    Two equal steps to the end replace a step and a tiny one (Brankin, Gladwell, Shampine: RKSUITE, 1992).
+    """
+    left = control.end - control.time
+    h = xp.where(xp.less(left, control.step * 2.0), left * 0.5, control.step)
+    return xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + h)
+
+
+def _judged(problem: Problem, control: Control, x: Array, h: Any, xp: Any) -> tuple[Array, Any]:
+    """A step's new state on its manifold, and e^2, which is NaN where a number is not finite.
+
+    A step whose projection fails is not admitted: no step may end there. A sample (infinite tolerance) may be there,
+    and is not projected.
+    """
+    new, errors, change = problem.step(control.time, x, h)
+    projected = problem.project(new)
+    square = _error(errors, change, x, new, problem.absolute, control.tolerance, xp)
+    good = xp.less_equal((projected * projected).sum(axis=0), LARGEST_NUMBER)
+    failed = xp.where(xp.less(control.tolerance, LARGEST_NUMBER), np.nan, square)
+    return xp.where(good, projected, new), xp.where(good, square, failed)
+
+
+def _factor(square: Any, previous: Any, admitted: Any, order: int, xp: Any) -> Any:
+    """h_new / h by the PI controller, from e^2 of this step and of the last accepted one."""
+    rejected = SAFETY * xp.power(square, -0.5 / order)
+    accepted = SAFETY * xp.power(square, -0.35 / order) * xp.power(previous, 0.2 / order)
+    factor = xp.where(admitted, xp.where(xp.less(accepted, MAX_FACTOR), accepted, MAX_FACTOR), rejected)
+    return xp.where(xp.less(MIN_FACTOR, factor), factor, MIN_FACTOR)
 
 
 def _error(
-    errors: list[Array], moved: Array | None, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any
+    errors: list[Array], change: Array | None, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any
 ) -> Any:
-    """The square of the error's norm over what is admitted.
+    """e^2, the square of the error's norm over what is admitted.
 
-    Of two estimates of orders 5 and 3 it is Hairer's e5^2 / sqrt(e5^2 + e3^2 / 100) (DOP853; Solving Ordinary
-    Differential Equations I, II.10), which goes as h^8.
+    Of two estimates of orders 5 and 3 it is that of e5^2 / sqrt(e5^2 + e3^2 / 100), which has h^8 (DOP853; Hairer,
+    Norsett, Wanner: Solving Ordinary Differential Equations I, II.10). The last change of an iteration is an error too.
     """
-    squares = [_square(e, x, new, absolute, tolerance, xp) for e in errors]
+    squares = [_mean_square(e, x, new, absolute, tolerance, xp) for e in errors]
     square = squares[0]
     if len(squares) == 2:
         high, low = squares
         square = high * high / (high + 0.01 * low + 1e-300)
-    if moved is not None:
-        square = square + _square(moved, x, new, absolute, tolerance, xp)
+    if change is not None:
+        square = square + _mean_square(change, x, new, absolute, tolerance, xp)
     return square
 
 
-def _square(error: Array, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any) -> Any:
-    """The mean of (e / admitted)^2: the tolerance for configurations, relative to 1 + |v| for velocities.
-
-    Rounding is admitted besides: what a state of that size cannot resolve.
-    """
+def _mean_square(error: Array, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any) -> Any:
+    """The mean of (error / admitted)^2; admitted: tolerance * (1 or, of velocities, 1 + |v|), and rounding."""
     largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
     relative = np.where(absolute, 0.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
     admitted = (largest * relative + 1.0) * (tolerance * tolerance) + largest * ROUNDING**2
     return (error * error / admitted).sum(axis=0) * (1.0 / max(1, len(x)))
 
 
-def _stacked(x: Array, now: list[Any], parameters: Array) -> Array:
-    return np.concatenate([x, np.stack([np.asarray(row, dtype=x.dtype) for row in now]), parameters])
+def _split(problem: Problem, state: Array) -> tuple[Array, Control, Array]:
+    """x, the control's rows and the run-time parameters of a state array."""
+    end = problem.size + ROWS
+    return state[: problem.size], Control(*state[problem.size : end]), state[end:]
+
+
+def _stack(x: Array, control: Control, parameters: Array) -> Array:
+    """The state array of x, the control's rows and the run-time parameters."""
+    return np.concatenate([x, np.stack([np.asarray(row, dtype=x.dtype) for row in control]), parameters])
+
+
+def initial_state(
+    x: Array, t: Any, h: Any, end: Any, tolerance: Any, longest: Any = np.inf, parameters: Array | None = None
+) -> Array:
+    """The state array of worlds x (size, n) at time t with first steps h, to stop at `end`.
+
+    t, h, end, tolerance and longest are numbers or one number a world (n,); parameters (p, n) or (p, 1).
+    """
+    rows, count = control_rows(len(x)), 0 if parameters is None else len(parameters)
+    state = np.zeros((len(x) + ROWS + count, x.shape[1]))
+    state[: len(x)] = x
+    state[rows.time], state[rows.step], state[rows.good], state[rows.previous] = t, h, h, FIRST_SQUARE
+    state[rows.end], state[rows.tolerance], state[rows.longest] = end, tolerance, longest
+    if parameters is not None:
+        state[len(x) + ROWS :] = parameters
+    return state

@@ -1,7 +1,7 @@
-"""One step of each kind of method, over arrays of numbers or of expressions. Each fits a page of a textbook.
+"""One step of each kind of method, over arrays of numbers or of expressions. Each is as its textbook has it.
 
 A step returns the new state and a list of error estimates, which is empty for methods of fixed steps; implicit steps
-also return what their iteration still moved, which must be small.
+also return the last change of their iteration, which must be small.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def diagonally_implicit_step(
     solve(d, r): (1 - h d J)^-1 r with J = df/dx near the step's middle (simplified Newton; Hairer, Wanner II, IV.8).
     """
     stages: list[Array] = []
-    moved = x * 0.0
+    last_change = x * 0.0
     for i, (row, d, c) in enumerate(zip(tableau.a, tableau.diagonal, tableau.c, strict=True)):
         before = x + _weighted(row[:i], stages) * h if any(row[:i]) else x
         at = t + c * h
@@ -52,10 +52,10 @@ def diagonally_implicit_step(
         for _ in range(ITERATIONS):
             change = solve(d, rate(at, before + k * (d * h)) - k)
             k = k + change
-        moved = moved + change * (d * h)
+        last_change = last_change + change * (d * h)
         stages.append(k)
     errors = [_weighted(e, stages) * h for e in tableau.errors]
-    return x + _weighted(tableau.b, stages) * h, errors, moved
+    return x + _weighted(tableau.b, stages) * h, errors, last_change
 
 
 def _weighted(weights: Sequence[float], stages: Sequence[Array]) -> Array:

@@ -1,15 +1,16 @@
 """The step map: a method on a scene's equations as one function state -> state, for any number of worlds.
 
-    state  (size + ROWS + parameters, n): x, then t, h, the error remembered, steps accepted and rejected, where to
-           stop, the tolerance; then the run-time parameters
+A state array (rows, n) has the rows of x, then those of `step_control.Control`, then the run-time parameters.
 
-The portable map runs on Pinocchio's rates, the compiled one is a single heyoka function of the same text; they are
-compared before the compiled one is first used. A map called with the tolerance inf and an end within a step takes
-exactly that part of the step: that is how samples and events are found, at the order of the method.
+The portable map runs on Pinocchio's rates. The compiled one is a single heyoka function of the same text; the two are
+compared before the compiled one is first used. A map called with an infinite tolerance and an end within a step takes
+exactly that part of the step: samples and events are computed so, with the order of the method.
 """
 
 from __future__ import annotations
 
+import functools
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -19,22 +20,26 @@ import numpy as np
 
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka, pays_threads
-from twolink.integrate import step_control as control
+from twolink.integrate.compile_time import compiling_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
-from twolink.integrate.step_building import certify, compiled_map, portable_map
+from twolink.integrate.step_building import compiled_map, portable_map
+from twolink.integrate.step_certificate import certify
+from twolink.integrate.step_control import Control, control_rows, initial_state
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
-KEPT = 64  # maps kept in this process
-SHARES = (0.5, 0.382, 0.618, 0.3, 0.71, 0.2, 0.83, 0.11, 0.92)  # of the way to a sample, for a step of its own
+MAX_KEPT = 64  # maps kept in this process
+SHARES = (0.5, 0.382, 0.618, 0.3, 0.71)  # of the way to a sample, for a first step that ends beside a singular instant
 Map = Callable[[Array, Array], None]
+log = logging.getLogger("twolink")
 
 
 class StepMap:
-    """A method on equations. Calling it writes the next states into `out`.
+    """A method on equations. Calling it attempts one step of each world and writes the states into `out`.
 
-    compiled: whether it is heyoka's. compile_seconds: what compiling or loading took, 0 where it was at hand.
+    rows: the indices of the control's rows. compiled: whether it is heyoka's. compile_seconds: what compiling or
+    loading took, 0 where it was at hand.
     """
 
     def __init__(self, equations: Equations, method: Method, call: Map, compiled: bool, compile_seconds: float) -> None:
@@ -44,59 +49,47 @@ class StepMap:
         self.compile_seconds = compile_seconds
         self._call = call
 
+    @functools.cached_property
+    def rows(self) -> Control:
+        """The indices of the control's rows in a state array."""
+        return control_rows(self.equations.space.size)
+
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
         self._call(state, out)
 
-    def initial(
-        self, x: Array, t: Any, h: Any, end: Any, tolerance: Any, parameters: Any = None, longest: float = np.inf
-    ) -> Array:
-        """The state array of worlds x (size, n) at time t with first steps h, to stop at `end`.
-
-        longest: no step is longer, of those that an adaptive method chooses.
-        """
-        size = len(x)
-        state = np.zeros((size + control.ROWS + len(self.equations.parameters), x.shape[1]))
-        state[:size] = x
-        state[size + control.TIME] = t
-        state[size + control.STEP] = state[size + control.GOOD] = h
-        state[size + control.BEFORE] = control.FIRST_ERROR
-        state[size + control.END] = end
-        state[size + control.TOLERANCE] = tolerance
-        state[size + control.LONGEST] = longest
-        if parameters is not None:
-            state[size + control.ROWS :] = parameters
-        return state
-
-    def partial(self, x: Array, start: Array, end: Array, parameters: Any = None) -> Array:
+    def partial(self, x: Array, start: Array, end: Array, parameters: Array | None = None) -> Array:
         """States (size, n) at the times `end` (n,), each by one step from x (size, n) at `start` (n,).
 
-        By two steps where one meets a singular instant, at which it gives no number.
+        Where that step meets a singular instant, at which it gives no number, two steps to the same end are tried.
         """
-        out, arrived = self._one(x, start, end, parameters)
+        out, arrived = self._one_step(x, start, end, parameters)
         for share in SHARES:
             late = ~arrived
             if not late.any():
                 break
-            begin, stop, own = start[late], end[late], None if parameters is None else parameters[:, late]
+            begin, stop, values = start[late], end[late], None if parameters is None else parameters[:, late]
             middle = begin + share * (stop - begin)
-            halfway, first = self._one(x[:, late], begin, middle, own)
-            out[:, late], second = self._one(halfway, middle, stop, own)
+            halfway, first = self._one_step(x[:, late], begin, middle, values)
+            out[:, late], second = self._one_step(halfway, middle, stop, values)
             arrived[late] = first & second
         out[:, ~arrived] = np.nan
         return out
 
-    def _one(self, x: Array, start: Array, end: Array, parameters: Any) -> tuple[Array, Array]:
+    def _one_step(self, x: Array, start: Array, end: Array, parameters: Array | None) -> tuple[Array, Array]:
         """One step each, and whether it arrived."""
-        count = x.shape[1]
-        state = self.initial(x, start, np.inf, end, np.inf, parameters)
+        size, count = x.shape
+        state = initial_state(x, start, np.inf, end, np.inf, parameters=parameters)
         if self.compiled and count % LANES:
             state = np.concatenate([state, np.repeat(state[:, -1:], -count % LANES, axis=1)], axis=1)
-        state = np.ascontiguousarray(state)
         out = np.empty_like(state)
-        self(state, out)
-        clock = out[len(x) + control.TIME, :count]
-        return out[: len(x), :count].copy(), np.asarray((clock >= end) & np.isfinite(out[: len(x), :count]).all(axis=0))
+        self(np.ascontiguousarray(state), out)
+        new = out[:size, :count].copy()
+        return new, np.asarray((out[self.rows.time, :count] >= end) & np.isfinite(new).all(axis=0))
+
+
+_kept: dict[str, Any] = {}
+_lock = threading.Lock()
 
 
 def step_map(equations: Equations, method: Method, *, portable: bool = False) -> StepMap:
@@ -107,43 +100,43 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
     if portable or heyoka() is None:
         return StepMap(equations, method, portable_map(equations, method), False, 0.0)
     name = equations.key("step", method.name)
+    seconds = 0.0
     with _lock:
-        found = _kept.get(name)
-        if found is None:
+        compiled = _kept.get(name)
+        if compiled is None:
             start = time.perf_counter()
-            found = _kept[name] = _load(name) or _build(name, equations, method)
+            compiled = _kept[name] = _loaded(name) or _compiled(name, equations, method)
             seconds = time.perf_counter() - start
-            while len(_kept) > KEPT:
+            while len(_kept) > MAX_KEPT:
                 del _kept[next(iter(_kept))]
-        else:
-            seconds = 0.0
-    return StepMap(equations, method, _caller(found, equations, method), True, seconds)
+    return StepMap(equations, method, _caller(compiled, equations, method), True, seconds)
 
 
-_kept: dict[str, Any] = {}
-_lock = threading.Lock()
-
-
-def _load(name: str) -> Any:
+def _loaded(name: str) -> Any:
+    """The compiled map in the disk cache, or None."""
     content = cache.load(name)
     return content if isinstance(content, heyoka().cfunc_dbl) else None
 
 
-def _build(name: str, equations: Equations, method: Method) -> Any:
+def _compiled(name: str, equations: Equations, method: Method) -> Any:
+    """The map, compiled, compared with the portable one and stored."""
+    start = time.perf_counter()
+    expected = compiling_seconds(equations.operations * method.evaluations)
+    log.info("compiling steps of %s for %s, about %.1f s", method.name, equations.robot.name, expected)
     compiled = compiled_map(equations, method)
-    certify(equations, method, step_map(equations, method, portable=True), StepMap(
-        equations, method, _caller(compiled, equations, method), True, 0.0))  # fmt: skip
+    certify(equations, method, portable_map(equations, method), _caller(compiled, equations, method))
     cache.store(name, compiled)
+    log.info("compiled and certified in %.1f s", time.perf_counter() - start)
     return compiled
 
 
-def _caller(cfunc: Any, equations: Equations, method: Method) -> Map:
+def _caller(compiled: Any, equations: Equations, method: Method) -> Map:
     work = equations.operations * method.evaluations
 
     def call(state: Array, out: Array) -> None:
         if pays_threads(state.shape[1], work):
-            cfunc(state, out, batch_parallel=True)
+            compiled(state, out, batch_parallel=True)
         else:  # naming the option takes 0.5 µs, a quarter of a small step
-            cfunc(state, out)
+            compiled(state, out)
 
     return call

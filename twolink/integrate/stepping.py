@@ -1,46 +1,67 @@
-"""Marching with a step map: one world with samples, or many to the same end, each with steps of its own."""
+"""Stepping: worlds advance by a step map, each with steps of its own; samples are taken between the steps.
+
+`advance` is the one loop. It attempts blocks of steps and yields the states on the way, from which samples are taken
+and events are looked for. `integrate` runs one world through it, and `integrate_many` many worlds to the same times.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, Protocol
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from twolink.algorithms import sincos
 from twolink.errors import AccuracyError
-from twolink.integrate import step_control as control
-from twolink.integrate.equations import Equations
-from twolink.integrate.methods import Method
-from twolink.integrate.perturbation import MIN_STEPS
-from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
-from twolink.integrate.solution import (
+from twolink.integrate.failures import (
     MAX_STEPS,
-    Progress,
-    Solution,
+    acceleration_not_finite,
+    angle_out_of_reach,
     collapsed,
+    is_hopeless,
     not_finite,
-    out_of_reach,
     too_many_steps,
 )
+from twolink.integrate.perturbation import MIN_STEPS
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
+from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import LANES, StepMap
 
-MAX_FIXED = 100_000_000  # steps of one size
-SURE, HOPELESS = 20_000, 100  # steps after which the pace tells; how far beyond the limit it must lead
-BLOCK = 256  # steps whose states are kept to take samples from
-FIRST_BLOCK = 4  # after an event, when the next may be near; then twice as many each time
+MAX_FIXED_STEPS = 100_000_000  # steps of one size
+PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
+BLOCK = 256  # steps between two looks at what they gave
+FIRST_BLOCK = 4  # after an event, where the next one may be near; then twice as many each time
+BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
+RESOLVED = 16 * np.finfo(float).eps  # relative to t: a step that is smaller does not change the time
+SMALLEST_STEP = 1e-60  # s: of steps at t = 0
+FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
 
 
 class Watcher(Protocol):
-    """What looks for events along the states of a march."""
+    """What looks for events along the states of a world."""
 
     def first(self, t: Array, x: Array) -> Any:
         """The first event, with its time `t`, along states x (k, size) at times t (k,); None if there is none."""
 
 
-def march(
+class Block(NamedTuple):
+    """Attempted steps of some worlds.
+
+    worlds (w,): their numbers. states (k + 1, rows, w): state arrays from before the first step to after the last. t
+    (k + 1, w): their times. outcome (w,): FINE, or why the world cannot go on.
+    """
+
+    worlds: Array
+    states: Array
+    t: Array
+    outcome: Array
+
+
+def integrate(
     step_map: StepMap,
     times: Array,
     setting: float,
@@ -52,185 +73,219 @@ def march(
     """Solve from the equations' start at times[0] for the samples `times` (n,).
 
     setting: the tolerance of an adaptive method, or the step [s], which is shortened so that equal steps end at the
-    last sample. A sample is one step from the state before it: as exact as the method. Raises AccuracyError when the
+    last sample. watcher: the first event that it finds ends the solution. longest: no step of an adaptive method is
+    longer, s; by default 1 / MIN_STEPS of the time from the first sample to the last. Raises AccuracyError when the
     step size collapses or the state stops being finite.
-
-    watcher: ends the march at the first event that it finds. longest: no step of an adaptive method is longer, s; by
-    default a sixteenth of the time from the first sample to the last.
     """
     equations, method = step_map.equations, step_map.method
-    size, x0 = equations.space.size, equations.start[:, None]
-    start, end = float(times[0]), float(times[-1])
-    first, tolerance, limit = _first_step(equations, method, x0, setting, start, end)
-    initial = step_map.initial(x0, start, first, end, tolerance, longest=longest or (end - start) / MIN_STEPS)
-    states = np.empty((BLOCK + 1, *initial.shape))
-    states[0] = initial
-    out = np.empty((size, len(times)))
-    out[:, 0] = equations.start
-    done, attempts, interrupted, hit = 1, 0, False, None
-    block = BLOCK if watcher is None else FIRST_BLOCK
-    clock, step = size + control.TIME, size + control.STEP
+    size, start, end = equations.space.size, float(times[0]), float(times[-1])
+    longest = longest or (end - start) / MIN_STEPS
+    state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest)
+    out = np.empty((len(times), size, 1))
+    out[0, :, 0] = equations.start
+    done, interrupted, hit, last = 1, False, None, state[:, 0]
     try:
-        while done < len(times):
-            k = 0
-            while k < block and states[k, clock, 0] < end:
-                step_map(states[k], states[k + 1])
-                k += 1
-            attempts += k
-            t = states[: k + 1, clock, 0]
-            _require_progress(equations, method, states[: k + 1, :size, 0], t, float(states[0, step, 0]))
+        for block in advance(step_map, state, limit, BLOCK if watcher is None else FIRST_BLOCK):
+            t, last = block.t[:, 0], block.states[-1, :, 0]
+            if block.outcome[0] != FINE:
+                raise _failure(step_map, block, limit)
             if watcher is not None:
-                hit = watcher.first(t, states[: k + 1, :size, 0])
-                block = min(2 * block, BLOCK)
-            reached = int(np.searchsorted(times, t[k] if hit is None else hit.t, side="right"))
-            if reached > done:
-                before = np.searchsorted(t, times[done:reached], side="left") - 1
-                out[:, done:reached] = step_map.partial(states[before, :size, 0].T, t[before], times[done:reached])
-                if reached == len(times) and hit is None:
-                    out[:, -1] = states[k, :size, 0]  # a step ended there
-                done = reached
+                hit = watcher.first(t, block.states[:, :size, 0])
+            take_samples(step_map, block, times, out, until=end if hit is None else hit.t)
+            done = int(np.searchsorted(times, t[-1] if hit is None else hit.t, side="right"))
             if hit is not None:
-                done = min(done, reached)  # it may lie in the block before
+                last = block.states[max(0, int(np.searchsorted(t, hit.t)) - 1), :, 0]
                 break
-            _require_pace(float(t[k]), start, end, attempts, limit)
-            states[0] = states[k]
             if progress is not None:
-                progress(float(t[k]))
+                progress(float(t[-1]))
     except KeyboardInterrupt:
         interrupted = True
-    accepted, rejected = (int(states[0, size + row, 0]) for row in (control.ACCEPTED, control.REJECTED))
-    evaluations = (accepted + rejected + done) * method.evaluations
-    return Solution(times[:done], out[:, :done], accepted, evaluations, rejected, step_map.compile_seconds,
-                    step_map.compiled, interrupted, hit=hit)  # fmt: skip
+    accepted, rejected = int(last[step_map.rows.accepted]), int(last[step_map.rows.rejected])
+    return Solution(
+        times[:done],
+        np.ascontiguousarray(out[:done, :, 0].T),
+        accepted,
+        (accepted + rejected + done) * method.evaluations,
+        rejected,
+        step_map.compile_seconds,
+        step_map.compiled,
+        interrupted,
+        hit=hit,
+    )
 
 
-def march_many(
+def integrate_many(
     step_map: StepMap,
     x0: Array,
     times: Array,
     setting: float,
     parameters: Array | None = None,
     progress: Progress | None = None,
-    longest: float = math.inf,
-) -> tuple[Array, Array, int]:
-    """Solve many worlds x0 (size, n), each with its own steps, for the samples `times` (m,).
+    min_steps: float = MIN_STEPS,
+) -> tuple[Array, Array, Array]:
+    """Solve worlds x0 (size, n) for the samples `times` (m,).
 
-    parameters (p, n): the run-time parameters of each. longest: no step is longer. Returns the states (m, size, n), the
-    steps of each world (n,), and attempts in all. Worlds that have arrived at a sample wait for the others there. A
-    world whose step size collapses or whose state stops being finite is NaN from there on, and the others go on.
+    parameters (p, n): the run-time parameters of each. min_steps: the smallest number of steps of an adaptive method.
+    Returns the states (m, nq + nv, n), and the steps and the rejected ones of each world (n,). A world whose step size
+    collapses or whose state stops being finite is NaN from there on, and the others go on.
+    """
+    equations, rows = step_map.equations, step_map.rows
+    start, end, moving = float(times[0]), float(times[-1]), equations.moving
+    x = np.array(x0[:moving])
+    out = np.full((len(times), moving, x.shape[1]), np.nan)
+    out[0] = x
+    counts = np.zeros((2, x.shape[1]), dtype=int)
+    for begin, stop in itertools.pairwise([start, *(t for t in equations.breaks(end) if t > start), end]):
+        lost = ~np.isfinite(x).all(axis=0)
+        if lost.all():
+            break
+        table_rows = np.repeat(equations.layout.numbers_at(0.5 * (begin + stop))[:, None], x.shape[1], axis=1)
+        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, parameters,
+                                   (end - start) / min_steps)  # fmt: skip
+        state[rows.time, lost] = stop
+        for block in advance(step_map, state, limit, lanes=LANES):
+            state[:moving, block.worlds[block.outcome != FINE]] = np.nan
+            take_samples(step_map, block, times, out, parameters)
+            if progress is not None:
+                progress(float(block.t[-1].min()))
+        x = state[:moving]
+        counts += state[[rows.accepted, rows.rejected]].astype(int)
+    return out, counts[0], counts[1]
+
+
+def advance(step_map: StepMap, state: Array, limit: int, block_steps: int = BLOCK, lanes: int = 1) -> Iterator[Block]:
+    """Advance each world of `state` (rows, n), in place, to its own end, and yield the blocks of steps.
+
+    limit: of attempted steps a world. block_steps: of the first block; each next one has twice as many up to BLOCK.
+    lanes: batches are padded to a multiple of it; with LANES every world gets the same bits in any batch. Worlds that
+    have arrived or cannot go on are left out of the next block.
+    """
+    rows = step_map.rows
+    start = state[rows.time].copy()
+    worlds = np.flatnonzero(state[rows.time] < state[rows.end])
+    while worlds.size:
+        states = _attempt(step_map, state[:, worlds], block_steps, lanes)
+        last = states[-1]
+        outcome = _outcome(step_map, last, start[worlds], limit)
+        state[:, worlds] = last
+        yield Block(worlds, states, states[:, rows.time], outcome)
+        worlds = worlds[(last[rows.time] < last[rows.end]) & (outcome == FINE)]
+        block_steps = min(2 * block_steps, BLOCK)
+
+
+def _attempt(step_map: StepMap, state: Array, count: int, lanes: int) -> Array:
+    """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived."""
+    rows, worlds = step_map.rows, state.shape[1]
+    width = -(-worlds // lanes) * lanes if step_map.compiled else worlds
+    count = max(1, min(count, BLOCK_NUMBERS // (len(state) * width)))
+    states = np.empty((count + 1, len(state), width))
+    states[0, :, :worlds] = state
+    states[0, :, worlds:] = state[:, -1:]
+    k = 0
+    while k < count:
+        step_map(states[k], states[k + 1])
+        k += 1
+        if width == 1:  # most runs are of one world, and a reduction takes as long as a small step
+            if states[k, rows.time, 0] >= states[k, rows.end, 0]:
+                break
+            continue
+        going = np.count_nonzero(states[k, rows.time] < states[k, rows.end])
+        if going == 0 or (k >= LANES and 2 * going < width):
+            break
+    return states[: k + 1, :, :worlds]
+
+
+def take_samples(
+    step_map: StepMap,
+    block: Block,
+    times: Array,
+    out: Array,
+    parameters: Array | None = None,
+    until: float = math.inf,
+) -> None:
+    """Write the samples that lie within a block into `out` (len(times), size, n), up to a time.
+
+    A sample within a step is one step from the state before it: as exact as the method.
+    """
+    reached = np.searchsorted(times, block.t, side="right")  # samples up to each state
+    counts = np.diff(reached, axis=0)
+    step, column = np.nonzero(counts)
+    if not step.size:
+        return
+    counts = counts[step, column]
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)  # 0, 1, ... within each step
+    sample = np.repeat(reached[step, column], counts) + number
+    wanted = times[sample] <= until
+    sample, step, column = sample[wanted], np.repeat(step, counts)[wanted], np.repeat(column, counts)[wanted]
+    size, worlds = out.shape[1], block.worlds[column]
+    at_end = times[sample] == block.t[step + 1, column]
+    out[sample[at_end], :, worlds[at_end]] = block.states[step[at_end] + 1, :size, column[at_end]]
+    inside = ~at_end
+    sample, step, column, worlds = sample[inside], step[inside], column[inside], worlds[inside]
+    if sample.size:
+        x = block.states[step, : step_map.equations.space.size, column].T
+        values = None if parameters is None else parameters[:, worlds]
+        new = step_map.partial(x, block.t[step, column], times[sample], values)
+        out[sample, :, worlds] = new[:size].T
+
+
+def start_state(
+    step_map: StepMap,
+    x: Array,
+    start: float | Array,
+    end: float | Array,
+    setting: float,
+    parameters: Array | None = None,
+    longest: float = math.inf,
+) -> tuple[Array, int]:
+    """The state array of worlds x (size, n) with their first steps, and the limit of steps.
+
+    start, end: times, or one of each world (n,). Raises AccuracyError where no world has a finite rate.
     """
     equations, method = step_map.equations, step_map.method
-    start, moving = float(times[0]), equations.moving
-    ends = {float(t) for t in times[1:]}
-    stops = sorted(ends.union(t for t in equations.breaks(float(times[-1])) if t > start))
-    x0 = _with_rows(equations, x0[:moving], start, stops[0])
-    size, count = x0.shape
-    first, tolerance, limit = _first_step(equations, method, x0, setting, start, stops[0])
-    if not method.adaptive:  # equal steps to the end, where there are no breaks
-        first, _, limit = _first_step(equations, method, x0, setting, start, float(times[-1]))
-    longest = min(longest, (float(times[-1]) - start) / MIN_STEPS)
-    state = step_map.initial(x0, start, first, float(times[-1]), tolerance, parameters, longest)
-    out = np.empty((len(times), moving, count))
-    out[0] = x0[:moving]
-    attempts, sample = 0, 0
-    for begin, end in itertools.pairwise([start, *stops]):
-        state[:size] = _with_rows(equations, state[:moving], begin, end)
-        before = state[size + control.STEP].copy()
-        attempts += _march_to(step_map, state, end, limit)
-        # A step cut short by the sample is no reason for the next to be short.
-        state[size + control.STEP] = np.maximum(state[size + control.STEP], before) if method.adaptive else before
-        if end in ends:
-            sample += 1
-            out[sample] = state[:moving]
-            if progress is not None:
-                progress(end)
-    return out, state[size + control.ACCEPTED].astype(int), attempts
-
-
-def _with_rows(equations: Equations, x: Array, begin: float, end: float) -> Array:
-    """States (q, v) with what the tables are made of between two stops."""
-    rows = equations.layout.numbers_at(0.5 * (begin + end))
-    return np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
-
-
-def _march_to(step_map: StepMap, state: Array, end: float, limit: int) -> int:
-    """Advance every world of `state` to the end, in place; returns how many steps were tried in all."""
-    size = step_map.equations.space.size
-    state[size + control.END] = end
-    clock = size + control.TIME
-    start = state[clock].copy()
-    going = np.arange(state.shape[1])
-    attempts = tried = 0
-    while going.size:
-        width = -(-going.size // LANES) * LANES if step_map.compiled else going.size
-        chosen = np.append(going, np.full(width - going.size, going[-1]))
-        now, new = np.ascontiguousarray(state[:, chosen]), np.empty((len(state), width))
-        # Worlds that have arrived are left out once they are many: until then they cost, but change nothing.
-        for n in range(1, BLOCK + 1):
-            step_map(now, new)
-            now, new = new, now
-            left = now[clock] < end
-            if not left.any() or (n >= LANES and 2 * left.sum() < width):
-                break
-        tried += n
-        attempts += n * going.size
-        now = now[:, : going.size]
-        stuck = (n == BLOCK) & (now[clock] == state[clock, going])
-        lost = _are_lost(step_map, now, tried, start[going], end, limit) | stuck
-        now[:size, lost] = np.nan
-        state[:, going] = now
-        going = going[(now[clock] < end) & ~lost]
-    return attempts
-
-
-def _are_lost(step_map: StepMap, now: Array, tried: int, start: Array, end: float, limit: int) -> Array:
-    """Which worlds cannot go on: not finite, beyond what steps can take, or hopelessly slow."""
-    space, size = step_map.equations.space, step_map.equations.space.size
-    t = now[size + control.TIME]
-    beyond = np.abs(now[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT
-    slow = (t < end) & ((tried > limit) | ((tried > SURE) & (tried * (end - start) > HOPELESS * limit * (t - start))))
-    lost: Array = ~np.isfinite(now[:size]).all(axis=0) | slow
-    return lost | beyond if step_map.method.kind != "implicit" else lost
-
-
-def _first_step(
-    equations: Equations, method: Method, x: Array, setting: float, start: float, end: float
-) -> tuple[float | Array, float, int]:
-    """The first step, or the only one; the tolerance; and how many steps are allowed."""
-    duration, rate = end - start, np.abs(rate_by_pinocchio(equations, start, x))
+    duration, rate = np.asarray(end - start, dtype=float), np.abs(rate_by_pinocchio(equations, start, x))
     finite = np.isfinite(rate).all(axis=0)
-    if not finite.any():
-        raise AccuracyError("the acceleration is not finite", where=f"t = {start:.6g} s",
-                            remedy="check forces, masses and the initial state")  # fmt: skip
+    if x.shape[1] and not finite.any():
+        raise acceleration_not_finite(float(np.min(start)))
     if not method.adaptive:
-        if duration / setting > MAX_FIXED:
-            raise AccuracyError(f"{duration / setting:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED:.0e}",
+        steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
+        most = float(steps.max(initial=0.0))
+        if most > MAX_FIXED_STEPS:
+            raise AccuracyError(f"{most:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED_STEPS:.0e}",
                                 argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
-        steps = max(1, math.ceil(duration / setting * (1 - 1e-12)))
-        return duration / steps, math.inf, 2 * steps + BLOCK
-    # A fraction of the time in which the state changes by its own size; the control grows it sixfold a step.
+        return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(most) + BLOCK
+    # A fraction of the time in which the state changes by its own size; the control lengthens it up to sixfold a step.
     change = (rate / (1.0 + np.abs(x))).max(axis=0, initial=0.0)
-    change[~finite] = np.inf  # a step of 0: lost before it starts
-    # It depends on the tolerance even where a piece is short: else two tolerances might take the same steps, and their
-    # solutions say nothing of each other's error.
-    natural = setting ** (1 / method.error_order)
-    first = np.minimum(0.5 * natural / np.maximum(change, 1e-3), natural * duration / MIN_STEPS)
-    return (float(first[0]) if first.size == 1 else first), setting, MAX_STEPS
+    change[~finite] = np.inf  # a step of 0, which counts as collapsed
+    # It depends on the tolerance even where the duration is short: otherwise two tolerances could take the same steps,
+    # and the distance of their solutions would say nothing about the error.
+    fraction = setting ** (1 / method.error_order)
+    first = np.minimum(0.5 * fraction / np.maximum(change, 1e-3), fraction * duration / MIN_STEPS)
+    return initial_state(x, start, first, end, setting, longest, parameters), MAX_STEPS
 
 
-def _require_progress(equations: Equations, method: Method, x: Array, t: Array, step: float) -> None:
-    """Require that a block of steps x (k + 1, size) at times t went on, within what steps can take."""
-    if not np.isfinite(x[-1]).all():
-        last = int(np.argmax(~np.isfinite(x).all(axis=1)))
-        raise not_finite(float(t[max(0, last - 1)]), None if method.adaptive else step)
-    angles = np.abs(x[-1, equations.space.angles]).max(initial=0.0)
-    if method.kind != "implicit" and angles > 0.9 * sincos.LIMIT:
-        raise out_of_reach(float(t[-1]), sincos.LIMIT)
-    if t[-1] == t[0] and len(t) > BLOCK:
-        raise collapsed(float(t[-1]))
+def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:
+    """What became of each world since its start: FINE, or why it cannot go on."""
+    rows, space = step_map.rows, step_map.equations.space
+    t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
+    outcome = np.full(len(t), FINE)
+    left = t < end
+    slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
+    outcome[left & (slow | (tried > limit))] = TOO_MANY
+    outcome[left & (state[rows.step] <= RESOLVED * np.abs(t) + SMALLEST_STEP)] = COLLAPSED
+    if step_map.method.kind != "implicit":
+        outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
+    outcome[~np.isfinite(state[: space.size]).all(axis=0)] = NOT_FINITE
+    return outcome
 
 
-def _require_pace(t: float, start: float, end: float, attempts: int, limit: int) -> None:
-    """Require that the end will be reached within the limit of steps, at the pace so far."""
-    if attempts > limit or (attempts > SURE and attempts * (end - start) > HOPELESS * limit * (t - start)):
-        raise too_many_steps(t, limit)
+def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
+    """The error of the first world of a block."""
+    t, outcome = block.t[:, 0], int(block.outcome[0])
+    if outcome == NOT_FINITE:
+        bad = ~np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
+        step = None if step_map.method.adaptive else float(block.states[0, step_map.rows.step, 0])
+        return not_finite(float(t[max(0, int(np.argmax(bad)) - 1)]), step)
+    if outcome == OUT_OF_REACH:
+        return angle_out_of_reach(float(t[-1]), sincos.LIMIT)
+    return collapsed(float(t[-1])) if outcome == COLLAPSED else too_many_steps(float(t[-1]), limit)

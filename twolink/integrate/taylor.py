@@ -26,10 +26,11 @@ from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
+from twolink.integrate.failures import MAX_STEPS, not_finite, too_many_steps
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pieces import in_pieces
-from twolink.integrate.solution import MAX_STEPS, Progress, Solution, not_finite, too_many_steps
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code

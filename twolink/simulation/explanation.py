@@ -15,6 +15,7 @@ from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
+from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
@@ -135,7 +136,7 @@ def _nanoseconds(equations: Equations, choice: Choice) -> tuple[float, float] | 
     found = []
     for worlds in (BATCH, 1):
         x = np.repeat(equations.start[:, None], worlds, axis=1)
-        state = compiled.initial(x, 0.0, 1e-3, 1.0, np.inf)
+        state = initial_state(x, 0.0, 1e-3, 1.0, np.inf)
         out = np.empty_like(state)
         compiled(state, out)
         calls = max(1, 512 // worlds)

@@ -13,11 +13,12 @@ from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
+from twolink.integrate.failures import MAX_STEPS
 from twolink.integrate.method_choice import SAFETY, Choice, choose, second_tolerance
 from twolink.integrate.methods import METHODS
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.solution import MAX_STEPS, Progress, Solution
+from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import smallest_tolerance, solve
 from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene

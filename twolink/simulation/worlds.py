@@ -25,7 +25,7 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import march_many
+from twolink.integrate.stepping import integrate_many
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of, duration_of
 from twolink.simulation.trajectory import Cost
@@ -106,15 +106,15 @@ def simulate_many(
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", where="accuracy",
                             remedy="ask for 1e-12 or more, or verify=False")  # fmt: skip
     start = time.perf_counter()
-    found, steps, attempts = march_many(compiled, states, looked, tolerance, rows, progress)
+    found, steps, rejected = integrate_many(compiled, states, looked, tolerance, rows, progress)
     seconds = time.perf_counter() - start
     error: np.ndarray | None = None
     if verify:
-        error, more = _verified(compiled, states, looked, tolerance, rows, accuracy, found, steps)
-        attempts += more
+        error = _verified(compiled, states, looked, tolerance, rows, accuracy, found, steps)
     cost = Cost(
-        compiled.method.name, tolerance, int(steps.sum()), attempts * compiled.method.evaluations, seconds,
-        time.perf_counter() - start - seconds, compiled.compile_seconds, compiled=compiled.compiled, why="a batch",
+        compiled.method.name, tolerance, int(steps.sum()), int((steps + rejected).sum()) * compiled.method.evaluations,
+        seconds, time.perf_counter() - start - seconds, compiled.compile_seconds, compiled=compiled.compiled,
+        why="a batch",
     )  # fmt: skip
     asked = np.searchsorted(looked, times)
     qs, vs = _split(compiled.equations, found[asked])
@@ -171,27 +171,23 @@ def _verified(
     accuracy: float,
     found: np.ndarray,
     steps: np.ndarray,
-) -> tuple[np.ndarray, int]:
+) -> np.ndarray:
     """The error bar of each world (n,); worlds beyond the accuracy are solved again, into `found` and `steps`."""
     least = smallest_tolerance(compiled.method)
     error = np.full(states.shape[1], np.nan)
-    going, attempts, current = np.arange(states.shape[1]), 0, found
-    # Steps end at the looks in both solutions: the finer one takes some between them, lest they be the same steps.
-    longest = float(np.diff(times).min()) / 4
+    going, current, perturbation = np.arange(states.shape[1]), found, second_solution()
     while True:
         own = None if rows is None else rows[:, going]
-        perturbed = second_solution().shifted(states[:, going])
+        perturbed = perturbation.shifted(states[:, going])
         tolerance = second_tolerance(compiled.method, tolerance)
-        finer, _, tried = march_many(compiled, perturbed, times, tolerance, own, None, longest)
+        finer, *_ = integrate_many(compiled, perturbed, times, tolerance, own, min_steps=perturbation.min_steps)
         distance = SAFETY * _distance(compiled, current, finer)
         error[going], found[:, :, going] = distance, current
-        attempts += tried
         going = going[distance > accuracy]  # not the lost ones, which are NaN
         if not going.size or second_tolerance(compiled.method, tolerance) < least:
-            return error, attempts
+            return error
         own = None if rows is None else rows[:, going]
-        current, steps[going], tried = march_many(compiled, states[:, going], times, tolerance, own)
-        attempts += tried
+        current, steps[going], _ = integrate_many(compiled, states[:, going], times, tolerance, own)
 
 
 def _distance(compiled: StepMap, coarse: np.ndarray, fine: np.ndarray) -> np.ndarray:

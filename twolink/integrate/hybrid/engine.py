@@ -23,7 +23,7 @@ from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.solution import Piece, Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import march
+from twolink.integrate.stepping import integrate
 from twolink.io.text import kebab_case
 
 AT_ONCE = 200  # events at one time
@@ -140,7 +140,7 @@ class _Run:
         watching = guards(self.hybrid, self.modes, here, self.sides)
         watcher = Watcher(equations, steps, watching, self.t, self.perturbation.touch_margin)
         longest = self.span / self.perturbation.min_steps
-        part = march(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest)
+        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
         for guard in watching:
@@ -158,7 +158,7 @@ class _Run:
         while part.hit is not None and 0.0 < length < count * self.setting:
             end = float(grid[0]) + 2.0 * length
             shorter = np.append(grid[grid < end], end) if end < grid[-1] else grid
-            again = march(steps, shorter, length / count, self.progress, watcher=watcher)
+            again = integrate(steps, shorter, length / count, self.progress, watcher=watcher)
             if again.hit is not None or end >= grid[-1]:
                 return again
             length *= 2.0  # the event is later than the few steps said
