@@ -38,7 +38,7 @@ def _on_manifold(equations: Equations, x: Array) -> Array:
 
 def _lock_some(equations: Equations, x: Array) -> None:
     """Lock some joints in each state but the first, as far as the loops leave the others free to move."""
-    lockable = equations.layout.lockable
+    lockable, constraints = equations.layout.lockable, equations.constraints
     first = equations.space.size - 2 * len(lockable)
     x[first : first + len(lockable)] = 0.0
     for column in range(1, x.shape[1]):
