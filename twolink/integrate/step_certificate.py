@@ -45,10 +45,8 @@ def _lock_some(equations: Equations, x: Array) -> None:
         for i in range(len(lockable)):
             if (i + column) % 2:
                 continue
-            if equations.constraints is not None:
-                jacobian = equations.constraints.jacobian_at(
-                    x[: equations.space.nq, column], equations.constraints.kept
-                )
+            if constraints is not None:
+                jacobian = constraints.jacobian_at(x[: equations.space.nq, column], constraints.kept)
                 free = [1.0 - x[first + j, column] for j in range(len(lockable))]
                 for j, dof in enumerate(lockable):
                     jacobian[:, dof] *= free[j] if j != i else 0.0
