@@ -1,69 +1,78 @@
-"""The command about hard cases: run them, print a table or JSON, write the page."""
+"""The command that runs the hard cases, and prints a table or JSON or writes a page."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from twolink.cli.options import misuse
-from twolink.cli.printing import print_json
-from twolink.cli.writing import require_formats
+from twolink.cli.failures import FAILED, Interrupted
+from twolink.cli.options import Json
+from twolink.cli.printing import show
+from twolink.cli.writing import require_endings
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command("hard-cases")(hard_cases)
+if TYPE_CHECKING:
+    from twolink.hard import Case, Result
 
 
 def hard_cases(
-    names: Annotated[
-        list[str] | None, typer.Argument(help="Cases, groups, or parts of names; all when left out.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
-    html: Annotated[Path | None, typer.Option(help="Write the report as one page (.html).")] = None,
-    peers: Annotated[bool, typer.Option("--peers", help="Run SciPy, MuJoCo and Drake too, where installed.")] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out the slow cases.")] = False,
-    listed: Annotated[
-        bool, typer.Option("--list", help="List the cases and why each is hard, and run nothing.")
-    ] = False,
+    names: Annotated[list[str] | None, Argument(metavar="NAME", help="Cases, groups, or parts of names.")] = None,
+    as_json: Json = False,
+    html: Annotated[Path | None, Option(help="Write the report as a page (.html).")] = None,
+    peers: Annotated[bool, Option("--peers", help="Run SciPy, MuJoCo and Drake too, where installed.")] = False,
+    quick: Annotated[bool, Option("--quick", help="Leave out the slow cases.")] = False,
+    listed: Annotated[bool, Option("--list", help="List the cases and why each is hard; run none.")] = False,
 ) -> None:
-    """Run cases that break simulators: why each is hard, the truth, what we get, what it costs.
+    """Run cases that break simulators.
 
-    Exit code 1 when a case neither meets its bar nor says that it does not.
+    For each case it prints why the case is hard, its true answer, and what accuracy twolink reaches at what cost. The
+    exit code is 1 when a case neither meets its error bar nor says that it does not.
 
     \b
     twolink hard-cases --list
     twolink hard-cases chaos upright-balance
     twolink hard-cases --peers --html hard.html
     """
-    from twolink.hard import chosen, run_case
-    from twolink.hard.table import HEAD, lines, summary
+    from twolink.hard import chosen
+    from twolink.hard.table import summary
 
-    with misuse("hard_cases"):
-        cases = chosen(names, quick=quick)
+    cases = chosen(names, quick=quick)
     if html is not None:
-        require_formats([html], (".html",))
+        require_endings([html], (".html",))
     if listed:
         for case in cases:
             typer.echo(f"{case.name:<24}{case.title}{' (slow)' if case.slow else ''}\n{'':<24}{case.why}")
         return
-    results = []
-    if not as_json:
-        typer.echo(HEAD)
-    for case in cases:
-        result = run_case(case, peers=peers)
-        results.append(result)
-        for line in () if as_json else lines(result):
-            typer.echo(line)
+    results = _run(cases, peers=peers, silent=as_json)
     if html is not None:
         from twolink.hard.page import write_page
 
         write_page(results, html)
-    if as_json:
-        print_json({"cases": [r.to_dict() for r in results], "written": [] if html is None else [html]})
-    else:
-        typer.echo(f"\n{summary(results)}" + ("" if html is None else f"\nwrote {html}"))
-    if not all(r.passed for r in results):
-        raise typer.Exit(1)
+    written = [] if html is None else [html]
+    text = "\n".join(["", summary(results), *(f"wrote {path}" for path in written)])
+    show({"cases": [result.to_dict() for result in results], "written": written}, text, as_json)
+    if len(results) < len(cases):
+        raise Interrupted
+    if not all(result.passed for result in results):
+        raise typer.Exit(FAILED)
+
+
+def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[Result]:
+    """The results, each printed when its case is done; those so far after Ctrl-C."""
+    from twolink.hard import run_case
+    from twolink.hard.table import HEAD, lines
+
+    results: list[Result] = []
+    if not silent:
+        typer.echo(HEAD)
+    try:
+        for case in cases:
+            results.append(run_case(case, peers=peers))
+            if not silent:
+                typer.echo("\n".join(lines(results[-1])))
+    except KeyboardInterrupt:
+        if not results:
+            raise
+    return results

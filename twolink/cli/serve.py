@@ -7,42 +7,30 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
-from twolink.cli.options import Misuse, misuse
-from twolink.errors import import_extra
+from twolink.cli.failures import Misuse
+from twolink.dynamics.arguments import positive
+from twolink.errors import QueryError, import_extra
 
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the command line."""
-    app.command()(serve)
+RATE = "200 beyond this machine, else no limit"
 
 
 def serve(
-    host: Annotated[
-        str, typer.Option(help="The address to listen on; 0.0.0.0 is all of this machine's.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 8000,
-    data: Annotated[
-        Path | None, typer.Option(help="The folder of uploads, jobs and results; your user data folder when left out.")
-    ] = None,
-    token: Annotated[
-        list[str] | None,
-        typer.Option(help="Ask clients for this bearer token; repeatable. Better in TWOLINK_TOKEN (comma between)."),
-    ] = None,
-    quota: Annotated[
-        list[str] | None, typer.Option(help="NAME=NUMBER, repeatable; `--quota help` lists them with their values.")
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Requests a second from one address; 200 beyond this machine, else no limit.")
-    ] = None,
-    allow_host: Annotated[
-        list[str] | None, typer.Option(help="A name the service may be called by, besides addresses; repeatable.")
-    ] = None,
-    allow_origin: Annotated[
-        list[str] | None, typer.Option(help="A site whose pages may call it, such as https://lab.example; repeatable.")
-    ] = None,
+    host: Annotated[str, Option(help="Address to listen on; 0.0.0.0 is all of this machine's.")] = "127.0.0.1",
+    port: Annotated[int, Option(min=0, max=65535, metavar="PORT", help="0 takes a free one.")] = 8000,
+    data: Annotated[Path | None, Option(help="Folder of the results.", show_default="your user data folder")] = None,
+    token: Annotated[list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token; repeatable.")] = None,
+    quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
+    rate: Annotated[float | None, Option(help="Requests a second from one address.", show_default=RATE)] = None,
+    allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
+    allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
 ) -> None:
-    """Serve queries, simulations and the page over HTTP, on this machine only unless told otherwise.
+    """Serve queries, simulations and the page over HTTP.
+
+    Without --host only this machine reaches it. Addresses always name it; --allow-host adds names. --allow-origin is a
+    site whose pages may call it, such as https://lab.example. TWOLINK_TOKEN holds tokens too, with commas between;
+    other users of this machine cannot read it. --data is the folder of uploads, jobs and results.
 
     \b
     twolink serve                                       then open http://127.0.0.1:8000/
@@ -51,7 +39,7 @@ def serve(
     twolink serve --quota jobs=4 --quota disk_mb=20000
 
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
-    outlive a restart; what was interrupted is named at the next start. Ctrl-C ends it.
+    survive a restart; the next start names the jobs that were interrupted. Ctrl-C ends the service.
     """
     from twolink.service.settings import OPEN_RATE, Quotas, Settings, default_folder, is_loopback, read_quotas
 
@@ -59,22 +47,24 @@ def serve(
         for name, value in zip(Quotas.__struct_fields__, Quotas.__struct_defaults__, strict=True):
             typer.echo(f"{name}={value}")
         return
-    with misuse("quota"):
-        quotas = read_quotas(quota or [])
     tokens = [*(token or []), *os.environ.get("TWOLINK_TOKEN", "").split(",")]
     if any(not part.isascii() for part in tokens):
         raise Misuse("a token has letters beyond ASCII", where="token", remedy="take plain letters and digits")
-    if rate is not None and not 0 < rate < float("inf"):
-        raise Misuse(f"expected a number above 0, got {rate}", where="rate", remedy="such as 100")
+    if rate is not None:
+        positive(rate, "rate", QueryError, "such as 100")
     local = is_loopback(host)
     settings = Settings(
-        data=str(data or default_folder()), host=host, port=port, tokens=tuple(t.strip() for t in tokens if t.strip()),
-        hosts=tuple(allow_host or []), origins=tuple(allow_origin or []),
-        rate=rate if rate is not None or local else OPEN_RATE, quotas=quotas,
-    )  # fmt: skip
+        data=str(data or default_folder()),
+        host=host,
+        port=port,
+        tokens=tuple(text.strip() for text in tokens if text.strip()),
+        hosts=tuple(allow_host or []),
+        origins=tuple(allow_origin or []),
+        rate=rate if rate is not None or local else OPEN_RATE,
+        quotas=read_quotas(quota or []),
+    )
     if not local and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
     server = import_extra("twolink.service.server", "service")
-    server.run(
-        settings, on_start=lambda url: typer.echo(f"twolink serves {url}  (data in {settings.data}; Ctrl-C ends it)")
-    )
+    data_note = f"(data in {settings.data}; Ctrl-C ends it)"
+    server.run(settings, on_start=lambda url: typer.echo(f"twolink serves {url}  {data_note}"))

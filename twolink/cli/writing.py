@@ -1,4 +1,4 @@
-"""The files that --out writes: of a run samples, figures and playbacks, of a study rows and figures; by endings."""
+"""The files that --out writes, by their endings: of a run samples, figures and playbacks; of a study rows, figures."""
 
 from __future__ import annotations
 
@@ -6,32 +6,35 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twolink.accuracy import Study
-from twolink.cli.options import Misuse
-from twolink.cli.printing import say_skipped
+from twolink.cli.failures import Misuse
+from twolink.cli.printing import print_not_drawn
 from twolink.errors import TwolinkError
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.show.figure import FORMATS
 from twolink.simulation.trajectory import Trajectory
 
+RUN_ENDINGS = (*SUFFIXES, *FORMATS, ".html")
+STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 
-def require_formats(outs: Sequence[Path], known: Sequence[str] = (*SUFFIXES, *FORMATS, ".html")) -> None:
-    """Misuse for a file we could not write in the end: said before the run, not after it."""
-    for path in outs:
+
+def require_endings(paths: Sequence[Path], endings: Sequence[str]) -> None:
+    """Refuse files with other endings, before the work begins. Raises Misuse."""
+    for path in paths:
         try:
-            require_format(path, known)
+            require_format(path, endings)
         except TwolinkError as error:
             raise Misuse(error.what, where=error.where, remedy=error.remedy) from None
 
 
-def write(result: Trajectory | Study, outs: Sequence[Path]) -> tuple[list[Path], list[TwolinkError]]:
-    """Write a run or a study into each file by its ending. One that fails does not keep the run from the others."""
+def write(result: Trajectory | Study, paths: Sequence[Path]) -> tuple[list[Path], list[TwolinkError]]:
+    """Write a run or a study into each file. A file that fails does not keep the result from the others."""
     written: list[Path] = []
     failures: list[TwolinkError] = []
-    for path in outs:
+    for path in paths:
         suffix = path.suffix.lower()
         try:
             if suffix == ".html" and isinstance(result, Trajectory):
-                result.playback(path, on_skipped=say_skipped)
+                result.playback(path, on_skipped=print_not_drawn)
             else:
                 (result.plot if suffix in FORMATS else result.save)(path)
             written.append(path)

@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from tests.command import answer, call, one_line
 from twolink.cli.app import main
-from twolink.cli.scenes import Bar
+from twolink.cli.progress import Progress
 from twolink.integrate.methods import METHODS
 
 STUDY = ["accuracy", "arm-swing", "--duration", "0.5", "--methods", "rk45, dop853", "--tolerances", "1e-3,1e-6",
@@ -57,16 +57,16 @@ def test_misuse(case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 
 
 def test_ctrl_c_prints_what_is_done(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def press(_: Bar, done: int, _total: int, _label: str) -> None:
+    def press(_: Progress, done: int, _total: int, _label: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Bar, "__call__", press)
+    monkeypatch.setattr(Progress, "__call__", press)
     monkeypatch.setattr(sys, "argv", ["twolink", *STUDY, "--json"])
     with pytest.raises(SystemExit) as stop:
         main()
     out, err = capsys.readouterr()
-    assert (stop.value.code, err) == (1, "twolink: interrupted; what was done is kept\n")
+    assert (stop.value.code, err) == (130, "twolink: interrupted; what was done is kept\n")
     found = json.loads(out)
     assert found["interrupted"]
     assert [row["method"] for row in found["rows"]] == ["rk45", "rk45"]

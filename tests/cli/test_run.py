@@ -12,7 +12,7 @@ import pytest
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
 from twolink.cli.app import main
-from twolink.cli.printing import Progress
+from twolink.cli.progress import Progress
 
 
 def test_run_reports_and_writes(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path) -> Non
 def test_an_interrupted_run_keeps_what_is_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def press_ctrl_c(_: Progress, t: float) -> None:
+    def press_ctrl_c(_: Progress, t: float, _total: float, _label: str) -> None:
         if t > 1:
             raise KeyboardInterrupt
 
@@ -60,7 +60,7 @@ def test_an_interrupted_run_keeps_what_is_done(
     with pytest.raises(SystemExit) as stop:
         main()
     out, err = capsys.readouterr()
-    assert stop.value.code == 1
+    assert stop.value.code == 130
     assert err == "twolink: interrupted; what was done is kept\n"
     summary = json.loads(out)
     assert summary["interrupted"]
@@ -109,4 +109,4 @@ def test_play_says_where_and_ends_with_ctrl_c(tmp_path: Path) -> None:
         assert re.fullmatch(r"playing at http://127\.0\.0\.1:\S+ \(Ctrl-C ends it\)\n", process.stdout.readline())
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
-    assert (process.returncode, out, err) == (1, "", "twolink: interrupted\n")
+    assert (process.returncode, out, err) == (130, "", "twolink: interrupted\n")

@@ -1,0 +1,90 @@
+"""Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted; each failure is one line on stderr."""
+
+import io
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from tests.command import call, one_line
+from twolink.cli.app import main
+
+FAILED = {
+    "robot": (["inspect", "pandda"], "did you mean 'panda'"),
+    "states file": (["query", "arm", "bias", "--states", "none.csv"], "No such file"),
+    "scene": (["run", "arm-swng"], "did you mean 'arm-swing'"),
+    "play": (["play", "none.npz"], "No such file"),
+}
+BIAS = ["query", "arm", "bias", "--q", "0 0"]
+MISUSED = {
+    "command": (["inspct"], "Did you mean 'inspect'"),
+    "no robot": (["inspect"], "Missing argument 'ROBOT'"),
+    "option": (["run", "arm-swing", "--accurac", "1"], "--accurac"),
+    "words for a number": (["run", "arm-swing", "--accuracy", "high"], "--accuracy"),
+    "root": (["inspect", "arm", "--root", "flying"], "root: 'flying' is unknown"),
+    "n": (["check", "--n", "0"], "--n"),
+    "query": (["query", "arm", "mass", "--q", "0 0"], "did you mean 'mass-matrix'"),
+    "no q": (["query", "arm", "bias"], "q: it is not given"),
+    "shape": (["query", "arm", "bias", "--q", "0 0 0"], "q: expected shape (..., 2), got (3,)"),
+    "words": (["query", "arm", "bias", "--q", "a b"], "q: 'a b' is not a list of numbers"),
+    "underscore": (["query", "arm", "bias", "--q", "1_0 0"], "q: '1_0 0' is not a list of numbers"),
+    "deep": (["query", "arm", "bias", "--q", "[" * 100_000], "q: "),
+    "tau for bias": ([*BIAS, "--tau", "1 1"], "bias takes no tau"),
+    "q twice": ([*BIAS, "--states", "-"], "q: it is given twice"),
+    "f_ext": (["query", "arm", "forward-dynamics", "--q", "0 0", "--f-ext", "{"], "not JSON"),
+    "method": (["query", "arm", "forward-dynamics", "--q", "0 0", "--method", "crab"], "did you mean 'crba'"),
+    "method of another": (["query", "arm", "mass-matrix", "--q", "0 0", "--method", "crba"], "takes no method"),
+    "lock": ([*BIAS, "--lock", "elbow"], "lock: expected JOINT=VALUE, got 'elbow'"),
+    "lock twice": ([*BIAS, "--lock", "elbow=0", "--lock", "elbow=1"], "lock: joint 'elbow' is given twice"),
+    "locked joint": (["inspect", "arm", "--lock", "elbw=0"], "did you mean 'elbow'"),
+    "gravity": (["inspect", "arm", "--gravity", "1 2"], "gravity: expected 3 finite numbers"),
+    "unphysical": (["inspect", "arm", "--unphysical", "ignore"], "unphysical: 'ignore' is unknown"),
+    "duration": (["run", "arm-swing", "--duration", "-1"], "above 0 s"),
+    "accuracy": (["run", "arm-swing", "--accuracy", "0"], "accuracy: expected a number above 0"),
+    "integrator": (["run", "arm-swing", "--method", "rk46"], "method: 'rk46' is unknown"),
+    "samples": (["run", "arm-swing", "--samples", "nan"], "samples: expected a number above 0"),
+    "speed": (["play", "none.npz", "--speed", "0"], "speed: expected a number above 0"),
+}
+
+
+@pytest.mark.parametrize("case", FAILED)
+def test_failures_are_one_line_and_exit_1(case: str) -> None:
+    arguments, part = FAILED[case]
+    one_line(call(*arguments), 1, part)
+
+
+@pytest.mark.parametrize("case", MISUSED)
+def test_misuse_is_one_line_and_exit_2(
+    case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, part = MISUSED[case]
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b'{"q": [0, 0]}')))
+    monkeypatch.setattr(sys, "argv", ["twolink", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    one_line(subprocess.CompletedProcess(arguments, stop.value.code, *capsys.readouterr()), 2, part)
+
+
+@pytest.mark.parametrize(
+    ("states", "part"),
+    [('{"v": [0, 0]}', "q: it is not given"), ('{"q": [0, 0, 0]}', "q: expected shape"), ("[", "states: not JSON")],
+)
+def test_a_wrong_states_file_is_no_misuse(states: str, part: str) -> None:
+    one_line(call("query", "arm", "bias", "--states", "-", stdin=states), 1, part)
+
+
+def test_done_is_0() -> None:
+    assert call("query", "arm", "bias", "--q", "0 0").returncode == 0
+
+
+def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    from twolink.lagrange import check
+
+    failed = SimpleNamespace(passed=False, text=lambda: "FAILED", to_dict=dict)
+    monkeypatch.setattr(check, "check", lambda **_: failed)
+    monkeypatch.setattr(sys, "argv", ["twolink", "check"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    assert capsys.readouterr().out == "FAILED\n"
