@@ -18,7 +18,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.methods import METHODS
 from twolink.integrate.methods import methods as method_table
 from twolink.scenes import Scene, load_scene
-from twolink.scenes.file import scenes as scene_table
+from twolink.scenes import scenes as scene_table
 from twolink.simulation.records import run_record
 from twolink.simulation.trajectory import Trajectory
 
