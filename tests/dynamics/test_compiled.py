@@ -1,11 +1,7 @@
-"""Compiled dynamics: the same answers as Pinocchio, certified, cached safely, chosen by themselves."""
+"""Compiled dynamics: the same answers as Pinocchio, certified before they are used, refused where they differ."""
 
-import concurrent.futures
-import multiprocessing
-import os
 import threading
-import time
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
@@ -14,18 +10,19 @@ import pytest
 import twolink as tl
 from tests.dynamics.states import close, states
 from twolink.algorithms import functions
-from twolink.dynamics import cache, compiled, kernels
+from twolink.dynamics import compiled, kernels
 from twolink.dynamics.certificates import certify
 from twolink.errors import CertificationError, MissingExtraError, QueryError
-from twolink.io.fingerprints import kernel_key
 from twolink.lagrange.pinocchio_arm import arm_urdf
 
 ROBOTS = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    os.environ["TWOLINK_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TWOLINK_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
@@ -260,133 +257,9 @@ def test_nothing_is_left_of_what_is_absent() -> None:
     assert operations(still, "gravity_torque") == 0
 
 
-# The disk cache.
+# Engines, refusals, threads.
 
 
-def build_once(folder: Path) -> tuple[float, tl.Robot]:
-    os.environ["TWOLINK_CACHE"] = str(folder)
-    robot = tl.load_robot("ur5")
-    start = time.perf_counter()
-    robot.compiled().certificate("inverse_dynamics")
-    return time.perf_counter() - start, robot
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    built: list[str] = []
-    original = kernels.build
-    monkeypatch.setattr(compiled, "build", lambda *a: built.append("built") or original(*a))
-    return built
-
-
-def test_a_second_process_reads_what_the_first_built(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    built = counted(monkeypatch)
-    build_once(folder)
-    assert built == ["built"]
-    assert len(list(folder.iterdir())) == 1
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert next(folder.iterdir()).stat().st_mode & 0o777 == 0o600
-    _, robot = build_once(folder)
-    assert built == ["built"]
-    q, v, w = states(robot, 5)
-    close(robot.compiled().inverse_dynamics(q, v, w), robot.inverse_dynamics(q, v, w, engine="pinocchio"))
-
-
-DAMAGE = {
-    "cut": lambda path: path.write_bytes(path.read_bytes()[:1000]),
-    "empty": lambda path: path.write_bytes(b""),
-    "a byte changed": lambda path: path.write_bytes(path.read_bytes()[:-1] + b"x"),
-    "writable by others": lambda path: path.chmod(0o666),
-    "a link": lambda path: (path.rename(path.parent.parent / "elsewhere"), path.symlink_to("../elsewhere")),
-    "folder writable by others": lambda path: path.parent.chmod(0o777),
-}
-
-
-@pytest.mark.parametrize("how", DAMAGE)
-def test_what_is_damaged_or_foreign_is_built_again(how: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    build_once(folder)
-    DAMAGE[how](next(folder.iterdir()))
-    built = counted(monkeypatch)
-    _, robot = build_once(folder)
-    assert built == ["built"]
-    q, v, w = states(robot, 3)
-    close(robot.compiled().inverse_dynamics(q, v, w), robot.inverse_dynamics(q, v, w, engine="pinocchio"))
-
-
-def test_a_foreign_file_is_not_unpickled(folder: Path, tmp_path: Path) -> None:
-    """A pickle that would run code, put in the kernel's place without a matching digest, is not opened."""
-    build_once(folder)
-    place = next(folder.iterdir())
-    harm = f"cos\nsystem\n(S'touch {tmp_path / 'harm'}'\ntR.".encode()
-    place.write_bytes(bytes(32) + harm)
-    build_once(folder)
-    assert not (tmp_path / "harm").exists()
-
-
-def test_another_robots_kernel_under_this_name_is_not_used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whole file with a right digest, but made for other constants: the states of its certificate tell."""
-    other = tl.load_robot(arm_urdf(1, 1, 1, 1))
-    other.compiled().certificate("gravity_torque")
-    content = next(folder.iterdir()).read_bytes()
-    robot = tl.load_robot(arm_urdf(1, 1, 2, 1))
-    (folder / robot.compiled()._file("gravity_torque", ())).write_bytes(content)
-    built = counted(monkeypatch)
-    q = np.array([0.1, 0.2])
-    close(robot.compiled().gravity_torque(q), robot.gravity_torque(q))
-    assert built == ["built"]
-
-
-def test_keys_tell_robots_functions_and_parameters_apart() -> None:
-    texts = [arm_urdf(1, 1, 1, 1), arm_urdf(1, 1, 1, 1 + 1e-15), arm_urdf(1, 1 + 1e-15, 1, 1)]
-    keys = {kernel_key(tl.load_robot(t).model, ("forward_dynamics",)) for t in texts}
-    keys |= {kernel_key(tl.load_robot(texts[0]).model, parts) for parts in (("bias",), ("forward_dynamics", "x.mass"))}
-    keys.add(kernel_key(tl.load_robot(texts[0], gravity=(0, 0, -9.8)).model, ("forward_dynamics",)))
-    for axis in ("0 -1 1e-9", "0 -1 2e-9", "0.6 0.8 0"):
-        keys.add(kernel_key(tl.load_robot(texts[0].replace("0 -1 0", axis)).model, ("forward_dynamics",)))
-    assert len(keys) == 9
-    assert kernel_key(tl.load_robot(texts[0]).model, ("bias",)) == kernel_key(tl.load_robot(texts[0]).model, ("bias",))
-
-
-def test_the_folder_keeps_below_its_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TWOLINK_CACHE_MB", "1")
-    for i in range(8):
-        cache.store(f"k{i}", np.zeros(50_000))
-        time.sleep(0.01)
-    assert sum(p.stat().st_size for p in folder.iterdir()) <= 2**20
-    assert cache.load("k7") is not None
-    assert cache.load("k0") is None
-
-
-def test_without_a_folder_everything_works(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    for setting in ("off", str(tmp_path / "file" / "cache")):
-        monkeypatch.setenv("TWOLINK_CACHE", setting)
-        assert cache.folder() is None
-        assert tl.load_robot("two_link").mass_matrix(np.zeros((9, 2)), engine="compiled").shape == (9, 2, 2)
-
-
-def _in_a_process(folder: str) -> list[float]:
-    os.environ["TWOLINK_CACHE"] = folder
-    return tl.load_robot("ur5").gravity_torque(np.full((9, 6), 0.3), engine="compiled")[0].tolist()
-
-
-def test_many_processes_at_once(folder: Path) -> None:
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(4, mp_context=context) as pool:
-        answers = list(pool.map(_in_a_process, [str(folder)] * 8))
-    assert all(a == answers[0] for a in answers)
-    assert [p for p in folder.iterdir() if p.name.startswith(".new")] == []
-
-
-# Chosen by itself.
-
-
-@pytest.mark.usefixtures("folder")
 def test_a_failed_certificate_leaves_the_query_on_pinocchio(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise CertificationError("it differs", where="here")

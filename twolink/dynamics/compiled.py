@@ -157,8 +157,8 @@ class Compiled:
 
     def is_ready(self, name: str) -> bool:
         """Whether the function is compiled already, here or in the disk cache."""
-        place = cache.folder()
-        return (name,) in self._kernels or (place is not None and (place / self._file(name, ())).exists())
+        path = cache.kernel_path(self._file(name, ()))
+        return (name,) in self._kernels or (path is not None and path.exists())
 
     def _file(self, name: str, frames: tuple[str, ...]) -> str:
         key = (name, *frames)
