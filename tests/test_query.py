@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.dynamics.named_queries import answer_query, parse_numbers, read_states
+from twolink.dynamics.named_queries import QUERIES, answer_query, parse_numbers, read_states
 from twolink.dynamics.threads import thread_count
 from twolink.errors import QueryError
 
@@ -106,3 +106,33 @@ def test_thread_counts(monkeypatch: pytest.MonkeyPatch) -> None:
         assert thread_count() == count
     monkeypatch.setenv("TWOLINK_THREADS", "")
     assert thread_count() >= 1
+
+
+def test_queries_of_frames_and_derivatives_by_name(robot: tl.Robot) -> None:
+    q, v = [0.1, 0.2], [0.3, 0.4]
+    pose = answer_query(robot, "frame-pose", {"q": q}, frame="tip")
+    assert [pose[name].shape for name in ("R", "p")] == [(3, 3), (3,)]
+    jacobian = answer_query(robot, "frame-jacobian", {"q": q}, frame="tip", axes="local")["J"]
+    velocity = answer_query(robot, "frame-velocity", {"q": q, "v": v}, frame="tip", axes="local")["velocity"]
+    np.testing.assert_allclose(jacobian @ v, velocity, atol=1e-14)
+    derivatives = answer_query(robot, "inverse-dynamics-derivatives", {"q": q})
+    assert list(derivatives) == ["dtau_dq", "dtau_dv", "dtau_da"]
+    np.testing.assert_allclose(derivatives["dtau_da"], robot.mass_matrix(q), atol=1e-14)
+    momentum = answer_query(robot, "momentum", {"q": q})["momentum"]
+    assert np.array_equal(momentum, np.zeros(6))
+
+
+def test_the_shape_of_a_query_is_that_of_its_answers(robot: tl.Robot) -> None:
+    for what, query in QUERIES.items():
+        options = {"frame": "tip"} if "frame" in query.options else {}
+        answers = answer_query(robot, what, {"q": [0.1, 0.2]}, **options)
+        numbers = sum(np.size(value) for value in answers.values())
+        assert numbers == np.prod([robot.nv if n == "nv" else n for n in query.shape]), what
+        assert tuple(answers) == query.results
+
+
+def test_a_frame_query_wants_a_frame(robot: tl.Robot) -> None:
+    with pytest.raises(QueryError, match=r"frame: it is missing; one of .*tip"):
+        answer_query(robot, "frame-pose", {"q": [0, 0]})
+    with pytest.raises(QueryError, match="axes: frame-pose takes no axes"):
+        answer_query(robot, "frame-pose", {"q": [0, 0]}, frame="tip", axes="local")

@@ -6,8 +6,9 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,68 +18,111 @@ from twolink.io.csv_text import first_repeated, parse_csv
 from twolink.io.text import decode, parse_number, read_bytes
 from twolink.robots.joint_layout import JointLayout
 
-# name -> the arguments it takes; q must be given, the others are zero when left out
-QUERIES: dict[str, tuple[str, ...]] = {
-    "forward-dynamics": ("q", "v", "tau"),
-    "inverse-dynamics": ("q", "v", "a"),
-    "mass-matrix": ("q",),
-    "bias": ("q", "v"),
-    "coriolis": ("q", "v"),
-    "gravity-torque": ("q",),
-    "energy": ("q", "v"),
-}
-_RESULT = {
-    "forward-dynamics": "a",
-    "inverse-dynamics": "tau",
-    "mass-matrix": "M",
-    "bias": "h",
-    "coriolis": "C",
-    "gravity-torque": "g",
-}
+
+@dataclass(frozen=True)
+class NamedQuery:
+    """A query of Robot that is asked by name.
+
+    summary: what it answers. arguments: q must be there, the others are zero when they are left out.
+    results: the names of the answers. shape: of the numbers for one state, "nv" standing for the robot's nv.
+    options: further arguments by keyword.
+    """
+
+    summary: str
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
+    shape: tuple[int | Literal["nv"], ...]
+    options: tuple[str, ...] = ()
+
+
+_FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
+_MATRICES: tuple[int | Literal["nv"], ...] = (3, "nv", "nv")
+_FRAME = ("frame", "axes")
+QUERIES: dict[str, NamedQuery] = {
+    "forward-dynamics": NamedQuery(
+        "Accelerations a (..., nv) that torques tau give: M(q) a + h(q, v) = tau", _FORWARD, ("a",), ("nv",),
+        ("f_ext", "method")),
+    "inverse-dynamics": NamedQuery(
+        "Torques tau (..., nv) that accelerations a need", _INVERSE, ("tau",), ("nv",), ("f_ext",)),
+    "mass-matrix": NamedQuery("The joint-space inertia matrix M (..., nv, nv)", ("q",), ("M",), ("nv", "nv")),
+    "bias": NamedQuery(
+        "h = C v + g (..., nv), the torques that keep all accelerations zero", ("q", "v"), ("h",), ("nv",)),
+    "coriolis": NamedQuery("A Coriolis matrix C (..., nv, nv)", ("q", "v"), ("C",), ("nv", "nv")),
+    "gravity-torque": NamedQuery(
+        "g (..., nv), the torques that hold the robot at rest against gravity", ("q",), ("g",), ("nv",)),
+    "energy": NamedQuery("kinetic and potential energy (...,) [J]", ("q", "v"), ("kinetic", "potential"), (2,)),
+    "centre-of-mass": NamedQuery("c (..., 3) of all bodies that can move, in the world [m]", ("q",), ("c",), (3,)),
+    "momentum": NamedQuery(
+        "Momentum (..., 6): linear, then angular about the centre of mass, along the world's axes", ("q", "v"),
+        ("momentum",), (6,)),
+    "frame-pose": NamedQuery(
+        "Rotation R (..., 3, 3) and origin p (..., 3) of a frame in the world", ("q",), ("R", "p"), (12,), ("frame",)),
+    "frame-velocity": NamedQuery(
+        "Velocity (..., 6) of a frame: linear, then angular", ("q", "v"), ("velocity",), (6,), _FRAME),
+    "frame-jacobian": NamedQuery(
+        "J (..., 6, nv) of a frame: J v is its velocity, linear then angular", ("q",), ("J",), (6, "nv"), _FRAME),
+    "forward-dynamics-derivatives": NamedQuery(
+        "da_dq, da_dv, da_dtau (..., nv, nv), along tangent directions", _FORWARD, ("da_dq", "da_dv", "da_dtau"),
+        _MATRICES),
+    "inverse-dynamics-derivatives": NamedQuery(
+        "dtau_dq, dtau_dv, dtau_da (..., nv, nv), along tangent directions", _INVERSE,
+        ("dtau_dq", "dtau_dv", "dtau_da"), _MATRICES),
+}  # fmt: skip
 
 
 def answer_query(
-    robot: Robot, what: str, arguments: Mapping[str, Any], f_ext: Any = None, method: str | None = None
+    robot: Robot, what: str, arguments: Mapping[str, Any], f_ext: Any = None, method: str | None = None, **options: Any
 ) -> dict[str, np.ndarray]:
-    """The answer, by the name of its symbol. Raises QueryError for an unknown query or argument, or one it has not.
+    """The answer to a query by name, by the names of its results.
 
-    method: of forward-dynamics alone, "aba" when it is left out.
+    Parameters
+    ----------
+    robot : Robot
+        The robot that is asked.
+    what : str
+        One of QUERIES.
+    arguments : mapping of str to array_like
+        q, and others that are zero when they are left out.
+    f_ext, method, **options
+        Options of the query, such as frame="tip"; None stands for one that is left out.
+
+    Raises
+    ------
+    QueryError
+        For an unknown query, an argument or option that the query does not take, or one that is missing.
     """
     if what not in QUERIES:
         raise QueryError(f"{what!r} is unknown", where="query", argument="what", remedy=nearest(what, QUERIES))
-    takes = QUERIES[what]
+    query = QUERIES[what]
     for name in arguments:
-        if name not in takes:
-            raise QueryError(f"{what} takes no {name}", argument=name, remedy=f"it takes {', '.join(takes)}")
-    if f_ext is not None and what not in ("forward-dynamics", "inverse-dynamics"):
-        raise QueryError(f"{what} takes no f_ext", argument="f_ext", remedy="leave it out")
-    if method is not None and what != "forward-dynamics":
-        raise QueryError(f"{what} takes no method", argument="method", remedy="leave it out")
+        if name not in query.arguments:
+            remedy = f"it takes {', '.join(query.arguments)}"
+            raise QueryError(f"{what} takes no {name}", argument=name, remedy=remedy)
+    chosen = {"f_ext": f_ext, "method": method, **options}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
+    for name in chosen:
+        if name not in query.options:
+            raise QueryError(f"{what} takes no {name}", argument=name, remedy="leave it out")
     if "q" not in arguments:
-        raise QueryError("it is not given", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
-    values = [arguments.get(name, np.zeros(robot.nv)) for name in takes]
-    if what == "energy":
-        kinetic, potential = robot.energy(*values)
-        return {"kinetic": kinetic, "potential": potential}
-    if what == "forward-dynamics":
-        q, v, tau = values
-        return {"a": robot.forward_dynamics(q, v, tau, f_ext, method or "aba")}  # type: ignore[arg-type]  # checked there
-    if what == "inverse-dynamics":
-        q, v, a = values
-        return {"tau": robot.inverse_dynamics(q, v, a, f_ext)}
-    return {_RESULT[what]: getattr(robot, what.replace("-", "_"))(*values)}
+        raise QueryError("it is missing", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
+    if "frame" in query.options and "frame" not in chosen:
+        raise QueryError("it is missing", argument="frame", remedy=f"one of {', '.join(robot.frame_names[:12])}, ...")
+    values = [arguments.get(name, np.zeros(robot.nv)) for name in query.arguments]
+    answer = getattr(robot, what.replace("-", "_"))(*values, **chosen)
+    parts = answer if len(query.results) > 1 else (answer,)
+    return dict(zip(query.results, parts, strict=True))
 
 
-def read_states(robot: Robot, given: Mapping[str, str | None], path: Path | None) -> dict[str, Any]:
-    """The arguments of a query: those given as text, and those from a JSON or CSV file ("-": stdin)."""
-    arguments = {name: parse_numbers(name, text) for name, text in given.items() if text is not None}
+def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None) -> dict[str, Any]:
+    """The arguments of a query: those that come as text, and those from a JSON or CSV file ("-": stdin)."""
+    arguments = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
     if path is None:
         return arguments
     text = _read(path)
     from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
     twice = [name for name in from_file if name in arguments]
     if twice:
-        raise QueryError("it is given twice, in the file and as an option", argument=twice[0], remedy="keep one")
+        raise QueryError("it comes twice, in the file and as an option", argument=twice[0], remedy="keep one")
     return arguments | from_file
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 from litestar import Litestar
 
+from twolink.dynamics.named_queries import QUERIES as OWN
 from twolink.service import npz
 from twolink.service.http_io import JSON
 from twolink.service.problems import MEDIA_TYPE, Problem
@@ -15,13 +16,7 @@ from twolink.service.robot_tasks import RobotOptions
 
 Json = dict[str, Any]
 _SUMMARIES = {
-    "forward-dynamics": "Accelerations a (..., nv) that torques tau give: M(q) a + h(q, v) = tau",
-    "inverse-dynamics": "Torques tau (..., nv) that accelerations a need",
-    "mass-matrix": "The joint-space inertia matrix M (..., nv, nv)",
-    "bias": "h = C v + g (..., nv), the torques that keep all accelerations zero",
-    "coriolis": "A Coriolis matrix C (..., nv, nv)",
-    "gravity-torque": "g (..., nv), the torques that hold the robot still",
-    "energy": "kinetic and potential energy (...,) [J]",
+    **{name: query.summary for name, query in OWN.items()},
     "kinematics": "poses (..., n, 7) of the links, or of frames: position [m], quaternion (x y z w)",
     "derivatives": "da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)",
 }

@@ -27,7 +27,11 @@ from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
 
 Numbers = list[float | list[float]]
-QUERIES: dict[str, tuple[str, ...]] = {**OWN, "kinematics": ("q",), "derivatives": ("q", "v", "tau", "a")}
+QUERIES: dict[str, tuple[str, ...]] = {
+    **{name: query.arguments for name, query in OWN.items()},
+    "kinematics": ("q",),
+    "derivatives": ("q", "v", "tau", "a"),
+}
 PREFIX = "/v1/robots/"
 _WITH_WRENCHES = ("forward-dynamics", "inverse-dynamics")
 _IN_LOOP = 4000  # bytes of a body that is answered at once; larger ones go to a thread
@@ -40,10 +44,8 @@ def body_of(what: str) -> type[msgspec.Struct]:
     """The JSON body of a query: q, and what else it takes, zero when left out. Lists of lists are batches."""
     fields: list[Any] = [("q", Numbers)]
     fields += [(name, Numbers | None, None) for name in QUERIES[what] if name != "q"]
-    if what in _WITH_WRENCHES:
-        fields.append(("f_ext", dict[str, Numbers] | None, None))
-    if what == "forward-dynamics":
-        fields.append(("method", str | None, None))
+    kinds = {"f_ext": dict[str, Numbers]}
+    fields += [(name, kinds.get(name, str) | None, None) for name in (OWN[what].options if what in OWN else ())]
     if what == "kinematics":
         fields.append(("frames", list[str] | None, None))
     name = "".join(part.title() for part in what.split("-"))
@@ -97,8 +99,8 @@ class Queries:
             return {"frames": frames or link_names(robot), "poses": frame_poses(robot, arguments["q"], frames)}
         if what == "derivatives":
             return derivatives(robot, arguments)
-        f_ext, method = arguments.pop("f_ext", None), arguments.pop("method", None)
-        return answer_query(robot, what, arguments, f_ext, method)
+        options = {name: arguments.pop(name, None) for name in OWN[what].options}
+        return answer_query(robot, what, arguments, **options)
 
     def _check_size(self, robot: Robot, what: str, arguments: dict[str, Any], number: int) -> int:
         """The number of states. Raises Refusal when they, or the answer at `number` bytes each, are too much."""
@@ -113,10 +115,10 @@ class Queries:
             count = 1 if shapes == _ONE_STATE else math.prod(np.broadcast_shapes(*shapes))
         except ValueError:
             return 0  # the query says what does not fit
-        square = what in ("mass-matrix", "coriolis", "derivatives")
         frames = len(arguments.get("frames") or ()) or robot.model.nframes
-        numbers = count * (7 * frames if what == "kinematics" else robot.nv ** (2 if square else 1))
-        numbers *= 3 if what == "derivatives" else 1
+        others = {"kinematics": 7 * frames, "derivatives": 3 * robot.nv**2}
+        shape = OWN[what].shape if what in OWN else (others[what],)
+        numbers = count * math.prod(robot.nv if n == "nv" else n for n in shape)
         if count > self._quotas.states or numbers * number > self._quotas.answer_mb * 2**20:
             raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
         return count
@@ -132,7 +134,7 @@ def _from_json(what: str, body: bytes) -> dict[str, Any]:
         if name == "f_ext":
             arguments[name] = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
         else:
-            arguments[name] = value if name in ("method", "frames") else _array(name, value)
+            arguments[name] = value if name in ("method", "frames", "frame", "axes") else _array(name, value)
     return arguments
 
 
