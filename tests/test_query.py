@@ -132,7 +132,7 @@ def test_the_shape_of_a_query_is_that_of_its_answers(robot: tl.Robot) -> None:
 
 
 def test_a_frame_query_wants_a_frame(robot: tl.Robot) -> None:
-    with pytest.raises(QueryError, match=r"frame: it is missing; one of .*tip"):
+    with pytest.raises(QueryError, match=r"frame: it is not given; one of .*tip"):
         answer_query(robot, "frame-pose", {"q": [0, 0]})
     with pytest.raises(QueryError, match="axes: frame-pose takes no axes"):
         answer_query(robot, "frame-pose", {"q": [0, 0]}, frame="tip", axes="local")

@@ -104,9 +104,9 @@ def answer_query(
         if name not in query.options:
             raise QueryError(f"{what} takes no {name}", argument=name, remedy="leave it out")
     if "q" not in arguments:
-        raise QueryError("it is missing", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
+        raise QueryError("it is not given", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
     if "frame" in query.options and "frame" not in chosen:
-        raise QueryError("it is missing", argument="frame", remedy=f"one of {', '.join(robot.frame_names[:12])}, ...")
+        raise QueryError("it is not given", argument="frame", remedy=f"one of {', '.join(robot.frame_names[:12])}, ...")
     values = [arguments.get(name, np.zeros(robot.nv)) for name in query.arguments]
     answer = getattr(robot, what.replace("-", "_"))(*values, **chosen)
     parts = answer if len(query.results) > 1 else (answer,)
@@ -122,7 +122,7 @@ def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None
     from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
     twice = [name for name in from_file if name in arguments]
     if twice:
-        raise QueryError("it comes twice, in the file and as an option", argument=twice[0], remedy="keep one")
+        raise QueryError("it is given twice, in the file and as an option", argument=twice[0], remedy="keep one")
     return arguments | from_file
 
 
