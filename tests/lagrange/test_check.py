@@ -23,7 +23,7 @@ def report() -> CheckReport:
     return check(n=300, seed=1, horizon=10.0)
 
 
-def test_it_passes_and_convicts_just_the_misprints(report: CheckReport) -> None:
+def test_it_passes_and_names_the_two_misprints(report: CheckReport) -> None:
     assert report.passed
     assert report.misprints == ("C21", "C22")
     assert [row.quantity for row in report.rows[:12]] == list(derive.ENTRIES)
@@ -86,7 +86,7 @@ def test_a_hand_made_arm_off_by_a_billionth_fails(
 
 
 def test_a_formula_with_the_wrong_sign_fails_in_numbers_and_symbols(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted where both NumPy and SymPy read it."""
+    """NumPy and SymPy read the same formula."""
     right = formulas.product_entries
 
     def wrong(*arguments: Any) -> Any:
@@ -94,7 +94,6 @@ def test_a_formula_with_the_wrong_sign_fails_in_numbers_and_symbols(monkeypatch:
         return (-b11, b12), second
 
     monkeypatch.setattr(formulas, "product_entries", wrong)
-    monkeypatch.setitem(TwoLink.velocity_products.__globals__, "product_entries", wrong)
     report = check(n=50, horizon=0.5)
     row = report.rows[4]
     assert not report.passed

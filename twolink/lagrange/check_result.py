@@ -1,11 +1,11 @@
-"""What `check` found, as data and as a plain table."""
+"""The result of `check`, as data and as a plain table."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from typing import Any
 
-BAR = 1e-12
+LIMIT = 1e-12
 MEASURE = (
     "error = largest difference from Pinocchio over all samples, relative to the largest magnitude in the\n"
     "matrix or vector; of accelerations and torques, relative to the sum of the magnitudes of their terms"
@@ -14,10 +14,10 @@ MEASURE = (
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity: the largest relative error of each witness against Pinocchio, and SymPy's verdict.
+    """One quantity: the largest relative error of each set of equations against Pinocchio, and SymPy's differences.
 
-    `*_minus_derived` is the symbolic difference from the derivation by machine: "0" where equal for all arms
-    and states, None for accelerations and torques, which follow from the entries.
+    `*_minus_derived` is the symbolic difference from the equations that SymPy derives: "0" where equal for all arms and
+    states, None for accelerations and torques, which follow from the entries.
     """
 
     quantity: str
@@ -29,32 +29,29 @@ class Row:
 
     @property
     def misprinted(self) -> bool:
-        """An entry of the paper that is wrong, by its symbols."""
+        """Whether the paper's entry is wrong, by its symbols."""
         return self.printed_minus_derived not in ("0", None)
 
     @property
     def right(self) -> bool:
-        """Corrected and derived agree with Pinocchio to BAR and with each other symbolically, and numbers and
+        """Corrected and derived agree with Pinocchio to LIMIT and with each other symbolically, and numbers and
         symbols say the same about the printed entry."""
-        agree = self.corrected <= BAR and self.derived <= BAR and self.corrected_minus_derived in ("0", None)
-        seen_wrong = not self.printed <= BAR  # so that NaN counts as wrong
-        return agree and (self.printed_minus_derived is None or seen_wrong == self.misprinted)
+        agree = self.corrected <= LIMIT and self.derived <= LIMIT and self.corrected_minus_derived in ("0", None)
+        wrong_in_numbers = not self.printed <= LIMIT  # so that NaN counts as wrong
+        return agree and (self.printed_minus_derived is None or wrong_in_numbers == self.misprinted)
 
     @property
     def verdict(self) -> str:
         """SymPy's verdict in words; empty where there is none."""
-        if self.printed_minus_derived is None:
-            return ""
-        if self.corrected_minus_derived != "0":
-            return f"corrected differs: {self.corrected_minus_derived}"
-        if self.printed_minus_derived != "0":
-            return f"printed differs: {self.printed_minus_derived}"
-        return "equal"
+        for name, difference in (("corrected", self.corrected_minus_derived), ("printed", self.printed_minus_derived)):
+            if difference not in ("0", None):
+                return f"{name} differs: {difference}"
+        return "" if self.printed_minus_derived is None else "equal"
 
 
 @dataclass(frozen=True)
 class Energy:
-    """The true mechanical energy [J] along one model's motion from horizontal rest, where it is 0.
+    """The mechanical energy [J] along the motion by one set of equations from horizontal rest, where it is 0.
 
     `final` at the end, `largest` the largest magnitude at the steps of the integrator on the way.
     """
@@ -66,8 +63,21 @@ class Energy:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """n random arms and states from `seed`, the largest condition number of their mass matrices, the rows of
-    the comparison, and the energies over `horizon` [s]."""
+    """The whole result.
+
+    Attributes
+    ----------
+    n, seed : int
+        The number of random arms and states, and the seed they come from.
+    largest_condition : float
+        The largest condition number of their mass matrices.
+    rows : tuple of Row
+        The comparison, quantity by quantity.
+    horizon : float
+        The time of the energy runs [s].
+    energies : tuple of Energy
+        The energies of the runs.
+    """
 
     n: int
     seed: int
@@ -82,16 +92,16 @@ class CheckReport:
         return tuple(row.quantity for row in self.rows if row.misprinted)
 
     @property
-    def energy_bar(self) -> float:
-        """How far [J] the integrator (tolerance 1e-10) may let an energy of the order of 10 J wander."""
+    def energy_limit(self) -> float:
+        """The change of an energy of the order of 10 J [J] that the integrator (tolerance 1e-10) may cause."""
         return 1e-9 * (1 + self.horizon)
 
     @property
     def energy_shown(self) -> bool:
-        """Pinocchio and corrected keep the energy, and printed misses it a thousand times over."""
-        wander = {energy.model: energy.largest for energy in self.energies}
-        kept = wander["Pinocchio"] <= self.energy_bar and wander["corrected"] <= self.energy_bar
-        return kept and wander["printed"] > 1000 * self.energy_bar
+        """Pinocchio and corrected keep the energy, and printed exceeds the limit a thousand times."""
+        change = {energy.model: energy.largest for energy in self.energies}
+        kept = change["Pinocchio"] <= self.energy_limit and change["corrected"] <= self.energy_limit
+        return kept and change["printed"] > 1000 * self.energy_limit
 
     @property
     def passed(self) -> bool:
@@ -100,26 +110,20 @@ class CheckReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return asdict(self) | {
-            "passed": self.passed,
-            "misprints": list(self.misprints),
-            "bar": BAR,
-            "energy_bar": self.energy_bar,
-            "measure": MEASURE.replace("\n", " "),
-        }
+        limits = {"bar": LIMIT, "energy_bar": self.energy_limit, "measure": MEASURE.replace("\n", " ")}
+        return asdict(self) | {"passed": self.passed, "misprints": list(self.misprints), **limits}
 
     def text(self) -> str:
         """A plain table."""
         lines = [
-            f"{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, bar {BAR:g}",
+            f"{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, limit {LIMIT:g}",
             MEASURE,
             "",
             f"{'quantity':<28}{'corrected':>10}{'derived':>10}{'printed':>10}  symbolically",
         ]
         for row in self.rows:
             numbers = f"{row.corrected:>10.1e}{row.derived:>10.1e}{row.printed:>10.1e}"
-            mark = "" if row.right else "  <- fails"
-            lines.append(f"{row.quantity:<28}{numbers}  {row.verdict}{mark}".rstrip())
+            lines.append(f"{row.quantity:<28}{numbers}  {row.verdict}{'' if row.right else '  <- fails'}".rstrip())
         lines += [
             "",
             "B is compared by row sums: both its columns multiply td1 td2, and no motion tells them apart.",
@@ -129,5 +133,5 @@ class CheckReport:
             f"{'motion by':<12}{'at the end':>14}{'largest':>14}",
         ]
         lines += [f"{e.model:<12}{e.final:>12.3g} J{e.largest:>12.3g} J" for e in self.energies]
-        found = f"the paper errs in {', '.join(self.misprints) or 'no entry'}"
-        return "\n".join([*lines, "", f"{'PASSED' if self.passed else 'FAILED'}: {found}"])
+        verdict = "PASSED" if self.passed else "FAILED"
+        return "\n".join([*lines, "", f"{verdict}: the paper errs in {', '.join(self.misprints) or 'no entry'}"])

@@ -1,34 +1,35 @@
-"""The two-link arm derived by machine: Euler-Lagrange with SymPy, from nothing but where each rod is.
+"""The two-link arm derived by SymPy: Euler-Lagrange, from the positions of the rods alone.
 
-Third witness beside the hand derivation (`formulas`) and Pinocchio. It starts from the positions of the rods'
-centres and the inertia of a uniform rod, itself integrated along the rod, and uses no hand-made formula:
+A third derivation beside the one by hand (`formulas`) and Pinocchio. It starts from the positions of the rods' centres
+and the inertia of a uniform rod, which is itself integrated along the rod, and uses no formula made by hand:
 
     T = sum of m |dc/dt|^2 / 2 + I omega^2 / 2,    V = sum of m g (height of c),    I = m l^2 / 12
     torque_i = d/dt (dT/dtd_i) - dT/dtheta_i + dV/dtheta_i                              (Euler-Lagrange)
 
-which is then sorted by ddtheta, td1 td2, td1^2, td2^2 and the rest, like eq. 6 of the paper. SymPy is
-imported here only, and only when a function is called. Symbols: l1 l2 [m], m1 m2 [kg], g [m/s^2], theta1
-theta2 [rad].
+which is then sorted by ddtheta, td1 td2, td1^2, td2^2 and the remainder, like eq. 6 of the paper. Only `check` imports
+this module, and with it SymPy. Symbols: l1 l2 [m], m1 m2 [kg], g [m/s^2], theta1 theta2 [rad].
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
+from sympy.simplify.fu import TR8
 
 from twolink.lagrange import formulas
 
-if TYPE_CHECKING:
-    import sympy
-
 Array: TypeAlias = NDArray[Any]
-PARAMETERS = "l1 l2 m1 m2 g"
+Entries: TypeAlias = dict[str, Any]  # one for each name in ENTRIES
 ENTRIES = ("A11", "A12", "A21", "A22", "B11+B12", "B21+B22", "C11", "C12", "C21", "C22", "D1", "D2")
+PARAMETERS = sp.symbols("l1 l2 m1 m2 g", positive=True)
+THETA = sp.Matrix(sp.symbols("theta1 theta2", real=True))
+SPEED = sp.Matrix(sp.symbols("td1 td2", real=True))
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,12 @@ class Equations:
     rows of the paper's B, because both its columns multiply td1 td2 and no motion can tell them apart.
     """
 
-    A: sympy.Matrix
-    B: sympy.Matrix
-    C: sympy.Matrix
-    D: sympy.Matrix
+    A: sp.Matrix
+    B: sp.Matrix
+    C: sp.Matrix
+    D: sp.Matrix
 
-    def entries(self) -> dict[str, sympy.Expr]:
+    def entries(self) -> Entries:
         """Every entry by its name in ENTRIES."""
         return dict(zip(ENTRIES, [*self.A, *self.B, *self.C, *self.D], strict=True))
 
@@ -58,41 +59,9 @@ class Verdict:
     printed: str
 
 
-@dataclass(frozen=True)
-class Numeric:
-    """The derived equations on NumPy: parameters (l1, l2, m1, m2, g) and states may be batches."""
-
-    functions: dict[str, Callable[..., Any]]
-
-    def entries(self, parameters: tuple[Array, ...], theta: Array) -> dict[str, Array]:
-        """Every entry by its name in ENTRIES, each (...,), at theta (..., 2)."""
-        arguments = (*parameters, theta[..., 0], theta[..., 1])
-        shape = np.broadcast_shapes(*(np.shape(x) for x in arguments))
-        return {name: np.broadcast_to(f(*arguments), shape) for name, f in self.functions.items()}
-
-    def inverse_dynamics(self, parameters: tuple[Array, ...], theta: Array, dtheta: Array, ddtheta: Array) -> Array:
-        """The torque, (..., 2) [N m], for the acceleration ddtheta (..., 2) [rad/s^2]."""
-        mass, bias = self._mass_and_bias(parameters, theta, dtheta)
-        return np.asarray((mass @ ddtheta[..., None])[..., 0] + bias)
-
-    def forward_dynamics(self, parameters: tuple[Array, ...], theta: Array, dtheta: Array, torque: Array) -> Array:
-        """The acceleration, (..., 2) [rad/s^2], by LAPACK: not the closed form of `TwoLink`."""
-        mass, bias = self._mass_and_bias(parameters, theta, dtheta)
-        return np.asarray(np.linalg.solve(mass, (torque - bias)[..., None])[..., 0])
-
-    def _mass_and_bias(self, parameters: tuple[Array, ...], theta: Array, dtheta: Array) -> tuple[Array, Array]:
-        e = self.entries(parameters, theta)
-        w1, w2 = dtheta[..., 0], dtheta[..., 1]
-        rows = [e[f"B{i}1+B{i}2"] * w1 * w2 + e[f"C{i}1"] * w1**2 + e[f"C{i}2"] * w2**2 + e[f"D{i}"] for i in (1, 2)]
-        mass = np.stack([e["A11"], e["A12"], e["A21"], e["A22"]], axis=-1)
-        return mass.reshape(*mass.shape[:-1], 2, 2), np.stack(rows, axis=-1)
-
-
-def energies(theta: sympy.Matrix, speed: sympy.Matrix) -> tuple[sympy.Expr, sympy.Expr]:
+def energies(theta: sp.Matrix, speed: sp.Matrix) -> tuple[sp.Expr, sp.Expr]:
     """Kinetic and potential energy of the arm as SymPy expressions of theta and speed, (2, 1) each."""
-    import sympy as sp
-
-    l1, l2, m1, m2, g = _symbols()
+    l1, l2, m1, m2, g = PARAMETERS
     s = sp.Symbol("s", real=True)
     elbow = sp.Matrix([l1 * sp.cos(theta[0]), l1 * sp.sin(theta[0])])
     along = sp.Matrix([sp.cos(theta[0] + theta[1]), sp.sin(theta[0] + theta[1])])
@@ -109,28 +78,21 @@ def energies(theta: sympy.Matrix, speed: sympy.Matrix) -> tuple[sympy.Expr, symp
 @cache
 def derive() -> Equations:
     """A, B, C, D from the energies by Euler-Lagrange (about a second; kept after the first call)."""
-    import sympy as sp
-
-    theta = sp.Matrix(sp.symbols("theta1 theta2", real=True))
-    speed = sp.Matrix(sp.symbols("td1 td2", real=True))
-    kinetic, potential = energies(theta, speed)
-    momentum = sp.Matrix([kinetic]).jacobian(speed).T
-    mass = momentum.jacobian(speed)
-    bias = momentum.jacobian(theta) * speed - sp.Matrix([kinetic]).jacobian(theta).T
-    products = [sp.diff(h, speed[0], speed[1]) for h in bias]
-    squares = [sp.diff(h, w, 2) / 2 for h in bias for w in speed]
-    weight = sp.Matrix([potential]).jacobian(theta).T
+    kinetic, potential = energies(THETA, SPEED)
+    momentum = sp.Matrix([kinetic]).jacobian(SPEED).T
+    mass = momentum.jacobian(SPEED)
+    bias = momentum.jacobian(THETA) * SPEED - sp.Matrix([kinetic]).jacobian(THETA).T
+    products = [sp.diff(h, SPEED[0], SPEED[1]) for h in bias]
+    squares = [sp.diff(h, w, 2) / 2 for h in bias for w in SPEED]
+    weight = sp.Matrix([potential]).jacobian(THETA).T
     sorted_by_motion = mass, sp.Matrix(products), sp.Matrix(2, 2, squares), weight
     return Equations(*(matrix.applyfunc(_normal) for matrix in sorted_by_motion))
 
 
 def symbolic(variant: formulas.Variant) -> Equations:
     """The hand-derived equations: the lines of `formulas` that NumPy runs, run on symbols."""
-    import sympy as sp
-
-    l1, l2, m1, m2, g = _symbols()
-    arm = (l1, l2), (m1, m2)
-    theta = sp.symbols("theta1 theta2", real=True)
+    l1, l2, m1, m2, g = PARAMETERS
+    arm, theta = ((l1, l2), (m1, m2)), tuple(THETA)
     products = [first + second for first, second in formulas.product_entries(*arm, theta, sp)]
     squares = formulas.square_entries(*arm, theta, sp, variant)
     weight = formulas.gravity_entries(*arm, g, theta, sp)
@@ -139,34 +101,34 @@ def symbolic(variant: formulas.Variant) -> Equations:
 
 
 def compare() -> tuple[Verdict, ...]:
-    """Hand minus machine for every entry of ENTRIES; "0" means equal for all arms and states."""
+    """By hand minus derived for every entry of ENTRIES; "0" means equal for all arms and states."""
     derived = derive().entries()
-    corrected, printed = symbolic("corrected").entries(), symbolic("printed").entries()
-
-    def difference(hand: dict[str, Any], name: str) -> str:
-        return str(_normal(hand[name] - derived[name]))
-
-    return tuple(Verdict(name, difference(corrected, name), difference(printed, name)) for name in ENTRIES)
-
-
-def numeric() -> Numeric:
-    """The derived equations as NumPy functions."""
-    import sympy as sp
-
-    arguments = [*_symbols(), *sp.symbols("theta1 theta2", real=True)]
-    entries = derive().entries().items()
-    return Numeric({name: sp.lambdify(arguments, entry, "numpy") for name, entry in entries})
+    by_hand = {variant: symbolic(variant).entries() for variant in ("corrected", "printed")}
+    return tuple(
+        Verdict(name, **{variant: str(_normal(hand[name] - derived[name])) for variant, hand in by_hand.items()})
+        for name in ENTRIES
+    )
 
 
-def _symbols() -> tuple[Any, ...]:
-    import sympy as sp
+def numeric() -> Callable[[Sequence[Array], Array], tuple[Array, Array, Array, Array]]:
+    """The derived equations on NumPy.
 
-    return tuple(sp.symbols(PARAMETERS, positive=True))
+    Returns
+    -------
+    callable
+        From parameters (l1, l2, m1, m2, g), (n,) each, and theta (n, 2), the arrays A (n, 2, 2), B (n, 2) (sums of
+        rows), C (n, 2, 2) and D (n, 2).
+    """
+    functions = [sp.lambdify([*PARAMETERS, *THETA], entry, "numpy") for entry in derive().entries().values()]
+
+    def matrices(parameters: Sequence[Array], theta: Array) -> tuple[Array, Array, Array, Array]:
+        entries = [np.broadcast_to(function(*parameters, *theta.T), len(theta)) for function in functions]
+        flat = np.stack(entries, axis=-1)
+        return flat[:, :4].reshape(-1, 2, 2), flat[:, 4:6], flat[:, 6:10].reshape(-1, 2, 2), flat[:, 10:]
+
+    return matrices
 
 
 def _normal(expression: Any) -> Any:
-    """Turn products of sines and cosines into sums: a normal form, in which only 0 equals 0."""
-    import sympy as sp
-    from sympy.simplify.fu import TR8
-
+    """Products of sines and cosines as sums: a normal form, in which only 0 equals 0."""
     return sp.expand(TR8(sp.expand(expression)))

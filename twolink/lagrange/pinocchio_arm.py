@@ -1,13 +1,13 @@
-"""The same two-link arm in Pinocchio: the reference that `check` holds the equations against.
+"""The same two-link arm in Pinocchio, with which `check` compares the equations.
 
-Every set of parameters becomes a URDF of uniform rods, read by Pinocchio as any robot is; none of its answers
-comes from a formula of this package.
+Every set of parameters becomes a URDF of uniform rods, which Pinocchio reads; none of its answers comes from a formula
+of this package.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -55,7 +55,7 @@ def arm(l1: float, l2: float, m1: float, m2: float, g: float) -> pin.Model:
 
 
 def answers(samples: Samples) -> dict[str, Array]:
-    """What Pinocchio says, one arm and state at a time.
+    """Pinocchio's answers, one arm and state at a time.
 
     A (n, 2, 2) by crba; B (n, 2), the sums of B's rows, and C (n, 2, 2) from nonLinearEffects at unit speeds
     with gravity off, so that weight cannot drown them; D (n, 2) by computeGeneralizedGravity; h (n, 2), the
@@ -64,7 +64,7 @@ def answers(samples: Samples) -> dict[str, Array]:
     n = len(samples.theta)
     out = {name: np.empty((n, 2)) for name in ("B", "D", "h", "aba", "crba", "rnea")}
     out |= {name: np.empty((n, 2, 2)) for name in ("A", "C")}
-    still, first, second, both = np.zeros(3), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.ones(2)
+    no_gravity, first, second, both = np.zeros(3), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.ones(2)
     for i, parameters in enumerate(np.stack(samples.parameters, axis=1).tolist()):
         model = arm(*parameters)
         data = model.createData()
@@ -75,7 +75,7 @@ def answers(samples: Samples) -> dict[str, Array]:
         out["crba"][i] = np.linalg.solve(mass, tau - bias)
         out["aba"][i] = pin.aba(model, data, q, v, tau)
         out["rnea"][i] = pin.rnea(model, data, q, v, samples.ddtheta[i])
-        model.gravity.linear = still
+        model.gravity.linear = no_gravity
         c1 = out["C"][i, :, 0] = pin.nonLinearEffects(model, data, q, first)
         c2 = out["C"][i, :, 1] = pin.nonLinearEffects(model, data, q, second)
         out["B"][i] = pin.nonLinearEffects(model, data, q, both) - c1 - c2
@@ -84,10 +84,5 @@ def answers(samples: Samples) -> dict[str, Array]:
 
 def energy(model: pin.Model, theta: Array, dtheta: Array) -> Array:
     """The mechanical energy [J] of states (n, 2), zero at rest in the horizontal, by Pinocchio."""
-    data: Any = model.createData()
-    return np.array(
-        [
-            pin.computeKineticEnergy(model, data, q, v) + pin.computePotentialEnergy(model, data, q)
-            for q, v in zip(theta, dtheta, strict=True)
-        ]
-    )
+    data, states = model.createData(), zip(theta, dtheta, strict=True)
+    return np.array([pin.computeMechanicalEnergy(model, data, q, v) for q, v in states])
