@@ -97,7 +97,7 @@ LINEAR = E.Sampled((0.0, 1.0), (0.0, 1.0))
         ("arm", E.JointPD({"elbow": float("nan")}, {"elbow": 1.0}), "target.elbow", "finite"),
         ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort={"elbw": 1.0}), "effort", "mean 'elbow'"),
         ("arm", E.JointPD({"elbow": 1.0}, {"elbow": 1.0}, effort="URDF"), "effort", "'urdf'"),
-        ("arm", E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0), "path", "'shoulder' should go"),
+        ("arm", E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0), "path", "it has no path for 'shoulder'"),
         ("arm", E.ComputedTorque({**BOTH, "elbow": LINEAR}, 1.0, 1.0), "path.elbow.interpolation", "cubic"),
         ("arm", E.ComputedTorque(BOTH, float("inf"), 1.0), "kp", "finite"),
         ("arm", E.GravityCompensation(("elbw",)), "joints", "mean 'elbow'"),

@@ -63,6 +63,48 @@ def test_refusals(effect: object, where: str, part: str) -> None:
     assert caught.value.remedy
 
 
+WORKING = {
+    "AirDrag": {"frame": "tip", "area": 0.1},
+    "ComputedTorque": {"path": {"shoulder": 1.0, "elbow": 1.0}, "kp": 1.0, "kd": 1.0},
+    "FrameWrench": {"frame": "tip"},
+    "Gravity": {},
+    "GravityCompensation": {},
+    "JointDamping": {"damping": {"elbow": 1.0}},
+    "JointPD": {"target": {"elbow": 1.0}, "kp": {"elbow": 1.0}},
+    "JointSpring": {"stiffness": {"elbow": 1.0}},
+    "Payload": {"frame": "tip", "mass": 1.0},
+    "Rotor": {"inertia": {"elbow": 1.0}},
+    "SmoothFriction": {"friction": {"elbow": 1.0}},
+    "SpringBetween": {"first": "base", "second": "tip"},
+    "Torque": {"inputs": {"elbow": 1.0}},
+}
+WRONG = [50, "x", [1], (1, 2), (None,) * 3, (None,) * 6, {"elbow": None}, {"elbow": [1]}, {3: 1.0}, object()]
+FIELDS = [(name, field) for name in WORKING for field in getattr(E, name).__struct_fields__]
+
+
+@pytest.mark.parametrize(("name", "field"), FIELDS)
+def test_values_of_the_wrong_type_are_refused_by_field(name: str, field: str) -> None:
+    tl.Scene(robot("arm"), effects=[getattr(E, name)(**WORKING[name])])
+    accepted = [value for value in WRONG if not _refused_by_field(name, field, value)]
+    assert len(accepted) <= 1  # 50 is right for a number; nothing else fits
+
+
+def _refused_by_field(name: str, field: str, value: object) -> bool:
+    """Whether a value is refused, and by the field's name; what is not refused must be simulated."""
+    try:
+        scene = tl.Scene(robot("arm"), effects=[getattr(E, name)(**{**WORKING[name], field: value})])
+    except SceneError as error:
+        return field in error.where
+    assert np.isfinite(tl.simulate(scene, 1e-3, method="rk4", step=1e-3, verify=False).q).all()
+    return False
+
+
+def test_gains_that_are_not_by_joint_are_refused() -> None:
+    with pytest.raises(SceneError, match="expected values by joint, got 50") as caught:
+        tl.Scene(robot("arm"), effects=[E.JointPD({"elbow": 1.0}, kp=50)])
+    assert caught.value.where == "effects[0].kp"
+
+
 def test_locked_joints_and_free_roots() -> None:
     """A locked joint is said to be locked; frames on it still move with the rest."""
     floating = robot("floating")

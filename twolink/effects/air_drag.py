@@ -9,20 +9,38 @@ from twolink.effects.frame_checks import check_frame, check_three, floats, three
 from twolink.effects.inputs import Input, check_input, value_at
 from twolink.effects.motion import Loads, Motion
 
-# m/s. |u| itself has no second derivative at u = 0, and its first is 0 / 0 as formulas go, which a solver that
-# differentiates the equations meets at rest. The root of u . u + SLOW^2 has all. The force stays against u, so that
-# in still air energy never grows, and is off by rho c A SLOW^2 / 4 at most: 3e-13 N for a square metre.
+# m/s. |u| has no second derivative at u = 0, and the formula of its first derivative is 0 / 0 there, which a solver
+# that differentiates the equations meets at rest. sqrt(u . u + SLOW^2) has both. The force stays opposite to u, so
+# that in still air energy never grows; it is wrong by rho c A SLOW^2 / 4 at most, 3e-13 N for a square metre.
 SLOW = 1e-6
 
 
 class AirDrag(Effect, frozen=True):
-    """F = -rho c A |u| u / 2 at a point of a frame, u its velocity against the air (Rayleigh's drag equation).
+    """Drag of the air at a point of a link: F = -rho c A |u| u / 2, u the point's velocity relative to the air.
 
-    frame: a link. area: A, m^2, the same from all sides. coefficient: c. density: rho, kg/m^3. point: where the force
-    acts, in the frame, m. wind: the air's velocity along the world's axes, m/s: numbers or functions of time.
+    Parameters
+    ----------
+    frame : str
+        The link.
+    area : float
+        A, the area of the body from any side, m^2.
+    coefficient : float
+        c, the drag coefficient.
+    density : float
+        rho, the density of the air, kg/m^3.
+    point : (3,) floats
+        Where the force acts, in the link's frame, m.
+    wind : (3,) inputs
+        The air's velocity along the world's axes, m/s: numbers or functions of time.
 
-    |u| is taken as sqrt(u . u + 1e-12 m^2/s^2): smooth, with a force against u and less than 1e-12 N off for bodies
-    below 3 m^2. Taylor's series are short where u passes 0, so that "auto" takes another method.
+    Notes
+    -----
+    |u| is computed as sqrt(u . u + 1e-12 m^2/s^2), which is smooth at rest. The series of Taylor's method converge
+    only over short steps where u passes 0, so `method="auto"` takes another method.
+
+    References
+    ----------
+    Rayleigh's drag equation: Batchelor, An Introduction to Fluid Dynamics, 1967, section 5.11.
     """
 
     frame: str
@@ -34,11 +52,11 @@ class AirDrag(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Not for Taylor's method: see above."""
+        """False: see the notes."""
         return False
 
     def check(self, robot: Robot) -> None:
-        """The frame moves; area, coefficient and density are not negative."""
+        """Require a link that moves, and area, coefficient and density that are not negative."""
         check_frame(self.frame, robot, "frame")
         for name in ("area", "coefficient", "density"):
             finite(getattr(self, name), name, least=0.0)
@@ -47,7 +65,7 @@ class AirDrag(Effect, frozen=True):
             check_input(wind, f"wind[{i}]")
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """-rho c A |u| u / 2."""
+        """Add -rho c A |u| u / 2."""
         k = -0.5 * float(self.density) * float(self.coefficient) * float(self.area)
         if k == 0.0:
             return

@@ -1,4 +1,4 @@
-"""Computed torque: control that makes the tracking error obey a linear equation."""
+"""Computed torque: control with which the tracking error obeys a linear equation."""
 
 from __future__ import annotations
 
@@ -8,20 +8,37 @@ from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, finite
-from twolink.effects.inputs import Input, check_input, derivatives_at, twice_differentiable
-from twolink.effects.joint_checks import Limits, check_joints, check_limits, clamped
+from twolink.effects.inputs import Input, derivatives_at, twice_differentiable
+from twolink.effects.joint_checks import Limits, check_inputs, check_joints, check_limits, clamped
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
 
 class ComputedTorque(Effect, frozen=True):
-    """tau = M(q) (a_ref + kd e' + kp e) + h(q, v), e = q_ref - q: then e'' + kd e' + kp e = 0.
+    """Inverse-dynamics control: tau = M(q) (a_ref + kd e' + kp e) + h(q, v), e = q_ref - q.
 
-    (Luh, Walker, Paul 1980; Siciliano et al. 2009, section 8.5.2.) The model is the scene's own, with its gravity and
-    payloads; other effects, such as friction, are disturbances to it.
+    The tracking error then obeys e'' + kd e' + kp e = 0.
 
-    path: q_ref of every joint, rad or m: numbers, polynomials, sines or tables with cubic interpolation. kp: 1/s^2.
-    kd: 1/s; 2 sqrt(kp) is critical. effort: limits by joint, or "urdf".
+    Parameters
+    ----------
+    path : mapping of joint to input
+        q_ref of every joint, rad or m: numbers, polynomials, sines or tables with cubic interpolation.
+    kp : float
+        1/s^2, not negative.
+    kd : float
+        1/s, not negative; 2 sqrt(kp) gives critical damping.
+    effort : mapping of joint to float, "urdf" or None
+        Limits of the torques, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    M and h are those of the scene's robot, with its gravity and payloads. Other effects, such as friction, act as
+    disturbances.
+
+    References
+    ----------
+    Luh, Walker, Paul 1980, IEEE Transactions on Automatic Control 25(3). Siciliano et al., Robotics, 2009, section
+    8.5.2.
     """
 
     path: Mapping[str, Input]
@@ -31,32 +48,32 @@ class ComputedTorque(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Not where a limit of effort acts."""
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """The path names every joint, and each has one coordinate; it can be differentiated twice."""
+        """Require a path for every joint, twice differentiable; each joint has one coordinate."""
         check_joints(self.path, robot, "path", coordinates=True)
         missing = [joint for joint in robot.joint_names if joint not in self.path]
         if missing:
-            raise SceneError(f"it does not say where {', '.join(map(repr, missing))} should go", where="path",
-                             remedy="give every joint a path: the robot's free root has no motor"
-                             if robot.joints[0].kind == "free-flyer" else "give every joint a path")  # fmt: skip
-        for joint, given in self.path.items():
-            check_input(given, f"path.{joint}")
-            if not twice_differentiable(given):
-                raise SceneError("a path needs accelerations, which this interpolation does not have",
-                                 where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')  # fmt: skip
+            floating = robot.joints[0].kind == "free-flyer"
+            remedy = "give every joint a path" + (": the robot's free root has no motor" if floating else "")
+            raise SceneError(f"it has no path for {', '.join(map(repr, missing))}", where="path", remedy=remedy)
+        check_inputs(self.path, "path")
+        for joint, path in self.path.items():
+            if not twice_differentiable(path):
+                what = "a path needs accelerations, which this interpolation does not have"
+                raise SceneError(what, where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')
         finite(self.kp, "kp", least=0.0)
         finite(self.kd, "kd", least=0.0)
         check_limits(self.effort, self.path, robot)
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """Inverse dynamics of a_ref + kd e' + kp e."""
+        """Add the inverse dynamics of a_ref + kd e' + kp e."""
         wanted: list[Scalar] = [0.0] * motion.mech.nv
-        for joint, given in self.path.items():
+        for joint, path in self.path.items():
             entry, dof = motion.coordinate(joint)
-            q, v, a = derivatives_at(given, motion.t, motion.xp)
+            q, v, a = derivatives_at(path, motion.t, motion.xp)
             wanted[dof] = plus(
                 a,
                 times(float(self.kd), minus(v, motion.v[dof])),

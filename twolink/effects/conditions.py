@@ -6,7 +6,7 @@ import msgspec
 
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
-from twolink.effects.effect import finite
+from twolink.effects.effect import all_finite, finite
 from twolink.effects.frame_checks import check_frame
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.motion import Motion
@@ -49,8 +49,8 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
     def check(self, robot: Robot, field: str) -> None:
         """The frame exists, the direction has a length."""
         check_frame(self.frame, robot, f"{field}.frame")
-        finite(self.direction, f"{field}.direction")
-        finite(self.point, f"{field}.point")
+        all_finite(self.direction, f"{field}.direction")
+        all_finite(self.point, f"{field}.point")
         unit(self.direction, f"{field}.direction")
         _check(self.of, self.value, field)
 

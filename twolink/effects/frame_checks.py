@@ -1,4 +1,4 @@
-"""What effects on frames have in common: points of the robot's frames and of the ground."""
+"""Checks of frames and points, for effects on frames."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from typing import Any
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
-from twolink.effects.effect import finite, one_of
+from twolink.effects.effect import all_finite, one_of
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
 
-def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -> bool:
-    """Require a link's frame; returns whether it moves. Raises SceneError, also for what does not move.
+def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -> int:
+    """Require a link that moves, or with `ground` any link or the ground. Raises SceneError.
 
-    ground: whether the world and links fixed to it will do.
+    Returns the number of the body that carries the link's frame; the ground is body 0.
     """
     names = [f.name for f in robot.model.frames if f.type.name == "BODY"]
     if frame == GROUND and frame not in names:
-        moves = False
+        body = 0
     else:
         one_of(frame, [*names, GROUND] if ground else names, field, "frame")
-        moves = frame_pose(robot.model, frame)[0] != 0
-    if not (moves or ground):
-        raise SceneError(f"frame {frame!r} does not move: what acts on it changes nothing", where=field,
-                         remedy="name a link that moves")  # fmt: skip
-    return moves
+        body = frame_pose(robot.model, frame)[0]
+    if body == 0 and not ground:
+        what = f"frame {frame!r} does not move, so the effect changes nothing"
+        raise SceneError(what, where=field, remedy="name a link that moves")
+    return body
 
 
 def check_place(frame: str, point: Any, robot: Robot, name: str) -> None:
@@ -41,19 +41,19 @@ def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Sc
     return [minus(x, y) for x, y in zip(*ends, strict=True)]
 
 
-def floats(given: tuple[float, float, float]) -> Vec:
-    """Three numbers as constants that fold."""
-    x, y, z = map(float, given)
+def floats(vector: tuple[float, float, float]) -> Vec:
+    """Three numbers as floats, which a formula folds as constants."""
+    x, y, z = map(float, vector)
     return x, y, z
 
 
-def three(given: Any, field: str) -> tuple[Any, Any, Any]:
+def three(vector: Any, field: str) -> tuple[Any, Any, Any]:
     """Require three of something. Raises SceneError."""
-    if not isinstance(given, (tuple, list)) or len(given) != 3:
-        raise SceneError(f"expected three, got {given!r}", where=field, remedy="one along each of x, y, z")
-    return given[0], given[1], given[2]
+    if not isinstance(vector, (tuple, list)) or len(vector) != 3:
+        raise SceneError(f"expected three, got {vector!r}", where=field, remedy="one along each of x, y, z")
+    return vector[0], vector[1], vector[2]
 
 
-def check_three(given: Any, field: str) -> None:
+def check_three(vector: Any, field: str) -> None:
     """Require three finite numbers. Raises SceneError."""
-    finite(three(given, field), field)
+    all_finite(three(vector, field), field)

@@ -1,4 +1,4 @@
-"""Forces and moments on frames as functions of time."""
+"""Forces and moments on links as functions of time."""
 
 from __future__ import annotations
 
@@ -16,10 +16,22 @@ Three = tuple[Input, Input, Input]
 
 
 class FrameWrench(Effect, frozen=True):
-    """A force f(t) at a point of a frame and a moment n(t).
+    """A force f(t) at a point of a link, and a moment n(t): tau = J_v^T f + J_w^T n.
 
-    frame: a link. force, moment: N and N m, numbers or functions of time, along the axes of the "world" or of the
-    "frame", with which they turn. point: where the force acts, in the frame, m.
+    J_v and J_w are the Jacobians of the point's velocity and of the link's angular velocity.
+
+    Parameters
+    ----------
+    frame : str
+        The link.
+    force : (3,) inputs
+        f, N: numbers or functions of time.
+    moment : (3,) inputs
+        n, N m: numbers or functions of time.
+    axes : "world" or "frame"
+        The axes of force and moment: the world's, or the link's, with which they turn.
+    point : (3,) floats
+        Where the force acts, in the link's frame, m.
     """
 
     frame: str
@@ -29,26 +41,26 @@ class FrameWrench(Effect, frozen=True):
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """The frame moves; inputs are finite."""
+        """Require a link that moves, and finite inputs."""
         check_frame(self.frame, robot, "frame")
         one_of(self.axes, ("world", "frame"), "axes", "choice")
         check_three(self.point, "point")
         for name in ("force", "moment"):
-            for i, given in enumerate(three(getattr(self, name), name)):
-                check_input(given, f"{name}[{i}]")
+            for i, component in enumerate(three(getattr(self, name), name)):
+                check_input(component, f"{name}[{i}]")
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """f and n, moved to the joint that carries the frame."""
-        force, moment, point = _now(self.force, motion), _now(self.moment, motion), floats(self.point)
+        """Add f and n, moved to the joint that carries the link."""
+        force, moment, point = _value(self.force, motion), _value(self.moment, motion), floats(self.point)
         if self.axes == "world":
             loads.force(self.frame, force, moment, point)
             return
-        i, place = frame_pose(motion.model, self.frame)
+        body, place = frame_pose(motion.model, self.frame)
         at_joint = force_to_parent(place, (force, add(moment, cross(point, force))))
-        before = loads.wrenches.get(i, [0.0] * 6)
-        loads.wrenches[i] = [plus(a, b) for a, b in zip(before, (*at_joint[0], *at_joint[1]), strict=True)]
+        before = loads.wrenches.get(body, [0.0] * 6)
+        loads.wrenches[body] = [plus(a, b) for a, b in zip(before, (*at_joint[0], *at_joint[1]), strict=True)]
 
 
-def _now(given: Three, motion: Motion) -> Vec:
-    x, y, z = (value_at(one, motion.t, motion.xp) for one in given)
+def _value(vector: Three, motion: Motion) -> Vec:
+    x, y, z = (value_at(component, motion.t, motion.xp) for component in vector)
     return x, y, z

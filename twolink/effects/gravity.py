@@ -12,9 +12,12 @@ from twolink.errors import SceneError
 
 
 class Gravity(Effect, frozen=True):
-    """A uniform gravity field: every body of mass m feels the force m * field at its centre of mass.
+    """A uniform gravity field g: each body of mass m feels the force m g at its centre of mass.
 
-    field: (gx, gy, gz), m/s^2, in the world's axes; z is up.
+    Parameters
+    ----------
+    field : (3,) floats
+        g, m/s^2, along the world's axes; z points up.
     """
 
     field: tuple[float, float, float] = (0.0, 0.0, -9.81)
@@ -25,12 +28,9 @@ class Gravity(Effect, frozen=True):
         except TypeError:
             fits = False
         if not fits:
-            raise SceneError(
-                f"expected 3 finite numbers, got {self.field!r}",
-                where="gravity.field",
-                remedy="give m/s^2, such as (0, 0, -9.81)",
-            )
+            remedy = "give m/s^2, such as (0, 0, -9.81)"
+            raise SceneError(f"expected 3 finite numbers, got {self.field!r}", where="gravity.field", remedy=remedy)
 
     def change(self, model: pin.Model) -> None:
-        """The model's field, which every query then feels."""
+        """Set the model's field, which every query then uses."""
         model.gravity.linear = np.array(self.field)

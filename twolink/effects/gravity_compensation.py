@@ -11,11 +11,22 @@ from twolink.errors import SceneError
 
 
 class GravityCompensation(Effect, frozen=True):
-    """tau = g(q) in each joint named: what inverse dynamics at rest asks for, by recursive Newton-Euler.
+    """Compensation of gravity: tau = g(q) = h(q, 0), from recursive Newton-Euler at rest.
 
-    The model is the scene's own, payloads included. Without gravity in the scene it is nothing.
+    Parameters
+    ----------
+    joints : sequence of str or None
+        The joints that are driven, each with one degree of freedom; None: all of these.
+    effort : mapping of joint to float, "urdf" or None
+        Limits of the torques, N m or N: by joint, the URDF's, or none.
 
-    joints: all with one degree of freedom unless given: a free root has no motor. effort: limits by joint, or "urdf".
+    Notes
+    -----
+    g is that of the scene's robot, payloads included. Without gravity in the scene there are no torques.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 8.5.1.
     """
 
     joints: tuple[str, ...] | None = None
@@ -23,25 +34,24 @@ class GravityCompensation(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Not where a limit of effort acts."""
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Names are joints of one degree of freedom, each once."""
+        """Require joints of one degree of freedom, each named once."""
         joints = single_joints(robot) if self.joints is None else self.joints
-        if isinstance(joints, str) or not joints or len(set(joints)) != len(joints):
-            raise SceneError(f"expected joints, each once, got {self.joints!r}", where="joints",
-                             remedy="leave it out for all joints")  # fmt: skip
+        if not isinstance(joints, (list, tuple)) or not joints or any(joints.count(joint) > 1 for joint in joints):
+            what, remedy = f"expected joints, each once, got {self.joints!r}", "leave it out for all joints"
+            raise SceneError(what, where="joints", remedy=remedy)
         for joint in joints:
             check_joint(joint, robot, "joints")
         check_limits(self.effort, joints, robot)
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """g(q)."""
-        still = [0.0] * motion.mech.nv
-        torques = newton_euler(motion.mech, motion.own(), still, still, None)
-        model = motion.model
-        joints = self.joints
+        """Add g(q)."""
+        zeros = [0.0] * motion.mech.nv
+        torques = newton_euler(motion.mech, motion.own(), zeros, zeros, None)
+        model, joints = motion.model, self.joints
         if joints is None:
             joints = tuple(model.names[i] for i in range(1, model.njoints) if model.nvs[i] == 1)
         for joint in joints:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from twolink.algorithms.spatial import Scalar, plus, times
-from twolink.effects.effect import Effect, finite
+from twolink.effects.effect import Effect, all_finite, finite
 from twolink.effects.sampled import Piece, Sampled, check_table
 from twolink.errors import SceneError
 
@@ -56,9 +56,9 @@ Input = float | Polynomial | Sine | Sampled
 def check_input(given: Input, field: str) -> None:
     """Require finite numbers. Raises SceneError."""
     if isinstance(given, Polynomial):
-        finite(given.coefficients, f"{field}.coefficients")
+        all_finite(given.coefficients, f"{field}.coefficients")
     elif isinstance(given, Sine):
-        finite((given.amplitude, given.frequency, given.phase, given.mean), field)
+        all_finite((given.amplitude, given.frequency, given.phase, given.mean), field)
     elif isinstance(given, Sampled):
         check_table(given, field)
     elif isinstance(given, (int, float)):

@@ -1,4 +1,4 @@
-"""What effects on joints have in common: checks of what is given by joint, and limits of effort."""
+"""Checks of values by joint, and limits of effort, for effects on joints."""
 
 from __future__ import annotations
 
@@ -9,45 +9,60 @@ from typing import Any, Literal
 from twolink.algorithms.spatial import Scalar, minus, plus
 from twolink.dynamics import Robot
 from twolink.effects.effect import finite, one_of
+from twolink.effects.inputs import check_input
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
 Limits = Mapping[str, float] | Literal["urdf"] | None
 
 
-def check_joints(given: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:
-    """Require a mapping that names joints, one at least. Raises SceneError.
+def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:
+    """Require a mapping that names one joint or more. Raises SceneError.
 
-    dofs: joints with one degree of freedom only. coordinates: with one coordinate too, an angle or a length.
+    dofs: joints with one degree of freedom only. coordinates: joints with one coordinate only, an angle or a length.
     """
-    if not isinstance(given, Mapping):
-        raise SceneError(f"expected values by joint, got {given!r}", where=field, remedy="such as {'elbow': 1.0}")
-    if not given:
+    _require_mapping(values, field)
+    if not values:
         raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
-    for joint in given:
+    for joint in values:
         check_joint(joint, robot, field, dofs=dofs or coordinates, coordinate=coordinates)
 
 
 def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
-    """Require a joint that moves, with one degree of freedom, or one coordinate. Raises SceneError."""
+    """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
     if joint in locked_joints(robot):
         raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
     one_of(joint, robot.joint_names, field, "joint")
-    layout = next(j for j in robot.joints if j.name == joint)
-    if dofs and layout.v.stop - layout.v.start != 1:
+    if dofs:
         one_of(joint, single_joints(robot), field, "joint of one degree of freedom")
-    if coordinate and layout.kind != "vector":
-        raise SceneError(
-            f"joint {joint!r} is continuous: its configuration is (cos, sin), which does not count turns",
-            where=field,
-            remedy='give the joint limits in the URDF (type="revolute"), so that it has an angle',
-        )
+    if coordinate and next(j.kind for j in robot.joints if j.name == joint) != "vector":
+        what = f"joint {joint!r} is continuous: its configuration is (cos, sin), which does not count turns"
+        remedy = 'give the joint limits in the URDF (type="revolute"), so that it has an angle'
+        raise SceneError(what, where=field, remedy=remedy)
 
 
-def check_values(given: Mapping[str, float], field: str, *, least: float = -math.inf) -> None:
-    """Require finite numbers by joint. Raises SceneError."""
-    for joint, value in given.items():
+def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> None:
+    """Require a mapping that names only some of the joints, which are each a `what`. Raises SceneError."""
+    _require_mapping(values, field)
+    for joint in values:
+        one_of(joint, joints, field, what)
+
+
+def check_values(values: Mapping[str, float], field: str, *, least: float = -math.inf) -> None:
+    """Require finite numbers by joint, none below `least`. Raises SceneError."""
+    for joint, value in values.items():
         finite(value, f"{field}.{joint}", least=least)
+
+
+def check_inputs(values: Mapping[str, Any], field: str) -> None:
+    """Require numbers or functions of time by joint. Raises SceneError."""
+    for joint, value in values.items():
+        check_input(value, f"{field}.{joint}")
+
+
+def _require_mapping(values: Any, field: str, expected: str = "values by joint") -> None:
+    if not isinstance(values, Mapping):
+        raise SceneError(f"expected {expected}, got {values!r}", where=field, remedy="such as {'elbow': 1.0}")
 
 
 def locked_joints(robot: Robot) -> tuple[str, ...]:
@@ -60,28 +75,21 @@ def single_joints(robot: Robot) -> list[str]:
     return [j.name for j in robot.joints if j.v.stop - j.v.start == 1]
 
 
-def check_limits(limits: Limits, joints: Iterable[str], robot: Robot, field: str = "effort") -> None:
-    """Require limits above 0 for joints that are driven; of "urdf", that the URDF gives them. Raises SceneError."""
-    if limits is None:
-        return
-    driven = list(joints)
-    if limits == "urdf":
-        for joint in driven:
-            value = _urdf_limit(robot.model, joint)
-            if not (math.isfinite(value) and value > 0):
-                raise SceneError(f"the URDF's effort limit of joint {joint!r} is {value:g}", where=field,
-                                 remedy="give limits by joint")  # fmt: skip
-        return
-    if not isinstance(limits, Mapping):
-        raise SceneError(f"expected limits by joint, or 'urdf', got {limits!r}", where=field,
-                         remedy="such as {'elbow': 30.0}")  # fmt: skip
-    for joint in limits:
-        one_of(joint, driven, field, "driven joint")
-    check_values(limits, field, least=0.0)
+def check_limits(limits: Limits, joints: Iterable[str], robot: Robot) -> None:
+    """Require effort limits that are not negative, or "urdf" where the URDF gives them. Raises SceneError."""
+    if limits is not None and limits != "urdf":
+        _require_mapping(limits, "effort", "limits by joint, or 'urdf'")
+        check_subset(limits, joints, "effort", "driven joint")
+        check_values(limits, "effort", least=0.0)
+    for joint in joints if limits == "urdf" else ():
+        value = _urdf_limit(robot.model, joint)
+        if not (math.isfinite(value) and value > 0):
+            what = f"the URDF's effort limit of joint {joint!r} is {value:g}"
+            raise SceneError(what, where="effort", remedy="give limits by joint")
 
 
 def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
-    """The torque within its joint's limit L: -L, torque, or L. The distances to the limit go to the loads."""
+    """The torque of a joint within its limit L: min(max(torque, -L), L). The loads note where it is not smooth."""
     limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque

@@ -13,30 +13,31 @@ from twolink.errors import SceneError
 
 
 class JointDamping(Effect, frozen=True):
-    """tau = -d v in each joint named, or in all joints with the damping their URDF gives.
+    """Viscous damping of joints: tau = -d v.
 
-    damping: d by joint, N m s/rad or N s/m; of a joint with several degrees of freedom the same for each. Left out:
-    the URDF's values, which forward dynamics alone does not apply.
+    Parameters
+    ----------
+    damping : mapping of joint to float, or None
+        d, N m s/rad or N s/m, not negative; the same for each degree of freedom of a joint. None: all joints, with the
+        values of the URDF (<dynamics damping>), which forward dynamics alone does not apply.
     """
 
     damping: Mapping[str, float] | None = None
 
     def check(self, robot: Robot) -> None:
-        """Names are joints; damping is not negative; the URDF gives some where it is asked."""
+        """Require joints and damping that is not negative, or damping in the URDF."""
         if self.damping is None:
             if not robot.model.damping.any():
-                raise SceneError("the URDF gives no joint damping", where="damping",
-                                 remedy="give it by joint, or leave the effect out")  # fmt: skip
+                remedy = "give it by joint, or leave the effect out"
+                raise SceneError("the URDF gives no joint damping", where="damping", remedy=remedy)
             return
         check_joints(self.damping, robot, "damping")
         check_values(self.damping, "damping", least=0.0)
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """-d v."""
-        if self.damping is None:
-            for k, d in enumerate(motion.model.damping.tolist()):
-                loads.torque(k, times(-d, motion.v[k]))
-            return
-        for joint, d in self.damping.items():
-            for k in motion.dofs(joint):
-                loads.torque(k, times(-float(d), motion.v[k]))
+        """Add -d v."""
+        damping = dict(enumerate(motion.model.damping.tolist()))
+        if self.damping is not None:
+            damping = {k: float(d) for joint, d in self.damping.items() for k in motion.dofs(joint)}
+        for k, d in damping.items():
+            loads.torque(k, times(-d, motion.v[k]))

@@ -7,17 +7,42 @@ from collections.abc import Mapping
 from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, one_of
-from twolink.effects.inputs import Input, check_input, value_at
-from twolink.effects.joint_checks import Limits, check_joints, check_limits, check_values, clamped
+from twolink.effects.inputs import Input, value_at
+from twolink.effects.joint_checks import (
+    Limits,
+    check_inputs,
+    check_joints,
+    check_limits,
+    check_subset,
+    check_values,
+    clamped,
+)
 from twolink.effects.motion import Loads, Motion
 
 
 class JointPD(Effect, frozen=True):
-    """tau = kp (target - q) - kd v + feedforward in each joint named, within its limit.
+    """Proportional-derivative control: tau = kp (target - q) - kd v + feedforward, within limits.
 
-    target: by joint, rad or m: a number or a function of time. kp: N m/rad or N/m, by joint. kd: N m s/rad or N s/m,
-    by joint; 0 unless given. feedforward: N m or N, by joint, as target. effort: limits L by joint, -L <= tau <= L, or
-    "urdf" for the URDF's of every joint named; none unless given. The controller is continuous in time: no sampling.
+    Parameters
+    ----------
+    target : mapping of joint to input
+        rad or m: numbers or functions of time. Joints with one coordinate.
+    kp : mapping of joint to float
+        N m/rad or N/m, not negative; for every joint with a target.
+    kd : mapping of joint to float
+        N m s/rad or N s/m, not negative; 0 by default.
+    feedforward : mapping of joint to input
+        N m or N: numbers or functions of time; 0 by default.
+    effort : mapping of joint to float, "urdf" or None
+        Limits L of the torques, -L <= tau <= L, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    The controller is continuous in time: it does not sample.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 8.5.1.
     """
 
     target: Mapping[str, Input]
@@ -28,26 +53,24 @@ class JointPD(Effect, frozen=True):
 
     @property
     def analytic(self) -> bool:
-        """Not where a limit of effort acts."""
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
         return self.effort is None
 
     def check(self, robot: Robot) -> None:
-        """Names are joints with one coordinate, all with a target; gains are not negative."""
+        """Require joints with one coordinate, all with a target and kp, and gains that are not negative."""
         check_joints(self.target, robot, "target", coordinates=True)
+        for name in ("kp", "kd", "feedforward"):
+            check_subset(getattr(self, name), self.target, name, "joint with a target")
         for joint in self.target:
             one_of(joint, self.kp, "kp", "gain for joint")
-        for name in ("kp", "kd", "feedforward"):
-            for joint in getattr(self, name):
-                one_of(joint, self.target, name, "joint with a target")
         check_values(self.kp, "kp", least=0.0)
         check_values(self.kd, "kd", least=0.0)
-        for name in ("target", "feedforward"):
-            for joint, given in getattr(self, name).items():
-                check_input(given, f"{name}.{joint}")
+        check_inputs(self.target, "target")
+        check_inputs(self.feedforward, "feedforward")
         check_limits(self.effort, self.target, robot)
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """kp (target - q) - kd v + feedforward."""
+        """Add kp (target - q) - kd v + feedforward."""
         for joint, target in self.target.items():
             entry, dof = motion.coordinate(joint)
             error = minus(value_at(target, motion.t, motion.xp), motion.q[entry])

@@ -6,17 +6,25 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, finite
+from twolink.effects.effect import Effect, all_finite, finite
 from twolink.effects.frame_checks import check_frame, check_three
 from twolink.errors import SceneError
 from twolink.robots.physical_checks import semidefinite_defect, triangle_excess
 
 
 class Payload(Effect, frozen=True):
-    """A rigid body that moves with a frame from the start: its inertia is added to the link's.
+    """A rigid body fixed to a link from the start: its inertia is added to the link's.
 
-    frame: a link. mass: kg. com: its centre of mass in the frame, m. inertia: (xx, xy, xz, yy, yz, zz) about the
-    centre of mass, along the frame's axes, kg m^2; a point mass unless given.
+    Parameters
+    ----------
+    frame : str
+        The link.
+    mass : float
+        kg.
+    com : (3,) floats
+        The body's centre of mass in the link's frame, m.
+    inertia : (6,) floats
+        (xx, xy, xz, yy, yz, zz) about the body's centre of mass, along the link's axes, kg m^2; 0 for a point mass.
     """
 
     frame: str
@@ -25,26 +33,28 @@ class Payload(Effect, frozen=True):
     inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
 
     def check(self, robot: Robot) -> None:
-        """The frame moves; mass and inertia are a real body's."""
+        """Require a link that moves, and a mass and an inertia that a body can have."""
         check_frame(self.frame, robot, "frame")
         finite(self.mass, "mass", least=0.0)
         check_three(self.com, "com")
-        finite(self.inertia, "inertia")
-        if len(self.inertia) != 6:
-            raise SceneError(f"expected 6 numbers, got {len(self.inertia)}", where="inertia",
-                             remedy="give (xx, xy, xz, yy, yz, zz)")  # fmt: skip
+        if not isinstance(self.inertia, (list, tuple)) or len(self.inertia) != 6:
+            what, remedy = f"expected 6 numbers, got {self.inertia!r}", "give (xx, xy, xz, yy, yz, zz)"
+            raise SceneError(what, where="inertia", remedy=remedy)
+        all_finite(self.inertia, "inertia")
         matrix, mass = _matrix(self.inertia), float(self.mass)
         if semidefinite_defect(matrix, mass) < 0 or triangle_excess(matrix, mass) > 0 or (not mass and matrix.any()):
-            raise SceneError(f"no body has the inertia {list(self.inertia)} with {mass:g} kg", where="inertia",
-                             remedy="give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)")  # fmt: skip
+            what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
+            remedy = "give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)"
+            raise SceneError(what, where="inertia", remedy=remedy)
 
     def change(self, model: pin.Model) -> None:
-        """The sum of both bodies in the model."""
+        """Put the sum of both bodies into the model."""
         frame = model.frames[model.getFrameId(self.frame, pin.FrameType.BODY)]
         body = pin.Inertia(float(self.mass), np.array(self.com, dtype=float), _matrix(self.inertia))
         model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + frame.placement.act(body)
 
 
 def _matrix(inertia: tuple[float, ...]) -> np.ndarray:
+    """The symmetric matrix (3, 3) of (xx, xy, xz, yy, yz, zz)."""
     xx, xy, xz, yy, yz, zz = map(float, inertia)
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -8,33 +8,42 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, one_of
-from twolink.effects.joint_checks import check_joints, check_values
+from twolink.effects.effect import Effect
+from twolink.effects.joint_checks import check_joints, check_subset, check_values
 
 
 class Rotor(Effect, frozen=True):
-    """The inertia N^2 J of a motor's rotor, turning N times as fast as its joint, added to the joint's own (armature).
+    """Inertia of motors behind gears: N^2 J is added to the joint's inertia (its armature).
 
-    What a rotor gives by being carried along and turned with its link (its mass, and its gyroscopic moment, of the
-    order 1 / N of this) is not in it: count its mass to the link.
+    Parameters
+    ----------
+    inertia : mapping of joint to float
+        J of the rotor, kg m^2, not negative. Joints with one degree of freedom, turning or sliding.
+    ratio : mapping of joint to float
+        N, turns of the rotor per turn of the joint, or rad per metre of a joint that slides; 1 by default.
 
-    inertia: J by joint, kg m^2; for a joint that slides and a rotor that turns N rad a metre, kg m^2 as well. ratio: N
-    by joint; 1 unless given.
+    Notes
+    -----
+    Two effects of a rotor that its link carries are left out: its mass, which counts to the link, and its gyroscopic
+    moment, which is smaller by about 1 / N.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 7.1.1.
     """
 
     inertia: Mapping[str, float]
     ratio: Mapping[str, float] = {}
 
     def check(self, robot: Robot) -> None:
-        """Names are joints of one degree of freedom; inertias are not negative."""
+        """Require joints of one degree of freedom, and inertias that are not negative."""
         check_joints(self.inertia, robot, "inertia", dofs=True)
         check_values(self.inertia, "inertia", least=0.0)
-        for joint in self.ratio:
-            one_of(joint, self.inertia, "ratio", "joint with a rotor")
+        check_subset(self.ratio, self.inertia, "ratio", "joint with a rotor")
         check_values(self.ratio, "ratio")
 
     def change(self, model: pin.Model) -> None:
-        """N^2 J in the model's armature."""
+        """Add N^2 J to the model's armature."""
         armature = np.array(model.armature)
         for joint, inertia in self.inertia.items():
             armature[model.idx_vs[model.getJointId(joint)]] += float(self.ratio.get(joint, 1.0)) ** 2 * inertia

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.spatial import Scalar
-from twolink.effects.effect import finite
+from twolink.effects.effect import all_finite
 from twolink.errors import SceneError, nearest
 from twolink.io.csv_text import csv_rows
 from twolink.io.text import parse_number, read_text
@@ -121,8 +121,8 @@ def check_table(table: Sampled, field: str) -> None:
     if not table.times or len(table.times) != len(table.values):
         what = f"expected as many values as times, one at least; got {len(table.values)} and {len(table.times)}"
         raise SceneError(what, where=field, remedy="give times and values, or a file with the two columns")
-    finite(table.times, f"{field}.times")
-    finite(table.values, f"{field}.values")
+    all_finite(table.times, f"{field}.times")
+    all_finite(table.values, f"{field}.values")
     late = next((i for i, (a, b) in enumerate(zip(table.times, table.times[1:], strict=False)) if not a < b), None)
     if late is not None:
         raise SceneError(

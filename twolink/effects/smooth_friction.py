@@ -14,35 +14,46 @@ from twolink.errors import SceneError
 
 
 class SmoothFriction(Effect, frozen=True):
-    """tau = -f tanh(v / s) in each joint named, or in all joints with the friction their URDF gives.
+    """Smoothed Coulomb friction in joints: tau = -f tanh(v / s).
 
-    It differs from Coulomb's -f sign(v) by f (1 - tanh(|v| / s)): less than 0.5 % of f where |v| > 3 s. It does not
-    stick: under a load L < f the joint creeps at v = s atanh(L / f). Below s it is viscous damping f / s, and the
-    smaller s, the stiffer the equations.
+    Parameters
+    ----------
+    friction : mapping of joint to float, or None
+        f, N m or N, not negative; the same for each degree of freedom of a joint. None: all joints, with the values of
+        the URDF (<dynamics friction>).
+    scale : float
+        s, rad/s or m/s, above 0.
 
-    friction: f by joint, N m or N; of a joint with several degrees of freedom the same for each. Left out: the URDF's.
-    scale: s, rad/s or m/s.
+    Notes
+    -----
+    The torque differs from Coulomb's -f sign(v) by f (1 - tanh(|v| / s)), less than 0.5 % of f where |v| > 3 s. The
+    joint does not stick: under a load L < f it creeps at v = s atanh(L / f). Below s the effect is viscous damping
+    f / s; the smaller s, the stiffer the equations. `DryFriction` sticks.
+
+    References
+    ----------
+    Andersson, Söderberg, Björklund 2007, Tribology International 40(4), 580-587.
     """
 
     friction: Mapping[str, float] | None = None
     scale: float = 0.01
 
     def check(self, robot: Robot) -> None:
-        """Names are joints; friction is not negative; the scale is above 0."""
+        """Require joints, friction that is not negative or that the URDF gives, and a scale above 0."""
         finite(self.scale, "scale", least=math.ulp(0.0))
         if self.friction is None:
             if not robot.model.friction.any():
-                raise SceneError("the URDF gives no joint friction", where="friction",
-                                 remedy="give it by joint, or leave the effect out")  # fmt: skip
+                remedy = "give it by joint, or leave the effect out"
+                raise SceneError("the URDF gives no joint friction", where="friction", remedy=remedy)
             return
         check_joints(self.friction, robot, "friction")
         check_values(self.friction, "friction", least=0.0)
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """-f tanh(v / s)."""
-        given = dict(enumerate(motion.model.friction.tolist()))
+        """Add -f tanh(v / s)."""
+        friction = dict(enumerate(motion.model.friction.tolist()))
         if self.friction is not None:
-            given = {k: float(f) for joint, f in self.friction.items() for k in motion.dofs(joint)}
-        for k, f in given.items():
+            friction = {k: float(f) for joint, f in self.friction.items() for k in motion.dofs(joint)}
+        for k, f in friction.items():
             if f:
                 loads.torque(k, times(-f, motion.xp.tanh(times(1.0 / self.scale, motion.v[k]))))

@@ -14,15 +14,31 @@ from twolink.errors import SceneError
 class SpringBetween(Effect, frozen=True):
     """A tension T = k (l - l0) + c l' + F along the line between two points, l apart.
 
-    T > 0 pulls the points together, T < 0 pushes them apart; F has the same sign (as in Haug's spring-damper-actuator,
-    and SUNDIALS' slider-crank).
+    T > 0 pulls the points together, T < 0 pushes them apart.
 
-    first, second: links, or "universe" for the ground. first_point, second_point: the points, in their frames, m; of
-    the ground in the world's coordinates. stiffness: k, N/m. rest_length: l0, m. damping: c, N s/m. force: F, N, a
-    number or a function of time.
+    Parameters
+    ----------
+    first, second : str
+        Links, or "universe" for the ground.
+    stiffness : float
+        k, N/m, not negative.
+    rest_length : float
+        l0, m, not negative.
+    damping : float
+        c, N s/m, not negative.
+    force : input
+        F, N: a number or a function of time.
+    first_point, second_point : (3,) floats
+        The points, m: in the links' frames; of the ground, in the world's coordinates.
 
-    The line has no direction where the points coincide: the equations are singular there, and a run that meets it ends
-    in an error. A spring with l0 = 0, c = 0 and F = 0 pulls with k times the distance in each direction, and has none.
+    Notes
+    -----
+    The line has no direction where the points coincide. The equations are singular there, and a run that meets such
+    a state ends in an error. A spring with l0 = 0, c = 0 and F = 0 has no such state.
+
+    References
+    ----------
+    Haug, Computer Aided Kinematics and Dynamics of Mechanical Systems, 1989: the spring-damper-actuator.
     """
 
     first: str
@@ -35,12 +51,11 @@ class SpringBetween(Effect, frozen=True):
     second_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """One of the frames moves, and not both with the same body; k, l0 and c are not negative."""
-        moving = [check_frame(getattr(self, field), robot, field, ground=True) for field in ("first", "second")]
-        bodies = {_body(robot, frame) for frame in (self.first, self.second)}
-        if not any(moving) or len(bodies) == 1:
-            raise SceneError(f"{self.first!r} and {self.second!r} do not move against each other", where="second",
-                             remedy="name links with a joint between them")  # fmt: skip
+        """Require two points on different bodies, and k, l0 and c that are not negative."""
+        bodies = [check_frame(getattr(self, field), robot, field, ground=True) for field in ("first", "second")]
+        if bodies[0] == bodies[1]:
+            what = f"{self.first!r} and {self.second!r} do not move against each other"
+            raise SceneError(what, where="second", remedy="name links with a joint between them")
         for name in ("stiffness", "rest_length", "damping"):
             finite(getattr(self, name), name, least=0.0)
         check_input(self.force, "force")
@@ -48,25 +63,18 @@ class SpringBetween(Effect, frozen=True):
         check_three(self.second_point, "second_point")
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """T n on the first point, -T n on the second, n from the first to the second."""
+        """Add T n to the first point and -T n to the second, n the direction from the first to the second."""
         near, far = floats(self.first_point), floats(self.second_point)
         k, c, rest = float(self.stiffness), float(self.damping), float(self.rest_length)
         line = add(motion.position(self.second, far), scale(-1.0, motion.position(self.first, near)))
         constant = plus(-k * rest, value_at(self.force, motion.t, motion.xp))
         tension = scale(k, line)
         if c or not (type(constant) is float and constant == 0.0):
-            inverse = reciprocal(motion.xp.sqrt(dot(line, line)), motion.xp)
-            along = scale(inverse, line)
+            direction = scale(reciprocal(motion.xp.sqrt(dot(line, line)), motion.xp), line)
             if c:
                 velocity = motion.velocity(self.second, far)
                 apart = add(velocity, scale(-1.0, motion.velocity(self.first, near)))
-                constant = plus(constant, times(c, dot(along, apart)))
-            tension = add(tension, scale(constant, along))
+                constant = plus(constant, times(c, dot(direction, apart)))
+            tension = add(tension, scale(constant, direction))
         loads.force(self.first, tension, point=near)
         loads.force(self.second, scale(-1.0, tension), point=far)
-
-
-def _body(robot: Robot, frame: str) -> int:
-    """The joint that carries a frame; 0 is the ground."""
-    found = robot.model.getFrameId(frame)
-    return 0 if found >= robot.model.nframes else int(robot.model.frames[found].parentJoint)

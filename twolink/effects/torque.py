@@ -1,4 +1,4 @@
-"""Torques and forces on joints as functions of time."""
+"""Torques and forces in joints as functions of time."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ from collections.abc import Mapping
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
-from twolink.effects.inputs import Input, check_input, value_at
-from twolink.effects.joint_checks import check_joints
+from twolink.effects.inputs import Input, value_at
+from twolink.effects.joint_checks import check_inputs, check_joints
 from twolink.effects.motion import Loads, Motion
 
 
 class Torque(Effect, frozen=True):
-    """tau_k = u_k(t) in each joint named.
+    """Torques and forces in joints: tau_k = u_k(t).
 
-    inputs: u by joint, N m or N: a number, Polynomial, Sine or Sampled table.
+    Parameters
+    ----------
+    inputs : mapping of joint to input
+        u, N m or N: numbers, `Polynomial`, `Sine` or `Sampled` tables. Joints with one degree of freedom.
     """
 
     inputs: Mapping[str, Input]
 
     def check(self, robot: Robot) -> None:
-        """Names are joints with one degree of freedom."""
+        """Require joints with one degree of freedom, and finite inputs."""
         check_joints(self.inputs, robot, "inputs", dofs=True)
-        for joint, given in self.inputs.items():
-            check_input(given, f"inputs.{joint}")
+        check_inputs(self.inputs, "inputs")
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """u(t)."""
-        for joint, given in self.inputs.items():
-            loads.torque(motion.dofs(joint)[0], value_at(given, motion.t, motion.xp))
+        """Add u(t)."""
+        for joint, u in self.inputs.items():
+            loads.torque(motion.dofs(joint)[0], value_at(u, motion.t, motion.xp))

@@ -1,0 +1,34 @@
+"""What `twolink.effects` holds, one line a name. A new effect needs its module and a line here."""
+
+from twolink.effects.air_drag import AirDrag as AirDrag
+from twolink.effects.computed_torque import ComputedTorque as ComputedTorque
+from twolink.effects.conditions import FrameReaches as FrameReaches
+from twolink.effects.conditions import JointReaches as JointReaches
+from twolink.effects.coupling import Coupling as Coupling
+from twolink.effects.dry_friction import DryFriction as DryFriction
+from twolink.effects.effect import Effect as Effect
+from twolink.effects.frame_wrench import FrameWrench as FrameWrench
+from twolink.effects.gravity import Gravity as Gravity
+from twolink.effects.gravity_compensation import GravityCompensation as GravityCompensation
+from twolink.effects.hinge_loop import HingeLoop as HingeLoop
+from twolink.effects.inputs import Polynomial as Polynomial
+from twolink.effects.inputs import Sine as Sine
+from twolink.effects.joint_damping import JointDamping as JointDamping
+from twolink.effects.joint_pd import JointPD as JointPD
+from twolink.effects.joint_spring import JointSpring as JointSpring
+from twolink.effects.joint_stops import JointStops as JointStops
+from twolink.effects.payload import Payload as Payload
+from twolink.effects.plane_contact import PlaneContact as PlaneContact
+from twolink.effects.point_loop import PointLoop as PointLoop
+from twolink.effects.release import Release as Release
+from twolink.effects.rotor import Rotor as Rotor
+from twolink.effects.sampled import Sampled as Sampled
+from twolink.effects.smooth_friction import SmoothFriction as SmoothFriction
+from twolink.effects.spring_between import SpringBetween as SpringBetween
+from twolink.effects.torque import Torque as Torque
+from twolink.effects.watch import Watch as Watch
+from twolink.effects.weld_loop import WeldLoop as WeldLoop
+
+TYPES: dict[str, str]
+
+def effect_class(type_: str) -> type[Effect]: ...
