@@ -106,18 +106,20 @@ def energies(horizon: float) -> tuple[Energy, ...]:
         "corrected": lambda q, v: corrected.forward_dynamics(q, v, no_torque),
         "printed": lambda q, v: printed.forward_dynamics(q, v, no_torque),
     }
-    results = []
-    for name, acceleration in accelerations.items():
+    return tuple(_energy(name, acceleration, model, horizon) for name, acceleration in accelerations.items())
 
-        def rate(_: float, x: Array, a: Callable[[Array, Array], Array] = acceleration) -> Array:
-            return np.concatenate([x[2:], a(x[:2], x[2:])])
 
-        run = solve_ivp(rate, (0, horizon), np.zeros(4), method="DOP853", rtol=TOLERANCE, atol=TOLERANCE)
-        if not run.success:
-            raise AccuracyError(f"DOP853 stopped at t = {run.t[-1]:g} s: {run.message}", where=f"{name} motion")
-        energy = pinocchio_arm.energy(model, run.y[:2].T, run.y[2:].T)
-        results.append(Energy(name, float(energy[-1]), float(np.max(np.abs(energy)))))
-    return tuple(results)
+def _energy(name: str, acceleration: Callable[[Array, Array], Array], model: pin.Model, horizon: float) -> Energy:
+    """The energy along the motion with this acceleration, a function of angles and speeds."""
+
+    def rate(_: float, x: Array) -> Array:
+        return np.concatenate([x[2:], acceleration(x[:2], x[2:])])
+
+    run = solve_ivp(rate, (0, horizon), np.zeros(4), method="DOP853", rtol=TOLERANCE, atol=TOLERANCE)
+    if not run.success:
+        raise AccuracyError(f"DOP853 stopped at t = {run.t[-1]:g} s: {run.message}", where=f"{name} motion")
+    energy = pinocchio_arm.energy(model, run.y[:2].T, run.y[2:].T)
+    return Energy(name, float(energy[-1]), float(np.max(np.abs(energy))))
 
 
 def _by_pinocchio(answers: dict[str, Array]) -> Columns:
