@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import twolink as tl
 from twolink.effects.effect import Effect
@@ -34,6 +35,16 @@ def robot(name: str) -> tl.Robot:
     if name == "floating":
         return tl.load_robot("ur5", root="free", lock=dict.fromkeys(("wrist_1_joint", "wrist_2_joint"), 0.3))
     return tl.load_robot({"arm": "two_link"}.get(name, name))
+
+
+def assert_refused(on: tl.Robot, effect: object, where: str, part: str) -> None:
+    """A scene with the effect is refused with the index and field of the effect, a reason and a remedy."""
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(on, effects=[E.Gravity(), effect])
+    assert caught.value.where == f"effects[1].{where}"
+    assert caught.value.data["effect"] == 1
+    assert part in str(caught.value)
+    assert caught.value.remedy
 
 
 def state(of: tl.Robot, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

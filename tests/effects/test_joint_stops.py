@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import kinds, slider, sliders, times
-from tests.effects.cases import E, robot
+from tests.effects.cases import E, assert_refused, robot
 from twolink.errors import AccuracyError
 
 STOP = {"x": (-1.0, 1.0)}
@@ -174,9 +174,5 @@ BAD = [
 
 
 @pytest.mark.parametrize(("effect", "where", "part"), BAD)
-def test_refusals(effect: object, where: str, part: str) -> None:
-    with pytest.raises(tl.errors.SceneError) as caught:
-        tl.Scene(robot("arm"), effects=[effect])
-    assert caught.value.where == f"effects[0].{where}"
-    assert part in str(caught.value)
-    assert caught.value.remedy
+def test_stops_that_are_refused(effect: object, where: str, part: str) -> None:
+    assert_refused(robot("arm"), effect, where, part)

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, kinds, planar, times
-from tests.effects.cases import E, robot
+from tests.effects.cases import E, assert_refused, robot
 
 R = 0.1
 
@@ -233,9 +233,5 @@ BAD = [
 
 
 @pytest.mark.parametrize(("effect", "where", "part"), BAD)
-def test_refusals(effect: object, where: str, part: str) -> None:
-    with pytest.raises(tl.errors.SceneError) as caught:
-        tl.Scene(robot("arm"), effects=[effect])
-    assert caught.value.where == f"effects[0].{where}"
-    assert part in str(caught.value)
-    assert caught.value.remedy
+def test_contacts_that_are_refused(effect: object, where: str, part: str) -> None:
+    assert_refused(robot("arm"), effect, where, part)
