@@ -1,4 +1,4 @@
-"""A saved trajectory finds its robot again: the same one, or none."""
+"""A saved trajectory loads its robot again: the same one, or none."""
 
 import re
 from pathlib import Path
@@ -46,7 +46,9 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
     robot = tl.load_robot(tmp_path / "mine.urdf")
     assert robot.name == "two_link"
     path = still(robot).save(tmp_path / "x.npz")
-    with pytest.raises(SceneError, match=r"'two_link' is not known by name \(it came from 'mine.urdf'\); give it"):
+    with pytest.raises(
+        SceneError, match=r"'two_link' is not known by name \(it came from 'mine.urdf'\); pass the robot"
+    ):
         tl.Trajectory.load(path)
     assert tl.Trajectory.load(path, robot).robot.mass == robot.mass
     with pytest.raises(SceneError, match="is not this 'two_link': joints, masses or placements differ"):
@@ -55,7 +57,7 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     for name in (str(tmp_path / "mine.urdf"), "mine.urdf", "../mine", "<robot/>"):
         forged = {**notes, "robot": name, "catalogue": "true"}
-        with pytest.raises(SceneError, match=r"its robot .*; give it: robot="):
+        with pytest.raises(SceneError, match=r"its robot .*; pass the robot: robot="):
             tl.Trajectory.load(write_table(tmp_path / "forged.npz", columns, forged))
 
 
@@ -63,12 +65,12 @@ def test_a_file_of_another_robot_needs_it(tmp_path: Path, monkeypatch: pytest.Mo
     ("changed", "part"),
     [
         ({"digest": "0" * 32}, "joints, masses or placements differ"),
-        ({"lock": "{"}, "is damaged"),
-        ({"lock": "[" * 100_000}, "is damaged"),
-        ({"lock": "[1]"}, "give it"),
+        ({"lock": "{"}, "are damaged"),
+        ({"lock": "[" * 100_000}, "are damaged"),
+        ({"lock": "[1]"}, "pass the robot"),
         ({"lock": '{"elbow": 0.2}'}, "nq = 2, 'two_link' has 1"),
-        ({"gravity": "[1]"}, "is damaged"),
-        ({"gravity": '{"a": 1}'}, "is damaged"),
+        ({"gravity": "[1]"}, "are damaged"),
+        ({"gravity": '{"a": 1}'}, "are damaged"),
         ({"robot": "two_lnk"}, "two_lnk"),
         ({"catalogue": "false"}, "is not known by name"),
     ],

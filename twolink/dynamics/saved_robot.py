@@ -1,4 +1,4 @@
-"""What a saved trajectory says of its robot, and how that very robot is found again."""
+"""Which robot a saved trajectory or scene belongs to, and how it is loaded again."""
 
 from __future__ import annotations
 
@@ -13,11 +13,23 @@ from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import catalogue_entry
 
-GIVE_IT = "give it: robot=..."
+PASS_IT = "pass the robot: robot=..."
 
 
 def robot_notes(robot: Robot) -> dict[str, str]:
-    """Name, origin, and how it was loaded: all that finds a robot of the catalogue again, and a digest to be sure."""
+    """The notes by which `find_robot` loads a robot of the catalogue again.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    dict
+        robot (its name), source, catalogue, root, lock, mimic, gravity [m/s^2] and nq, as text or JSON; and digest,
+        by which another robot of the same name is noticed.
+    """
     full = robot.visuals.model
     free = full.njoints > 1 and full.names[1] == "root_joint"
     return {
@@ -34,48 +46,73 @@ def robot_notes(robot: Robot) -> dict[str, str]:
 
 
 def find_robot(notes: Mapping[str, str], label: str) -> Robot:
-    """The robot that the notes name, loaded again from the catalogue (never from a path) as it was then.
+    """The robot of the notes, loaded again from the catalogue, never from a path.
 
-    Raises SceneError when it is none of the catalogue, or is not the same any more.
+    Parameters
+    ----------
+    notes : mapping
+        As `robot_notes` gives them.
+    label : str
+        The name of the file for errors.
+
+    Returns
+    -------
+    Robot
+        The robot with the same root, locked joints and gravity.
+
+    Raises
+    ------
+    SceneError
+        The robot is not of the catalogue, or has changed (code "robot-differs"), or the notes are damaged.
     """
     if "robot" not in notes:
-        raise SceneError("the file does not name its robot", where=label, remedy=GIVE_IT)
+        raise SceneError("the file does not name its robot", where=label, remedy=PASS_IT, argument="robot")
     name = notes["robot"]
     if notes.get("catalogue") != "true" or "digest" not in notes:
         source = f" (it came from {notes['source']!r})" if "source" in notes else ""
-        raise SceneError(f"its robot {name!r} is not known by name{source}", where=label, remedy=GIVE_IT)
+        what = f"its robot {name!r} is not known by name{source}"
+        raise SceneError(what, where=label, remedy=PASS_IT, argument="robot")
     root: Literal["fixed", "free"] = "free" if notes.get("root") == "free" else "fixed"
     try:
         lock, mimic = json.loads(notes.get("lock", "{}")), notes.get("mimic") == "true"
         robot = load_robot(catalogue_entry(name).name, root=root, lock=lock, mimic=mimic)
     except RobotError as error:
-        raise SceneError(f"its robot {name!r}: {error.what}", where=label, remedy=GIVE_IT) from None
+        what = f"its robot {name!r}: {error.what}"
+        raise SceneError(what, where=label, remedy=PASS_IT, argument="robot") from None
     except (ValueError, RecursionError):
         raise _damaged(label) from None
     return require_same(robot, notes, label)
 
 
 def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
-    """The robot, in the gravity field of the notes, if it is the one they describe; else SceneError."""
+    """The robot in the gravity field of the notes, if they describe it.
+
+    Raises
+    ------
+    SceneError
+        Code "robot-differs": the notes describe another robot. Or the notes are damaged.
+    """
     nq, digest = notes.get("nq", str(robot.nq)), notes.get("digest")
+    what = remedy = ""
     if nq != str(robot.nq):
         what = f"its robot has nq = {nq}, {robot.name!r} has {robot.nq}"
-        raise SceneError(what, where=label, remedy="give the robot with the same root and locked joints: robot=...")
-    if digest is not None and digest != model_digest(robot.model):
+        remedy = "pass the robot with the same root and locked joints: robot=..."
+    elif digest is not None and digest != model_digest(robot.model):
         what = f"its robot {notes.get('robot', '')!r} is not this {robot.name!r}: joints, masses or placements differ"
-        raise SceneError(what, where=label, remedy="give the robot it was made with: robot=...")
+        remedy = "pass the robot it was made with: robot=..."
+    if what:
+        raise SceneError(what, where=label, remedy=remedy, argument="robot", code="robot-differs")
     if "gravity" not in notes:
         return robot
     try:
         gravity = np.array(json.loads(notes["gravity"]), dtype=float)
-        if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise ValueError
-    except (ValueError, TypeError, RecursionError):
+        return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
+    except (ValueError, TypeError, RecursionError):  # QueryError is a ValueError
         raise _damaged(label) from None
-    return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
 
 
 def _is_from_catalogue(robot: Robot) -> bool:
+    """Whether loading the robot's name gives the file that it came from."""
     try:
         return catalogue_entry(robot.name).path.name == robot.report.source
     except RobotError:
@@ -90,4 +127,4 @@ def _lock(robot: Robot) -> dict[str, list[float]]:
 
 
 def _damaged(label: str) -> SceneError:
-    return SceneError("what it says of its robot is damaged", where=label, remedy="save it again")
+    return SceneError("its notes about the robot are damaged", where=label, remedy="save it again", code="damaged")
