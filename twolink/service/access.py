@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import time
 from collections import OrderedDict
 from typing import Any
 from urllib.parse import urlsplit
 
 from twolink.service.problems import Refusal
-from twolink.service.settings import Settings
+from twolink.service.settings import Settings, ip_address
 
 Header = tuple[bytes, bytes]
 PAGE_POLICY = (
@@ -23,101 +22,82 @@ SECURITY: tuple[Header, ...] = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 DENY_ALL: Header = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-OPEN_PATHS = ("/health", "/", "/docs", "/docs/")  # what a browser or a monitor asks for before it has a token
-_OPEN_PREFIXES = ("/page/",)
-_MOST_CLIENTS = 10_000
+_OPEN_PATHS = ("/health", "/", "/docs", "/docs/")  # what a browser or a monitor asks for before it has a token
+_OPEN_PREFIX = "/page/"
+_MAX_HOSTS = 1000  # checked ones that are remembered
+_MAX_CLIENTS = 10_000
 _BURST = 2.0  # seconds of the rate that a client may use at once
 
 
-class Guard:
-    """Checks each request before anything else looks at it. One instance a process."""
+class AccessControl:
+    """Checks each request before anything else looks at it."""
 
     def __init__(self, settings: Settings) -> None:
         self._tokens = [token.encode() for token in settings.tokens]
         self._hosts = {"localhost", settings.host.lower(), *(host.lower() for host in settings.hosts)}
         self._origins = {origin.encode() for origin in settings.origins}
         self._rate = settings.rate
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
-        self._known: set[bytes] = set()
+        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # requests left, and when
+        self._checked_hosts: set[bytes] = set()
 
     def check(self, scope: Any) -> bytes | None:
         """Raise Refusal unless the request may pass. Returns the foreign origin it came from, if one is allowed."""
-        host = origin = authorization = None
-        for name, value in scope["headers"]:
-            if name == b"host":
-                host = value
-            elif name == b"origin":
-                origin = value
-            elif name == b"authorization":
-                authorization = value
-        if host not in self._known:
+        headers = dict(scope["headers"])
+        host = headers.get(b"host", b"")
+        if host not in self._checked_hosts:
             self._check_host(host)
         if self._rate is not None:
-            self._spend(scope["client"][0] if scope.get("client") else "")
-        foreign = None if origin is None else self._check_origin(origin, host)
-        if self._tokens and not self._is_open(scope):
-            self._check_token(authorization)
+            self._spend(scope["client"][0] if scope.get("client") else "", self._rate)
+        origin = headers.get(b"origin")
+        foreign = None if origin is None or _is_own(origin, host) else origin
+        if foreign is not None and foreign not in self._origins:
+            remedy = "start the service with --allow-origin"
+            raise Refusal(403, "pages of other sites may not call it", where="header: Origin", remedy=remedy)
+        path: str = scope["path"]
+        is_open = scope["method"] == "OPTIONS" or path in _OPEN_PATHS or path.startswith(_OPEN_PREFIX)
+        if self._tokens and not is_open:
+            self._check_token(headers.get(b"authorization", b""))
         return foreign
 
-    def _check_host(self, host: bytes | None) -> None:
-        """A page of a name that someone has pointed at this machine must not reach it: only known names pass."""
-        name = _host_name(host)
-        if name is None or not (name in self._hosts or _is_address(name)):
+    def _check_host(self, host: bytes) -> None:
+        """Let addresses and allowed names pass: a site whose name points at this machine must not reach the service."""
+        try:
+            name = urlsplit(f"//{host.decode('ascii')}").hostname or ""
+        except ValueError:
+            name = ""
+        if name not in self._hosts and ip_address(name) is None:
             remedy = "call it by its address, or start it with --allow-host"
-            raise Refusal(421, f"the service is not known as {name!r:.80}", where="header: Host", remedy=remedy)
-        if len(self._known) < 1000:
-            self._known.add(host or b"")
+            raise Refusal(421, f"the service has no name {name!r:.80}", where="header: Host", remedy=remedy)
+        if len(self._checked_hosts) < _MAX_HOSTS:
+            self._checked_hosts.add(host)
 
-    def _check_origin(self, origin: bytes, host: bytes | None) -> bytes | None:
-        """Browsers send along where a script comes from: only the service's own pages, unless others are allowed."""
-        own = urlsplit(origin.decode("latin-1")).netloc.encode("latin-1")
-        if own and own == host:
-            return None
-        if origin in self._origins:
-            return origin
-        remedy = "start the service with --allow-origin"
-        raise Refusal(403, "pages of other sites may not call it", where="header: Origin", remedy=remedy)
-
-    def _is_open(self, scope: Any) -> bool:
-        path = scope["path"]
-        return scope["method"] == "OPTIONS" or path in OPEN_PATHS or path.startswith(_OPEN_PREFIXES)
-
-    def _check_token(self, authorization: bytes | None) -> None:
-        kind, _, given = (authorization or b"").partition(b" ")
-        matches = [hmac.compare_digest(given.strip(), token) for token in self._tokens]  # all of them: constant time
+    def _check_token(self, authorization: bytes) -> None:
+        kind, _, sent = authorization.partition(b" ")
+        matches = [hmac.compare_digest(sent.strip(), token) for token in self._tokens]  # all of them: constant time
         if kind.lower() != b"bearer" or not any(matches):
-            what = "the token is not one of the service's" if authorization else "a token is asked for"
+            what = "the token is not one of the service's" if authorization else "a token is required"
             raise Refusal(401, what, where="header: Authorization", remedy="send Authorization: Bearer TOKEN")
 
-    def _spend(self, client: str) -> None:
-        """Take one from the client's bucket, which fills at the rate."""
-        rate = self._rate or 1.0
-        now = time.monotonic()
-        left, then = self._buckets.pop(client, (rate * _BURST, now))
-        left = min(rate * _BURST, left + (now - then) * rate)
+    def _spend(self, client: str, rate: float) -> None:
+        """Take one request from the client's bucket, which fills at the rate [1/s]."""
+        now, size = time.monotonic(), max(1.0, rate * _BURST)
+        left, then = self._buckets.pop(client, (size, now))
+        left = min(size, left + (now - then) * rate)
+        self._buckets[client] = (left - 1.0 if left >= 1.0 else left, now)
         if left < 1.0:
-            self._buckets[client] = (left, now)
-            what = f"more than {rate:g} requests a second"
+            remedy = "wait, or send states in batches"
             wait = (1.0 - left) / rate
-            raise Refusal(429, what, where="request", remedy="wait, or send states in batches", retry_after=wait)
-        self._buckets[client] = (left - 1.0, now)
-        if len(self._buckets) > _MOST_CLIENTS:
+            raise Refusal(
+                429, f"more than {rate:g} requests a second", where="request", remedy=remedy, retry_after=wait
+            )
+        if len(self._buckets) > _MAX_CLIENTS:
             self._buckets.popitem(last=False)
 
 
-def _host_name(host: bytes | None) -> str | None:
-    try:
-        return urlsplit(f"//{(host or b'').decode('ascii')}").hostname
-    except ValueError:
-        return None
-
-
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
+def _is_own(origin: bytes, host: bytes) -> bool:
+    """Whether a script comes from a page of this service, as browsers say."""
+    own = urlsplit(origin.decode("latin-1")).netloc.encode("latin-1")
+    return bool(own) and own == host
 
 
 def cors_headers(origin: bytes) -> list[Header]:

@@ -24,9 +24,8 @@ PLAYBACK_POLICY = (
 
 def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
     """200 with the result, or 202 with where to ask for it."""
-    waiting = view["state"] in ACTIVE
-    location = f"/v1/{path}/{view['id']}"
-    return Response(view, status_code=202 if waiting else 200, headers={"Location": location})
+    status = 202 if view["state"] in ACTIVE else 200
+    return Response(view, status_code=status, headers={"Location": f"/v1/{path}/{view['id']}"})
 
 
 @post("/v1/simulations", tags=["simulations"], summary="Simulate a scene", status_code=200)
@@ -80,7 +79,15 @@ def _shared(path: str, kind: str) -> list[Any]:
         """A running one is cancelled first."""
         await service.jobs.remove(kind, job)
 
-    return [list_jobs, show_job, events, cancel, run_again, remove]
+    @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
+    async def figure(
+        service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
+    ) -> Response[bytes]:
+        """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
+        path = await result_file(service, kind, job, f"figure.{form}")
+        return Response(path.read_bytes(), media_type=MEDIA[form])
+
+    return [list_jobs, show_job, events, cancel, run_again, remove, figure]
 
 
 @get("/v1/simulations/{job:str}/result", tags=["simulations"], summary="A simulation's samples")
@@ -112,15 +119,6 @@ async def playback(service: Shared, job: str) -> Response[bytes]:
     return Response(path.read_bytes(), media_type=MediaType.HTML, headers=headers)
 
 
-@get("/v1/simulations/{job:str}/figure", tags=["simulations"], summary="q, v, energy and error bar over time")
-async def figure(
-    service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
-) -> Response[bytes]:
-    """As `run.plot` draws it."""
-    path = await result_file(service, "simulation", job, f"figure.{form}")
-    return Response(path.read_bytes(), media_type=MEDIA[form])
-
-
 @get("/v1/studies/{job:str}/result", tags=["studies"], summary="A study's rows")
 async def rows(
     service: Shared,
@@ -132,16 +130,7 @@ async def rows(
     return File(path, filename=f"{job}.{form}", media_type=MEDIA[form])
 
 
-@get("/v1/studies/{job:str}/figure", tags=["studies"], summary="Seconds over error, by method")
-async def study_figure(
-    service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
-) -> Response[bytes]:
-    """As `study.plot` draws it."""
-    path = await result_file(service, "study", job, f"figure.{form}")
-    return Response(path.read_bytes(), media_type=MEDIA[form])
-
-
 HANDLERS = [
-    simulate, study, samples, motion, playback, figure, rows, study_figure,
+    simulate, study, samples, motion, playback, rows,
     *_shared("simulations", "simulation"), *_shared("studies", "study"),
 ]  # fmt: skip

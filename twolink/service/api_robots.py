@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import shutil
-import uuid
 from typing import Annotated, Any
 
 import msgspec
@@ -16,7 +15,7 @@ from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
 from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
-from twolink.service.http_io import JSON, UNTOLD, media_type
+from twolink.service.http_io import JSON, UNSPECIFIED, media_type
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
 from twolink.service.robot_tasks import RobotOptions
@@ -29,17 +28,6 @@ class RobotUpload(RobotOptions, frozen=True, forbid_unknown_fields=True):
     """A robot to load, and how: text is a URDF; or source is a name of the catalogue."""
 
     text: str = ""
-
-
-class UploadQuery(msgspec.Struct, frozen=True):
-    """The options of an upload whose body is the URDF or zip itself; gravity as "0,0,-9.81", lock as "elbow:0.5"."""
-
-    root: str | None = None
-    mimic: str | None = None
-    unphysical: str | None = None
-    urdf: str | None = None
-    gravity: str | None = None
-    lock: list[str] | None = None
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
@@ -85,83 +73,82 @@ async def upload_robot(
 ) -> Response[dict[str, Any]]:
     """Load a URDF (application/xml), a zip of one with its meshes (application/zip), or JSON that says either.
 
-    The answer is as of GET /v1/robots/{robot}, with the robot's id, which comes from its content: the same upload has
-    the same id (200 instead of 201).
+    The parameters are for bodies that are not JSON: gravity as "0,0,-9.81", lock as "elbow:0.5". The answer is as of
+    GET /v1/robots/{robot}, with the robot's id, which comes from its content: the same upload has the same id (200
+    instead of 201).
     """
     body = await request.body()
-    kind = media_type(request.headers.get("content-type", "").encode())
-    kind = _sniffed(body) if kind in (*UNTOLD, "application/octet-stream") else kind
-    given = UploadQuery(root, mimic, unphysical, urdf, gravity, lock)
-    what, options, content = _read(kind, body, given)
-    digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + what.encode() + content).hexdigest()
+    media = media_type(request.headers.get("content-type", "").encode())
+    media = _sniffed(body) if media in (*UNSPECIFIED, "application/octet-stream") else media
+    if media == JSON:
+        kind, options, content = _from_json(body)
+    elif media in _XML or media in _ZIP:
+        kind, content = "zip" if media in _ZIP else "urdf", body
+        options = _options(gravity, lock, root=root, mimic=mimic, unphysical=unphysical, urdf=urdf)
+    else:
+        remedy = "send application/xml, application/zip or application/json"
+        raise Refusal(415, f"{media[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
+    digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + kind.encode() + content).hexdigest()
     key = f"u-{digest[:20]}"
     async with service.locks(key):
         known = service.store.robot(key)
         if known is not None:
             return Response(known, status_code=200)
-        return Response(await _receive(service, key, what, options, content), status_code=201)
-
-
-async def _receive(service: Service, key: str, what: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
-    """Have a worker load it, and keep it once that has gone well."""
-    quotas = service.settings.quotas
-    if len(service.store.robots()) >= quotas.uploads:
-        raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
-    service.store.shrink(quotas.disk_mb * 2**20 - len(content))
-    if service.store.used_bytes() + len(content) > quotas.disk_mb * 2**20:
-        raise Refusal(413, "the service's disk quota is used up", where="body", remedy="delete some robots")
-    staged = service.store.folder / "staging" / uuid.uuid4().hex
-    staged.mkdir(mode=0o700)
-    try:
-        (staged / "body").write_bytes(content)
-        most = {"bytes": int(quotas.upload_mb * 2**20), "files": quotas.files, "nv": quotas.moving_joints}
-        found = await service.read(
-            "receive", folder=str(staged), kind=what, options=msgspec.to_builtins(options), most=most
-        )
-        about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
-        description = {**about, **found["description"]}
-        service.store.add_robot(key, staged, description)
-    finally:
-        shutil.rmtree(staged, ignore_errors=True)
-    service.robots.put(key, found["robot"])
-    return description
-
-
-def _read(kind: str, body: bytes, given: UploadQuery) -> tuple[str, RobotOptions, bytes]:
-    """What was sent ("source", "urdf" or "zip"), how to load it, and its content."""
-    if kind == JSON:
-        upload = msgspec.json.decode(body, type=RobotUpload)
-        if bool(upload.source) == bool(upload.text):
-            raise Refusal(400, "expected source or text", where="body", remedy='such as {"source": "panda"}')
-        fields = {name: getattr(upload, name) for name in RobotOptions.__struct_fields__}
-        options = RobotOptions(**fields)
-        return ("source", options, b"") if upload.source else ("urdf", options, upload.text.encode())
-    if kind in _XML:
-        return "urdf", _options(given), body
-    if kind in _ZIP:
-        return "zip", _options(given), body
-    remedy = "send application/xml, application/zip or application/json"
-    raise Refusal(415, f"{kind[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
+        return Response(await _receive(service, key, kind, options, content), status_code=201)
 
 
 def _sniffed(body: bytes) -> str:
-    """The media type, where the client does not say it."""
+    """The media type, where the client does not name it."""
     if body.startswith(b"PK"):
         return _ZIP[0]
     return _XML[0] if body.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else JSON
 
 
-def _options(given: UploadQuery) -> RobotOptions:
-    plain: dict[str, Any] = {name: value for name, value in msgspec.structs.asdict(given).items() if value is not None}
-    if given.gravity is not None:
-        plain["gravity"] = given.gravity.split(",")
-    if given.lock is not None:
-        pairs = (text.rpartition(":") for text in given.lock)
+def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
+    """What is uploaded ("source" or "urdf"), how to load it, and its content."""
+    upload = msgspec.json.decode(body, type=RobotUpload)
+    if bool(upload.source) == bool(upload.text):
+        raise Refusal(400, "expected source or text", where="body", remedy='such as {"source": "panda"}')
+    options = RobotOptions(**{name: getattr(upload, name) for name in RobotOptions.__struct_fields__})
+    return "source" if upload.source else "urdf", options, upload.text.encode()
+
+
+def _options(gravity: str | None, lock: list[str] | None, **texts: str | None) -> RobotOptions:
+    """The options in a query string."""
+    plain: dict[str, Any] = {name: text for name, text in texts.items() if text is not None}
+    if gravity is not None:
+        plain["gravity"] = gravity.split(",")
+    if lock is not None:
+        pairs = (text.rpartition(":") for text in lock)
         plain["lock"] = {name: [part for part in value.split(",") if part] for name, _, value in pairs}
     try:
         return msgspec.convert(plain, RobotOptions, strict=False)
     except msgspec.ValidationError as error:
         raise Refusal(400, str(error), where="query", remedy="see the API's description: /docs") from None
+
+
+async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
+    """Have a worker load an upload, and keep it once that has gone well."""
+    quotas, store = service.settings.quotas, service.store
+    if len(store.robots()) >= quotas.uploads:
+        raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
+    limit = quotas.disk_mb * 2**20 - len(content)
+    store.shrink(limit)
+    if store.used_bytes() > limit:
+        raise Refusal(413, "the service's disk quota is used up", where="body", remedy="delete some robots")
+    staged = store.folder / "staging" / key
+    staged.mkdir(mode=0o700)
+    try:
+        (staged / "body").write_bytes(content)
+        plain = msgspec.to_builtins(options)
+        limits = {"bytes": int(quotas.upload_mb * 2**20), "files": quotas.files, "nv": quotas.moving_joints}
+        loaded = await service.read("receive", folder=str(staged), kind=kind, options=plain, limits=limits)
+        description = {"id": key, "origin": "uploaded", **plain, "root": options.root, **loaded["description"]}
+        store.add_robot(key, staged, description)
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
+    service.robots.put(key, loaded["robot"])
+    return description
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")

@@ -12,7 +12,7 @@ from litestar import get, post
 
 from twolink.integrate.methods import methods
 from twolink.scenes import bundled_scenes
-from twolink.scenes.file_format import scene_schema
+from twolink.scenes.file_format import SceneFile, scene_schema
 from twolink.service.components import Shared
 from twolink.service.job_requests import ExplainRequest, SceneRequest
 from twolink.service.problems import Refusal
@@ -20,7 +20,7 @@ from twolink.service.problems import Refusal
 
 @functools.cache
 def _content(name: str) -> dict[str, Any]:
-    """A bundled scene's file, as it stands."""
+    """A bundled scene's file."""
     folder = resources.files("twolink.scenes") / "bundled"
     return tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
 
@@ -28,16 +28,16 @@ def _content(name: str) -> dict[str, Any]:
 @get("/v1/scenes", tags=["scenes"], summary="List the bundled scenes")
 async def list_scenes() -> list[dict[str, Any]]:
     """Each with its id, title, robot, duration [s] and effects."""
-    scenes = ((name, _content(name)) for name in bundled_scenes())
+    scenes = {name: msgspec.convert(_content(name), SceneFile) for name in bundled_scenes()}
     return [
         {
             "id": name,
-            "title": scene.get("title", ""),
-            "robot": scene["robot"] if isinstance(scene["robot"], str) else scene["robot"]["source"],
-            "duration": scene.get("duration", 10.0),
-            "effects": [effect["type"] for effect in scene.get("effects", [])],
+            "title": scene.title,
+            "robot": scene.robot if isinstance(scene.robot, str) else scene.robot.source,
+            "duration": scene.duration,
+            "effects": [effect["type"] for effect in scene.effects],
         }
-        for name, scene in scenes
+        for name, scene in scenes.items()
     ]
 
 
@@ -64,16 +64,14 @@ async def list_methods() -> list[dict[str, Any]]:
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
 async def validate(service: Shared, data: SceneRequest) -> dict[str, Any]:
     """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
-    found: dict[str, Any] = await service.read("validate", request=msgspec.to_builtins(data))
-    return found
+    return await service.read("validate", request=msgspec.to_builtins(data))  # type: ignore[no-any-return]
 
 
 @post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
 async def explain(service: Shared, data: ExplainRequest) -> dict[str, Any]:
     """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
     quotas = msgspec.to_builtins(service.settings.quotas)
-    found: dict[str, Any] = await service.read("explain", request=msgspec.to_builtins(data), quotas=quotas)
-    return found
+    return await service.read("explain", request=msgspec.to_builtins(data), quotas=quotas)  # type: ignore[no-any-return]
 
 
 HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain]

@@ -13,7 +13,7 @@ from twolink.service import metrics
 from twolink.service.access import PAGE_POLICY
 from twolink.service.components import Shared
 from twolink.service.docs import docs_page
-from twolink.service.openapi import described
+from twolink.service.openapi import openapi_document
 from twolink.service.problems import Refusal
 from twolink.show.playback import viewer_script
 
@@ -51,14 +51,14 @@ async def show_metrics(service: Shared) -> Response[bytes]:
 @get("/openapi.json", tags=["service"], summary="This description")
 async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
     """The API as an OpenAPI 3.1 document."""
-    return described(request.app)
+    return openapi_document(request.app)
 
 
 @get("/docs", include_in_schema=False)
 async def docs(request: Request[Any, Any, Any]) -> Response[str]:
     """The description for people; no outside address."""
     headers = {**_HEADERS, "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"}
-    return Response(docs_page(described(request.app)), media_type=MediaType.HTML, headers=headers)
+    return Response(docs_page(openapi_document(request.app)), media_type=MediaType.HTML, headers=headers)
 
 
 @get("/", include_in_schema=False)

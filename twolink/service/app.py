@@ -1,4 +1,4 @@
-"""The application: Litestar behind a shell that guards, counts, and answers the queries by itself."""
+"""The application: Litestar in a shell that checks access, counts, and answers the queries by itself."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
 from twolink.service import api_jobs, api_robots, api_scenes, api_site
-from twolink.service.access import DENY_ALL, SECURITY, Guard, Header, cors_headers
+from twolink.service.access import DENY_ALL, SECURITY, AccessControl, Header, cors_headers
 from twolink.service.components import Service
 from twolink.service.http_io import read_body, send_answer
 from twolink.service.problems import answer_of
@@ -41,66 +41,63 @@ def build(settings: Settings) -> Shell:
 
 def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
     status, headers, body = answer_of(error)
-    plain = {name.decode(): value.decode() for name, value in headers}
-    return Response(body, status_code=status, media_type=plain.pop("content-type"), headers=plain)
+    texts = {name.decode(): value.decode() for name, value in headers}
+    return Response(body, status_code=status, media_type=texts.pop("content-type"), headers=texts)
 
 
 class Shell:
-    """The outer application: the guard and the counters around everything, and the quick way of the queries."""
+    """The outer application: access control and counters around everything, and the quick way of the queries."""
 
     def __init__(self, service: Service, inner: Litestar) -> None:
-        self.service, self.inner = service, inner
-        self._guard, self._queries, self._metrics = Guard(service.settings), service.queries, service.metrics
+        self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
+        self._access = AccessControl(service.settings)
+        self._max_body = service.settings.quotas.body_mb * 2**20
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
-            await self.inner(scope, receive, send)
+            await self._inner(scope, receive, send)
             return
         start = time.perf_counter()
-        route, more = "refused", []
+        route, cors = "refused", []
         try:
-            origin = self._guard.check(scope)
-            more = [] if origin is None else cors_headers(origin)
-            what = _query_of(scope)
-            if what is None:
-                await self._others(scope, receive, send, start, more)
+            origin = self._access.check(scope)
+            cors = [] if origin is None else cors_headers(origin)
+            query = _query_of(scope)
+            if query is None:
+                await self._to_litestar(scope, receive, send, cors, start)
                 return
-            key, name = what
-            route = name
-            status, headers, body = await self._queries.answer(scope, receive, key, name)
+            key, route = query
+            status, headers, body = await self._queries.answer(scope, receive, key, route)
         except Exception as error:
             status, headers, body = answer_of(error)
-        await send_answer(send, status, [*headers, *more, DENY_ALL], body)
+        await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
 
-    async def _others(self, scope: Any, receive: Any, send: Any, start: float, more: list[Header]) -> None:
-        """Litestar, with a body that is within limits, and the security headers added to its answer."""
-        if more and scope["method"] == "OPTIONS":
-            await send_answer(send, 204, more, b"")
+    async def _to_litestar(self, scope: Any, receive: Any, send: Any, cors: list[Header], start: float) -> None:
+        """Hand a request on with a body within limits, and add the security headers to the answer."""
+        if cors and scope["method"] == "OPTIONS":
+            await send_answer(send, 204, cors, b"")
             return
         if scope["method"] in ("POST", "PUT", "PATCH"):
-            quotas = self.service.settings.quotas
-            body = await read_body(scope, receive, quotas.body_mb * 2**20)
-            receive = _given(body, receive)
+            receive = _replay(await read_body(scope, receive, self._max_body), receive)
         status = 500
 
-        async def sent(message: Any) -> None:
+        async def send_secured(message: Any) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                names = {name for name, _ in message["headers"]}
-                added = [*SECURITY, *more, *([] if DENY_ALL[0] in names else [DENY_ALL])]
-                message["headers"] = [*message["headers"], *added]
+                has_policy = any(name == DENY_ALL[0] for name, _ in message["headers"])
+                message["headers"] = [*message["headers"], *SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
             await send(message)
 
         try:
-            await self.inner(scope, receive, sent)
+            await self._inner(scope, receive, send_secured)
         finally:
             self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
 
 
 def _query_of(scope: Any) -> tuple[str, str] | None:
-    """The robot's id and the query, where that is what is asked."""
+    """The robot's id and the query, if the request is one."""
     path: str = scope["path"]
     if not path.startswith(PREFIX) or scope["method"] != "POST":
         return None
@@ -108,8 +105,8 @@ def _query_of(scope: Any) -> tuple[str, str] | None:
     return (key, name) if slash and name in QUERIES else None
 
 
-def _given(body: bytes, receive: Any) -> Any:
-    """A `receive` that has the body already, and then tells when the client has gone."""
+def _replay(body: bytes, receive: Any) -> Any:
+    """A `receive` that has the body already, and then says when the client has gone."""
     messages = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def next_message() -> Any:

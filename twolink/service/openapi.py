@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import msgspec
 from litestar import Litestar
 
-from twolink.dynamics.named_queries import QUERIES as OWN
 from twolink.service import npz
 from twolink.service.http_io import JSON
 from twolink.service.problems import MEDIA_TYPE, Problem
@@ -15,11 +15,6 @@ from twolink.service.queries import PREFIX, QUERIES, body_of
 from twolink.service.robot_tasks import RobotOptions
 
 Json = dict[str, Any]
-_SUMMARIES = {
-    **{name: query.summary for name, query in OWN.items()},
-    "kinematics": "poses (..., n, 7) of the links, or of frames: position [m], quaternion (x y z w)",
-    "derivatives": "da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)",
-}
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
     "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
@@ -28,22 +23,15 @@ _ABOUT = (
 )
 
 
-def described(app: Litestar) -> Json:
-    """The document, made once an application."""
-    found: Json | None = getattr(app.state, "openapi", None)
-    if found is None:
-        found = app.state.openapi = _document(app)
-    return found
-
-
-def _document(app: Litestar) -> Json:
+@functools.lru_cache(maxsize=1)
+def openapi_document(app: Litestar) -> Json:
+    """The document of an application."""
     document = app.openapi_schema.to_schema()
-    names = list(QUERIES)
     bodies, components = msgspec.json.schema_components(
-        [*(body_of(what) for what in names), Problem, RobotOptions], ref_template="#/components/schemas/{name}"
+        [*(body_of(what) for what in QUERIES), Problem, RobotOptions], ref_template="#/components/schemas/{name}"
     )
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
-    for what, body in zip(names, bodies, strict=False):
+    for what, body in zip(QUERIES, bodies, strict=False):
         document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
     document["paths"]["/v1/robots"]["post"]["requestBody"] = _upload(components["RobotOptions"])
     document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
@@ -59,7 +47,7 @@ def _query(what: str, body: Json) -> Json:
     return {
         "tags": ["queries"],
         "operationId": what.replace("-", "_"),
-        "summary": _SUMMARIES[what],
+        "summary": QUERIES[what].summary,
         "description": _ABOUT,
         "parameters": [{"name": "robot", "in": "path", "required": True, "schema": {"type": "string"},
                         "description": "a robot's id: a name of the catalogue, or of an upload"}],

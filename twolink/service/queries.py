@@ -1,6 +1,6 @@
 """The dynamics queries over HTTP: one state or a batch, JSON or npz.
 
-This is the path that must be quick, so it is plain ASGI: bytes in, msgspec, NumPy, bytes out.
+This path must be quick, so it is plain ASGI: bytes in, msgspec, NumPy, bytes out.
 """
 
 from __future__ import annotations
@@ -13,49 +13,49 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twolink.dynamics import Robot
-from twolink.dynamics.named_queries import QUERIES as OWN
-from twolink.dynamics.named_queries import answer_query
+from twolink.dynamics import Robot, named_queries
+from twolink.dynamics.named_queries import NamedQuery
 from twolink.dynamics.robot_record import link_names
 from twolink.errors import QueryError
 from twolink.service import npz
-from twolink.service.http_io import JSON, UNTOLD, accepts, header, media_type, read_body
-from twolink.service.kinematics import derivatives, frame_poses
+from twolink.service.http_io import JSON, UNSPECIFIED, accepted, header, media_type, read_body
+from twolink.service.kinematics import derivatives, link_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
 
 Numbers = list[float | list[float]]
-QUERIES: dict[str, tuple[str, ...]] = {
-    **{name: query.arguments for name, query in OWN.items()},
-    "kinematics": ("q",),
-    "derivatives": ("q", "v", "tau", "a"),
-}
+QUERIES: dict[str, NamedQuery] = {
+    **named_queries.QUERIES,
+    "kinematics": NamedQuery(
+        "poses (..., n, 7) of the links, or of frames: position [m], quaternion (x y z w)",
+        ("q",), ("frames", "poses"), (7,), ("frames",)),
+    "derivatives": NamedQuery(
+        "da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)",
+        ("q", "v", "tau", "a"), ("da_dq", "da_dv", "da_dtau"), (3, "nv", "nv")),
+}  # fmt: skip
 PREFIX = "/v1/robots/"
-_WITH_WRENCHES = ("forward-dynamics", "inverse-dynamics")
-_IN_LOOP = 4000  # bytes of a body that is answered at once; larger ones go to a thread
+_OPTIONS: dict[str, Any] = {
+    "f_ext": dict[str, Numbers], "method": str, "frame": str, "axes": str, "frames": list[str],
+}  # fmt: skip
+_IN_LOOP = 4000  # bytes of a body that is answered in the event loop; larger ones go to a thread
 _THREADS = 2
-_AS_JSON = 32  # bytes of a number on its way to JSON: an object, a place in a list
-_ONE_STATE: set[tuple[int, ...]] = {()}
+_JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
+_SINGLE_STATE: set[tuple[int, ...]] = {()}
+_HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, npz.MEDIA_TYPE)}
 
 
 def body_of(what: str) -> type[msgspec.Struct]:
     """The JSON body of a query: q, and what else it takes, zero when left out. Lists of lists are batches."""
-    fields: list[Any] = [("q", Numbers)]
-    fields += [(name, Numbers | None, None) for name in QUERIES[what] if name != "q"]
-    kinds = {"f_ext": dict[str, Numbers]}
-    fields += [(name, kinds.get(name, str) | None, None) for name in (OWN[what].options if what in OWN else ())]
-    if what == "kinematics":
-        fields.append(("frames", list[str] | None, None))
-    name = "".join(part.title() for part in what.split("-"))
+    query = QUERIES[what]
+    optional = {**dict.fromkeys(query.arguments[1:], Numbers), **{name: _OPTIONS[name] for name in query.options}}
+    fields: list[Any] = [("q", Numbers), *((name, kind | None, None) for name, kind in optional.items())]
+    name = what.title().replace("-", "")
     return msgspec.defstruct(name, fields, forbid_unknown_fields=True, frozen=True, module=__name__)
 
 
 _DECODERS = {what: msgspec.json.Decoder(body_of(what)) for what in QUERIES}
-_encode = msgspec.json.Encoder().encode
-_JSON_HEADERS = [(b"content-type", JSON.encode())]
-_NPZ_HEADERS = [(b"content-type", npz.MEDIA_TYPE.encode())]
 
 
 class Queries:
@@ -66,75 +66,74 @@ class Queries:
         self._threads = ThreadPoolExecutor(_THREADS, "twolink-query")
 
     async def answer(self, scope: Any, receive: Any, key: str, what: str) -> tuple[int, list[Any], bytes]:
-        """Status, headers and body. Raises what is wrong with the request."""
+        """Status, headers and body. Raises Refusal or QueryError."""
         body = await read_body(scope, receive, self._quotas.body_mb * 2**20)
         robot = self._robots.loaded(key) or await self._robots.get(key)
-        given = media_type(header(scope, b"content-type"))
-        given = JSON if given in UNTOLD else given
-        if given not in (JSON, npz.MEDIA_TYPE, "application/zip"):
+        sent = media_type(header(scope, b"content-type"))
+        sent = JSON if sent in UNSPECIFIED else sent
+        if sent not in (JSON, npz.MEDIA_TYPE, "application/zip"):
             remedy = f"send {JSON} or {npz.MEDIA_TYPE}"
-            raise Refusal(415, f"{given[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
-        reply = accepts(scope, (JSON, npz.MEDIA_TYPE), default=JSON if given == JSON else npz.MEDIA_TYPE)
-        if given == JSON and reply == JSON and len(body) < _IN_LOOP:
-            return 200, _JSON_HEADERS, self._answer(robot, what, body, given, reply)
+            raise Refusal(415, f"{sent[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
+        reply = accepted(scope, (JSON, npz.MEDIA_TYPE), default=JSON if sent == JSON else npz.MEDIA_TYPE)
+        if sent == JSON and reply == JSON and len(body) < _IN_LOOP:
+            return 200, _HEADERS[JSON], self._answer(robot, what, body, sent, reply)
         loop = asyncio.get_running_loop()
-        content = await loop.run_in_executor(self._threads, self._answer, robot, what, body, given, reply)
-        return 200, _JSON_HEADERS if reply == JSON else _NPZ_HEADERS, content
+        content = await loop.run_in_executor(self._threads, self._answer, robot, what, body, sent, reply)
+        return 200, _HEADERS[reply], content
 
-    def _answer(self, robot: Robot, what: str, body: bytes, given: str, reply: str) -> bytes:
-        if given == JSON:
+    def _answer(self, robot: Robot, what: str, body: bytes, sent: str, reply: str) -> bytes:
+        if sent == JSON:
             arguments = _from_json(what, body)
         else:
             arguments = _from_npz(what, npz.read_npz(body, int(self._quotas.upload_mb * 2**20)))
-        self._metrics.states.inc(self._check_size(robot, what, arguments, _AS_JSON if reply == JSON else 8))
-        result = self._ask(robot, what, arguments)
+        self._metrics.states.inc(self._check_size(robot, what, arguments, _JSON_NUMBER if reply == JSON else 8))
+        result = _ask(robot, what, arguments)
         if reply == JSON:
-            plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in result.items()}
-            return _encode(plain)
+            return msgspec.json.encode(result, enc_hook=np.ndarray.tolist)
         return npz.write_npz({name: np.asarray(value) for name, value in result.items()})
 
-    def _ask(self, robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        if what == "kinematics":
-            frames = arguments.get("frames")
-            return {"frames": frames or link_names(robot), "poses": frame_poses(robot, arguments["q"], frames)}
-        if what == "derivatives":
-            return derivatives(robot, arguments)
-        options = {name: arguments.pop(name, None) for name in OWN[what].options}
-        return answer_query(robot, what, arguments, **options)
-
-    def _check_size(self, robot: Robot, what: str, arguments: dict[str, Any], number: int) -> int:
-        """The number of states. Raises Refusal when they, or the answer at `number` bytes each, are too much."""
+    def _check_size(self, robot: Robot, what: str, arguments: dict[str, Any], number_bytes: int) -> int:
+        """The number of states. Raises Refusal when they are too many, or the answer would be too large."""
         if "q" not in arguments:
-            raise Refusal(400, "q is not given", where="q", remedy=f"give the {robot.nq} numbers of a configuration")
-        point = next((name for name, v in arguments.items() if isinstance(v, np.ndarray) and v.ndim == 0), None)
-        if point is not None:
-            raise Refusal(400, "expected an array, got one number", where=point, remedy="give shape (..., n)")
-        wrenches = arguments["f_ext"].values() if "f_ext" in arguments else ()
-        shapes = {v.shape[:-1] for v in (*arguments.values(), *wrenches) if isinstance(v, np.ndarray)}
+            raise Refusal(400, "q is missing", where="q", remedy=f"send the {robot.nq} numbers of a configuration")
+        arrays = {name: value for name, value in arguments.items() if isinstance(value, np.ndarray)}
+        arrays |= arguments.get("f_ext", {})
+        if scalar := next((name for name, value in arrays.items() if value.ndim == 0), ""):
+            raise Refusal(400, "expected an array, got one number", where=scalar, remedy="give shape (..., n)")
+        shapes = {value.shape[:-1] for value in arrays.values()}
         try:
-            count = 1 if shapes == _ONE_STATE else math.prod(np.broadcast_shapes(*shapes))
+            count = 1 if shapes == _SINGLE_STATE else math.prod(np.broadcast_shapes(*shapes))
         except ValueError:
             return 0  # the query says what does not fit
         frames = len(arguments.get("frames") or ()) or robot.model.nframes
-        others = {"kinematics": 7 * frames, "derivatives": 3 * robot.nv**2}
-        shape = OWN[what].shape if what in OWN else (others[what],)
-        numbers = count * math.prod(robot.nv if n == "nv" else n for n in shape)
-        if count > self._quotas.states or numbers * number > self._quotas.answer_mb * 2**20:
+        numbers = math.prod(robot.nv if size == "nv" else size for size in QUERIES[what].shape)
+        numbers *= frames if what == "kinematics" else 1
+        quotas = self._quotas
+        if count > quotas.states or count * numbers * number_bytes > quotas.answer_mb * 2**20:
             raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
         return count
 
 
+def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
+    if what == "kinematics":
+        frames = arguments.get("frames")
+        return {"frames": frames or link_names(robot), "poses": link_poses(robot, arguments["q"], frames)}
+    if what == "derivatives":
+        return derivatives(robot, arguments)
+    options = {name: arguments.pop(name, None) for name in QUERIES[what].options}
+    return named_queries.answer_query(robot, what, arguments, **options)
+
+
 def _from_json(what: str, body: bytes) -> dict[str, Any]:
+    """The arguments in a JSON body, as arrays."""
     decoded = _DECODERS[what].decode(body)
     arguments: dict[str, Any] = {}
     for name in decoded.__struct_fields__:
         value = getattr(decoded, name)
-        if value is None:
-            continue
-        if name == "f_ext":
+        if name == "f_ext" and value is not None:
             arguments[name] = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
-        else:
-            arguments[name] = value if name in ("method", "frames", "frame", "axes") else _array(name, value)
+        elif value is not None:
+            arguments[name] = value if name in _OPTIONS else _array(name, value)
     return arguments
 
 
@@ -143,18 +142,18 @@ def _array(name: str, value: Numbers) -> np.ndarray:
         return np.array(value, dtype=np.float64)
     except ValueError:
         what = "expected numbers, or lists of numbers of one length"
-        raise QueryError(what, where=name, remedy="give a state, or a list of states") from None
+        raise QueryError(what, argument=name, remedy="give a state, or a list of states") from None
 
 
 def _from_npz(what: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Arguments from arrays of their names; wrenches are named f_ext.FRAME."""
-    arguments: dict[str, Any] = {}
+    """The arguments in arrays of their names; wrenches are named f_ext.FRAME."""
+    query, arguments = QUERIES[what], dict[str, Any]()
     for name, value in arrays.items():
-        if name.startswith("f_ext.") and what in _WITH_WRENCHES:
+        if name.startswith("f_ext.") and "f_ext" in query.options:
             arguments.setdefault("f_ext", {})[name.removeprefix("f_ext.")] = value
-        elif name in QUERIES[what]:
+        elif name in query.arguments:
             arguments[name] = value
         else:
-            raise QueryError(f"{what} takes no {name[:80]!r}", where=name[:80],
-                             remedy=f"it takes {', '.join(QUERIES[what])}")  # fmt: skip
+            remedy = f"it takes {', '.join(query.arguments)}"
+            raise QueryError(f"{what} takes no {name[:80]!r}", argument=name[:80], remedy=remedy)
     return arguments

@@ -48,8 +48,8 @@ class RobotPool:
             if robot is None and key in catalogue():
                 robot = self._keep(key, await asyncio.to_thread(load_robot, key))
             elif robot is None:
-                folder = str(self._store.robot_folder(key))
-                robot = self.put(key, await self._workers.run("load", self._seconds, folder=folder))
+                robots = str(self._store.folder / "robots")
+                robot = self.put(key, await self._workers.run("load", self._seconds, key=key, robots=robots))
         return robot
 
     def require(self, key: str) -> None:

@@ -1,4 +1,4 @@
-"""What worker processes do with robots: receive an upload, load one that was kept, and draw it."""
+"""Tasks of worker processes about robots: receive an upload, load one that was kept, and draw it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ import msgspec
 from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError
+from twolink.io.text import decode
 from twolink.robots.catalogue import catalogue_names
 from twolink.service.uploads import check_files, choose_urdf, local_urdf, unpack
 from twolink.service.visuals import visuals_of
 
-OPTIONS = "options.json"
-URDF = "robot.urdf"
-FILES = "files"
-UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
+_OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
+_UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
 
 
 class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -38,65 +37,50 @@ class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     unphysical: Literal["refuse", "report"] = "refuse"
 
 
-def receive(*, folder: str, kind: str, options: dict[str, Any], most: dict[str, Any], **_: Any) -> dict[str, Any]:
+def receive(*, folder: str, kind: str, options: dict[str, Any], limits: dict[str, int], **_: Any) -> dict[str, Any]:
     """Check and load what was uploaded into `folder` (as "body"), and leave there what is needed to load it again."""
     place, chosen = Path(folder), msgspec.convert(options, RobotOptions)
-    body = place / "body"
+    body, files = place / "body", place / _FILES
     if kind != "source":
-        files = place / FILES
         files.mkdir()
-        names: list[str] = []
-        if kind == "zip":
-            names = unpack(body, files, most_bytes=most["bytes"], most_files=most["files"])
-            urdf = choose_urdf(names, chosen.urdf)
-            data = (files / urdf).read_bytes()
-        else:
-            urdf, data = "robot.urdf", body.read_bytes()
+        names = unpack(body, files, max_bytes=limits["bytes"], max_files=limits["files"]) if kind == "zip" else []
         check_files(files, names)
-        (place / URDF).write_text(local_urdf(_text(data, urdf), urdf, names), encoding="utf-8")
-        body.unlink()
-    (place / OPTIONS).write_bytes(msgspec.json.encode(chosen))
-    robot = read(folder)
-    if robot.nv > most["nv"]:
-        what = f"{robot.nv} degrees of freedom, the service takes up to {most['nv']}"
+        urdf = Path(choose_urdf(names, chosen.urdf)) if kind == "zip" else Path(_URDF)
+        text = decode((files / urdf if kind == "zip" else body).read_bytes(), urdf, RobotError)
+        (place / _URDF).write_text(local_urdf(text, urdf.as_posix(), names), encoding="utf-8")
+    body.unlink()
+    (place / _OPTIONS).write_bytes(msgspec.json.encode(chosen))
+    robot = _load(folder)
+    if robot.nv > limits["nv"]:
+        what = f"{robot.nv} degrees of freedom, the service takes up to {limits['nv']}"
         raise RobotError(what, where=robot.name, remedy="lock some joints, or start it with a larger quota")
     return {"robot": pickle.dumps(robot), "description": robot_record(robot)}
 
 
-def _text(data: bytes, name: str) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RobotError("it is not UTF-8 text", where=name, remedy="save the URDF as UTF-8") from None
-
-
 @functools.lru_cache(16)
-def read(folder: str) -> Robot:
+def _load(folder: str) -> Robot:
     """The robot that was received into this folder."""
     place = Path(folder)
-    chosen = msgspec.json.decode((place / OPTIONS).read_bytes(), type=RobotOptions)
-    if chosen.source:
-        if chosen.source not in catalogue_names():  # a path would be read
-            raise RobotError(f"{chosen.source[:80]!r} is not in the catalogue", where="source",
-                             remedy="GET /v1/robots lists the names")  # fmt: skip
-        source = chosen.source
-    else:
-        source = (place / URDF).read_text(encoding="utf-8")
-        if "<" not in source:  # else it would be taken for a name or a path
-            raise RobotError("not XML: no element", where="URDF text", remedy="send a URDF")
+    chosen = msgspec.json.decode((place / _OPTIONS).read_bytes(), type=RobotOptions)
+    source = chosen.source or (place / _URDF).read_text(encoding="utf-8")
+    if chosen.source and source not in catalogue_names():  # a path would be read
+        what = f"{source[:80]!r} is not in the catalogue"
+        raise RobotError(what, argument="source", remedy="GET /v1/robots lists the names")
+    if not chosen.source and "<" not in source:  # it would be taken for a name or a path
+        raise RobotError("not XML: no element", where="URDF text", remedy="send a URDF")
     return load_robot(
-        source, package_dirs=[place / FILES], root=chosen.root, lock=chosen.lock, gravity=chosen.gravity,
+        source, package_dirs=[place / _FILES], root=chosen.root, lock=chosen.lock, gravity=chosen.gravity,
         mimic=chosen.mimic, unphysical=chosen.unphysical,
     )  # fmt: skip
 
 
-def find(key: str, robots: str) -> Robot:
-    """A robot by its id: of the catalogue, or of the folder of those received."""
+def robot_by_id(key: str, robots: str) -> Robot:
+    """A robot of the catalogue, or of the folder of uploaded robots."""
     if key in catalogue_names():
         return _of_catalogue(key)
-    if not UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
-        raise RobotError(f"there is no robot {key[:80]!r}", where="robot", remedy="GET /v1/robots lists them")
-    return read(str(Path(robots) / key))
+    if not _UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
+        raise RobotError(f"there is no robot {key[:80]!r}", argument="robot", remedy="GET /v1/robots lists them")
+    return _load(str(Path(robots) / key))
 
 
 @functools.lru_cache(16)
@@ -104,13 +88,11 @@ def _of_catalogue(name: str) -> Robot:
     return load_robot(name)
 
 
-def load(*, folder: str, **_: Any) -> bytes:
-    """A robot that was received before, pickled."""
-    return pickle.dumps(read(folder))
+def load(*, key: str, robots: str, **_: Any) -> bytes:
+    """An uploaded robot, pickled."""
+    return pickle.dumps(robot_by_id(key, robots))
 
 
-def draw(*, key: str, robots: str, target: str, **_: Any) -> int:
-    """Write what a robot looks like into a file. Returns its size, bytes."""
-    content = visuals_of(find(key, robots))
-    Path(target).write_bytes(content)
-    return len(content)
+def draw(*, key: str, robots: str, target: str, **_: Any) -> None:
+    """Write what a robot looks like into a file."""
+    Path(target).write_bytes(visuals_of(robot_by_id(key, robots)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 from typing import Any
 
 from twolink.dynamics import Robot, load_robot
@@ -12,28 +11,26 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.scenes.from_data import scene_from_data
-from twolink.service.robot_tasks import find
+from twolink.service.robot_tasks import robot_by_id
 
-MOST_EFFECTS = 200
+_MAX_EFFECTS = 200
 
 
-def scene_of(given: str | SceneFile, robots: str) -> Scene:
-    """The scene: a bundled one by name, or as given. robots: the folder of uploaded robots.
+def scene_of(scene: str | SceneFile, robots: str) -> Scene:
+    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots.
 
-    Raises SceneError and RobotError whose `where` is the path in the scene.
+    Raises SceneError and RobotError whose `where` is the path in the request.
     """
-    if isinstance(given, str):
-        if given.endswith(".toml") or "/" in given or "\\" in given:
-            raise SceneError("paths are not read here", where="scene", remedy="GET /v1/scenes lists the bundled ones")
-        return load_scene(given)
-    if len(given.effects) > MOST_EFFECTS:
-        raise SceneError(f"{len(given.effects)} effects, the limit is {MOST_EFFECTS}", where="scene.effects",
-                         remedy="leave some out")  # fmt: skip
-    for name in _file_names(given.effects):
-        raise SceneError(f"files are not read here: {name[:80]!r}", where="scene.effects",
-                         remedy="send times and values")  # fmt: skip
+    if isinstance(scene, str):
+        if scene.endswith(".toml") or "/" in scene or "\\" in scene:
+            raise SceneError("paths are not read here", argument="scene", remedy="GET /v1/scenes lists the scenes")
+        return load_scene(scene)
     try:
-        return scene_from_data(given, functools.partial(_robot, robots))
+        if len(scene.effects) > _MAX_EFFECTS:
+            what = f"{len(scene.effects)} effects, the limit is {_MAX_EFFECTS}"
+            raise SceneError(what, argument="effects", remedy="leave some out")
+        _refuse_files(scene.effects)
+        return scene_from_data(scene, functools.partial(_robot, robots))
     except TwolinkError as error:
         where = f"scene.{error.where}" if error.where else "scene"
         raise error.at(where, argument=error.argument or "scene") from None
@@ -41,21 +38,20 @@ def scene_of(given: str | SceneFile, robots: str) -> Scene:
 
 def _robot(robots: str, entry: RobotEntry) -> Robot:
     """A robot by id. Only those of the catalogue take options here: an uploaded one has its own."""
-    if entry.root != "fixed" or entry.lock:
-        if entry.source in catalogue_names():
-            return load_robot(entry.source, root=entry.root, lock=entry.lock)
-        raise RobotError("an uploaded robot's root and lock are set when it is uploaded", where="robot",
-                         remedy="POST /v1/robots with other options gives another id")  # fmt: skip
-    return find(entry.source, robots)
+    if entry.root == "fixed" and not entry.lock:
+        return robot_by_id(entry.source, robots)
+    if entry.source in catalogue_names():
+        return load_robot(entry.source, root=entry.root, lock=entry.lock)
+    what = "an uploaded robot's root and lock are set when it is uploaded"
+    raise RobotError(what, argument="robot", remedy="POST /v1/robots with other options gives another id")
 
 
-def _file_names(value: Any) -> Iterator[str]:
-    """The files that tables of samples would be read from."""
+def _refuse_files(value: Any) -> None:
+    """Raise SceneError where a table of samples would be read from a file."""
     if isinstance(value, dict):
         if isinstance(value.get("file"), str):
-            yield value["file"]
-        for item in value.values():
-            yield from _file_names(item)
-    elif isinstance(value, list):
-        for item in value:
-            yield from _file_names(item)
+            what = f"files are not read here: {value['file'][:80]!r}"
+            raise SceneError(what, argument="effects", remedy="send times and values")
+        value = list(value.values())
+    for item in value if isinstance(value, list) else ():
+        _refuse_files(item)

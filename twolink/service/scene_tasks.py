@@ -16,7 +16,7 @@ from twolink.dynamics.robot_record import link_names, robot_record
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
-from twolink.service.kinematics import frame_poses
+from twolink.service.kinematics import link_poses
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
@@ -141,7 +141,7 @@ def motion(*, path: str, frames: int, **_: Any) -> None:
     target = Path(path)
     run = _run_in(target.parent)
     times = np.linspace(run.t[0], run.t[-1], frames)
-    poses = frame_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
+    poses = link_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
     content = {"t": times.tolist(), "links": link_names(run.robot), "poses": np.round(poses, 7).tolist()}
     target.write_bytes(msgspec.json.encode(content))
 

@@ -53,7 +53,7 @@ def _listening(settings: Settings) -> socket.socket:
         return socket.create_server((settings.host, settings.port), family=family, backlog=_BACKLOG)
     except OSError as error:
         what = f"{settings.host}:{settings.port} cannot be listened on: {error.strerror or error}"
-        raise TwolinkError(what, where="serve", argument="port", remedy="give another --port or --host") from None
+        raise TwolinkError(what, where="serve", code="address-in-use", remedy="give another --port or --host") from None
 
 
 def uvicorn_options(settings: Settings) -> dict[str, Any]:

@@ -69,12 +69,18 @@ def default_folder() -> Path:
     return platformdirs.user_data_path("twolink", appauthor=False)
 
 
-def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches that address."""
+def ip_address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """A host as an address; None when it is a name."""
     try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
+        return ipaddress.ip_address(host.strip("[]"))
     except ValueError:
-        return host == "localhost"
+        return None
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches that host."""
+    address = ip_address(host)
+    return host == "localhost" if address is None else address.is_loopback
 
 
 def read_quotas(texts: Sequence[str]) -> Quotas:

@@ -18,33 +18,28 @@ from xml.sax.saxutils import escape
 from twolink.errors import RobotError, nearest
 from twolink.robots.xml import Element, parse_xml
 
-MESHES = (".stl", ".dae", ".obj")
+_MESHES = (".stl", ".dae", ".obj")
 _TEXTS = (".dae", ".mtl", ".obj")
-_KEPT = (*MESHES, ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
-_LABEL = "upload"
+_KEPT = (*_MESHES, ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
 _CHUNK = 2**20
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)("([^"<]*)"|'([^'<]*)')""")
 _POINTERS = re.compile(r"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<|^\s*(?:map_\w+|bump|disp|decal|mtllib)\s+(.*)$",
                        re.MULTILINE)  # fmt: skip
 
 
-def unpack(archive: Path, folder: Path, *, most_bytes: int, most_files: int) -> list[str]:
+def unpack(archive: Path, folder: Path, *, max_bytes: int, max_files: int) -> list[str]:
     """Unpack the robots and meshes of a zip into an empty folder. Returns their names. Raises RobotError."""
     try:
         with zipfile.ZipFile(archive) as opened:
-            members = [m for m in opened.infolist() if not m.is_dir()]
-            if len(members) > most_files:
-                raise _refused(
-                    f"{len(members)} files, the limit is {most_files}", "leave out what the URDF does not use"
-                )
-            if sum(m.file_size for m in members) > most_bytes:
-                raise _refused(f"more than {most_bytes} bytes unpacked", "simplify the meshes")
-            left, names = most_bytes, []
-            for member in members:
-                name = _safe(member.filename)
-                if name.lower().endswith(_KEPT) and name not in names:
-                    left -= _copy(opened, member, folder / name, left)
-                    names.append(name)
+            members = [member for member in opened.infolist() if not member.is_dir()]
+            if len(members) > max_files:
+                raise _refused(f"{len(members)} files, the limit is {max_files}", "send only files the URDF uses")
+            if sum(member.file_size for member in members) > max_bytes:
+                raise _refused(f"more than {max_bytes} bytes unpacked", "simplify the meshes")
+            by_name = {_safe(member.filename): member for member in reversed(members)}
+            names = [name for name in by_name if name.lower().endswith(_KEPT)]
+            for name in names:
+                _copy(opened, by_name[name], folder / name)
             return names
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
         raise _refused(f"it is not a zip that can be read: {error}", "pack it again, without a password") from None
@@ -53,37 +48,36 @@ def unpack(archive: Path, folder: Path, *, most_bytes: int, most_files: int) -> 
 
 
 def _safe(name: str) -> str:
-    """The name of a member, which must stay inside. Links are no danger: all members become plain files."""
+    """The name of a member, which must stay inside. Links do no harm: all members become plain files."""
     parts = name.split("/")
-    if name.startswith("/") or "\\" in name or ":" in parts[0] or "\0" in name or ".." in parts or "." in parts:
+    if name.startswith("/") or "\\" in name or ":" in parts[0] or "\0" in name or not {".", ".."}.isdisjoint(parts):
         raise _refused(f"{name[:80]!r} points outside the zip", "use names below its top folder")
     return name
 
 
-def _copy(opened: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path, left: int) -> int:
-    """Unpack one file, counting what really comes out of it."""
+def _copy(opened: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> None:
+    """Unpack one file, and refuse it when more bytes come out of it than the zip states."""
     target.parent.mkdir(parents=True, exist_ok=True)
     size = 0
     with opened.open(member) as source, target.open("wb") as out:
         while chunk := source.read(_CHUNK):
             size += len(chunk)
-            if size > min(left, member.file_size):
+            if size > member.file_size:
                 raise _refused(f"{member.filename[:80]!r} is larger than it says", "pack it again")
             out.write(chunk)
-    return size
 
 
 def choose_urdf(names: list[str], wanted: str) -> str:
     """The URDF among the files: the one that is named, or the only one."""
-    found = [name for name in names if name.lower().endswith(".urdf")]
+    urdfs = [name for name in names if name.lower().endswith(".urdf")]
     if wanted:
-        if wanted not in found:
-            raise _refused(f"there is no {wanted[:80]!r} in it", nearest(wanted, found))
+        if wanted not in urdfs:
+            raise _refused(f"there is no {wanted[:80]!r} in it", nearest(wanted, urdfs))
         return wanted
-    if len(found) != 1:
-        what = f"{len(found)} URDFs are in it, expected one"
-        raise _refused(what, f"say which: ?urdf={found[0]}" if found else "its name must end in .urdf")
-    return found[0]
+    if len(urdfs) != 1:
+        remedy = f"say which: ?urdf={urdfs[0]}" if urdfs else "its name must end in .urdf"
+        raise _refused(f"{len(urdfs)} URDFs are in it, expected one", remedy)
+    return urdfs[0]
 
 
 def check_files(folder: Path, names: list[str]) -> None:
@@ -103,8 +97,8 @@ def check_files(folder: Path, names: list[str]) -> None:
 def local_urdf(text: str, urdf: str, names: list[str]) -> str:
     """The URDF's text with each mesh as package:// and its place in the upload.
 
-    Names of files that are not in it stay unknown, and the load report lists them. Raises RobotError for names that
-    point outside: file://, other schemes, absolute paths, and too many "..".
+    Files that are not in the upload are listed as missing in the load report. Raises RobotError for names that point
+    outside: file://, other schemes, absolute paths, and too many "..".
     """
 
     def replaced(match: re.Match[str]) -> str:
@@ -121,28 +115,25 @@ def local_urdf(text: str, urdf: str, names: list[str]) -> str:
 
 
 def _local(name: str, urdf: str, names: list[str]) -> str:
-    """package:// and the file's place in the upload, where it is found; else a name that is nowhere."""
-    if name.startswith("package://"):
-        inside = name.removeprefix("package://")
-        if ".." in inside.split("/"):
-            return name  # refused by what follows
-        wanted = [inside, inside.partition("/")[2]]
+    """package:// and the file's place in the upload; a name outside the upload stays, and is refused afterwards."""
+    folder = posixpath.dirname(urdf)
+    inside = name.removeprefix("package://")
+    if inside != name:
+        candidates = [inside, inside.partition("/")[2]]
     elif "://" in name or name.startswith("/"):
         return name
     else:
-        inside = posixpath.normpath(posixpath.join(posixpath.dirname(urdf), name))
-        if inside.startswith(".."):
-            return name
-        wanted = [inside]
-    base = posixpath.dirname(urdf)
+        inside = posixpath.normpath(posixpath.join(folder, name))
+        candidates = [inside]
+    if ".." in inside.split("/"):
+        return name
     while True:
-        for candidate in (posixpath.join(base, part) for part in wanted):
-            if candidate in names and candidate.lower().endswith(MESHES):
+        for candidate in (posixpath.join(folder, part) for part in candidates):
+            if candidate in names and candidate.lower().endswith(_MESHES):
                 return f"package://{candidate}"
-        if not base:
-            # A folder that no package has: what is not in the upload is not looked for elsewhere either.
+        if not folder:  # no package has the folder "not-uploaded": what is missing is not looked for elsewhere
             return name if name.startswith("package://example-robot-data/") else f"package://not-uploaded/{inside}"
-        base = posixpath.dirname(base)
+        folder = posixpath.dirname(folder)
 
 
 def _is_local(name: str) -> bool:
@@ -156,4 +147,4 @@ def _elements(element: Element) -> Iterator[Element]:
 
 
 def _refused(what: str, remedy: str, name: str = "") -> RobotError:
-    return RobotError(what, where=f"{_LABEL}: {name}" if name else _LABEL, remedy=remedy)
+    return RobotError(what, where=f"upload: {name}" if name else "upload", remedy=remedy)
