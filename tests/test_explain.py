@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import twolink as tl
-from twolink.errors import SceneError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.scene_equations import equations_of
 
 ARM = "two_link"
@@ -53,3 +53,5 @@ def test_modules_of_absent_effects_are_not_imported() -> None:
 def test_refusals() -> None:
     with pytest.raises(SceneError, match="expected a Scene"):
         tl.explain("arm-swing")  # type: ignore[arg-type]
+    with pytest.raises(AccuracyError, match="accuracy: expected a number above 0, got nan"):
+        tl.explain(tl.load_scene("arm-swing"), accuracy=float("nan"))

@@ -141,6 +141,16 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
     assert tl.simulate(scene, until, accuracy=1e-9, samples=20).t[-1] == until
 
 
+def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
+    """The exact answer is to stay at rest upright; rounding alone moves the arm away within some 8 s."""
+    scene = tl.Scene(tl.load_robot("two_link"), q=[np.pi / 2, 0.0], effects=GRAVITY)
+    with pytest.raises(AccuracyError, match="cannot be kept in double precision"):
+        tl.simulate(scene, 20.0, accuracy=1e-3, samples=1)
+    worlds = tl.simulate_many(scene, duration=20.0, accuracy=0.1)
+    assert worlds.kept is not None
+    assert not worlds.kept.any()
+
+
 @pytest.mark.parametrize(
     ("options", "kind", "part"),
     [
@@ -152,6 +162,7 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
         ({"accuracy": 0}, AccuracyError, "above 0, got 0"),
         ({"accuracy": float("inf")}, AccuracyError, "got inf"),
         ({"accuracy": "high"}, AccuracyError, "got 'high'"),
+        ({"accuracy": 10**400}, AccuracyError, "accuracy: expected a number above 0"),
         ({"samples": 0}, SceneError, "samples"),
         ({"accuracy": 1e-17}, AccuracyError, "cannot be kept in double precision"),
         ({"accuracy": 1e-20}, AccuracyError, "cannot be kept in double precision"),
@@ -159,6 +170,9 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
         ({"samples": 10**400}, SceneError, "samples: expected a number above 0"),
         ({"tolerance": "low"}, AccuracyError, "tolerance: expected a number above 0, got 'low'"),
         ({"method": "rk4", "step": float("nan")}, AccuracyError, "step: expected a number above 0, got nan"),
+        ({"duration": 1.0, "method": "rk4", "step": 1e-12}, AccuracyError, "the limit is"),
+        ({"duration": 1.0, "method": "rk4", "step": 20.0}, AccuracyError, "steps of 20 s are longer than 1 s"),
+        ({"method": "dop853", "tolerance": 1e12}, AccuracyError, "tolerance: expected a number up to 0.1"),
         ({"method": []}, SceneError, "is unknown"),
         ({"method": "dop835"}, SceneError, "did you mean 'dop853'"),
     ],

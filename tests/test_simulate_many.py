@@ -35,6 +35,24 @@ def test_a_worlds_bits_do_not_depend_on_the_others() -> None:
         assert np.array_equal(few.v, whole.v[part])
 
 
+def test_a_worlds_bits_do_not_depend_on_the_number_of_worlds() -> None:
+    scene, q = tl.load_scene("arm-swing"), np.random.default_rng(4).uniform(-1, 1, (100, 2))
+    whole = tl.simulate_many(scene, q=q, duration=1.0, verify=False)
+    for count in (1, 8, 17, 40, 64):
+        part = tl.simulate_many(scene, q=q[:count], duration=1.0, verify=False)
+        assert np.array_equal(part.q, whole.q[:count])
+
+
+def test_error_bars_of_worlds_hold() -> None:
+    rng = np.random.default_rng(2)
+    q, v = rng.uniform(-3, 3, (40, 2)), rng.uniform(-3, 3, (40, 2))
+    scene = tl.load_scene("arm-swing")
+    rough = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-3)
+    fine = tl.simulate_many(scene, q=q, v=v, duration=2.0, accuracy=1e-9)
+    assert rough.error is not None
+    assert (np.abs(rough.q - fine.q).max(axis=1) <= rough.error).all()
+
+
 def test_parameters_differ_by_world() -> None:
     """Each world has a forearm of its own mass: the hand-derived equations give each one's energy, which is kept."""
     mass = np.linspace(0.5, 3.0, 9)
@@ -79,6 +97,13 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
         ({"accuracy": 0}, AccuracyError, "above 0"),
         ({"duration": -1}, SceneError, "above 0 s"),
         ({"q": np.zeros((2, 3, 2))}, SceneError, "reshape"),
+        ({"q": np.zeros((0, 2))}, SceneError, "there are no worlds"),
+        ({"parameters": {"upper_arm.mass": -0.2}}, SceneError, "no body has -0.2"),
+        ({"parameters": {"forearm.mass": "x"}}, SceneError, "expected numbers, got 'x'"),
+        ({"parameters": [1.0]}, SceneError, "expected values by name, got list"),
+        ({"samples": -1}, SceneError, "samples: expected a whole number from 0"),
+        ({"samples": 10**9}, SceneError, "too many"),
+        ({"accuracy": 1e-16}, AccuracyError, "below what can be verified in batches"),
     ],
 )
 def test_refusals(options: dict, kind: type, part: str) -> None:

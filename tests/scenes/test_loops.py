@@ -112,6 +112,27 @@ def test_loops_that_cannot_meet_are_refused() -> None:
         tl.simulate(scene, 1.0)
 
 
+@pytest.mark.parametrize("method", ["scipy-dop853", "scipy-radau", "rk4", "esdirk43", "taylor"])
+def test_every_kind_of_method_keeps_a_coupling(method: str) -> None:
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[E.Gravity(), E.Coupling("elbow", "shoulder", 1.0)])
+    truth = tl.simulate(scene, 1.0, accuracy=1e-10).q[-1]
+    run = tl.simulate(scene, 1.0, accuracy=1e-6, method=method)
+    np.testing.assert_allclose(run.q[-1], truth, rtol=0, atol=1e-6)
+
+
+def test_worlds_start_on_their_loops_and_a_run_says_that_its_start_was_moved() -> None:
+    coupling = E.Coupling("elbow", "shoulder", 1.0, offset=2.0)
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[E.Gravity(), coupling], duration=1.0)
+    run, worlds = tl.simulate(scene, accuracy=1e-9), tl.simulate_many(scene, accuracy=1e-9)
+    np.testing.assert_allclose(worlds.q[0], run.q[-1], rtol=0, atol=1e-8)
+    assert "moved" in str(run.events[0])
+
+
+def test_a_joint_coupled_to_itself_is_refused() -> None:
+    with pytest.raises(SceneError, match="joint 'elbow' is coupled to itself"):
+        tl.Scene(tl.load_robot("two_link"), effects=[E.Coupling("elbow", "elbow", 1.0)])
+
+
 def test_an_open_start_is_closed_and_its_velocity_made_to_fit() -> None:
     given = tl.load_scene("crankshaft")
     q, v = {"crank_joint": 0.7, "rod_joint": -0.9, "slide": 0.37}, {"crank_joint": 3.0}

@@ -49,6 +49,12 @@ def test_a_floating_robot_and_angles_as_pairs(tmp_path: Path) -> None:
     same(scene, tl.load_scene(scene.save(tmp_path / "free.toml")))
 
 
+def test_saving_does_not_overwrite_another_urdf(tmp_path: Path) -> None:
+    (tmp_path / "mine.urdf").write_text("something else")
+    with pytest.raises(SceneError, match="another file"):
+        tl.Scene(tl.load_robot(arm_urdf(1, 2, 3, 4))).save(tmp_path / "mine.toml")
+
+
 def test_another_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"\.json is no format"):
         tl.load_scene("arm-swing").save(tmp_path / "scene.json")

@@ -47,6 +47,8 @@ def _attempt(case: Motion, scene: Scene, setting: Mapping[str, Any], patience: f
     label, run, message = _label(setting), None, ""
     try:
         run = simulate(scene, case.duration, samples=case.samples, progress=progress, **setting)
+        if run.interrupted:  # by Ctrl-C; the part of a run is no result
+            raise KeyboardInterrupt
     except AccuracyError as error:
         run, message = error.run, str(error)
     except TwolinkError as error:

@@ -86,6 +86,8 @@ def by_urdf(length: float, seconds: float) -> ArmMotion:
     robot = load_robot(arm_urdf(length, length, 3.0, 1.0))
     scene = Scene(robot, effects=[Gravity()], duration=seconds)
     run = simulate(scene, accuracy=1e-9, samples=CYCLES * SAMPLES / seconds)
+    if run.interrupted:
+        raise KeyboardInterrupt
     return ArmMotion(run.t, run.q, run.v, length)
 
 
