@@ -28,7 +28,7 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
         ("x.csv", b"t,q\n0\n", "line 2: it has 1 cells, the header has 2"),
         ("x.csv", b"t\n" + b"0" * 200_000 + b"\n", "field larger"),
         ("x.csv", b"t\n1_0\n", "line 2: not a row of numbers"),
-        ("x.csv", b"", "expected a header"),
+        ("x.csv", b"", "it is empty, expected a header"),
         ("x.csv", b"\xff\xfe", "cannot be read"),
         ("x.npz", b"\x93NUMPY", "cannot be read"),
         ("x.npz", b"PK\x03\x04", "cannot be read"),

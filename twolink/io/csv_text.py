@@ -40,8 +40,9 @@ def parse_csv(text: str, where: str, error: type[TwolinkError] = TwolinkError, r
     """
     lines = list(csv_rows(text, where, error))
     if len(lines) < 1 + rows:
-        expected = "expected a header" + (f" and at least {'one row' if rows == 1 else f'{rows} rows'}" if rows else "")
-        raise error(expected, where=where, remedy="such as q0,q1,v0,v1 in the first line", code="csv")
+        expected = "a header" + (f" and at least {'one row' if rows == 1 else f'{rows} rows'}" if rows else "")
+        what = f"{'it is empty' if not lines else 'there are too few rows'}, expected {expected}"
+        raise error(what, where=where, remedy="such as q0,q1,v0,v1 in the first line", code="csv")
     header = [name.strip() for name in lines[0][1]]
     repeated = first_repeated(header)
     if repeated is not None:
