@@ -261,6 +261,10 @@ def start_state(
     # and the distance of their solutions would say nothing about the error.
     fraction = setting ** (1 / method.error_order)
     first = np.minimum(0.5 * fraction / np.maximum(change, 1e-3), fraction * duration / MIN_STEPS)
+    # Eight bits suffice. The last bits of the rate depend on the number of worlds, as Pinocchio's parallel loops round
+    # differently, and a world's steps must not.
+    mantissa, exponent = np.frexp(first)
+    first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
     return initial_state(x, start, first, end, setting, longest, parameters), MAX_STEPS
 
 
