@@ -1,4 +1,4 @@
-"""Live playing: at true speed, in a real browser, and with no server left behind whatever happens."""
+"""Live playing: at true speed, in a real browser, and the server always ends."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 
 def servers() -> set[int]:
     """The process ids of all meshcat servers on this machine."""
-    found = set()
+    pids = set()
     for process in Path("/proc").glob("[0-9]*"):
         try:
             command = (process / "cmdline").read_bytes()
         except OSError:
             continue
         if b"meshcat.servers.zmqserver" in command and b"python" in command:
-            found.add(int(process.name))
-    return found
+            pids.add(int(process.name))
+    return pids
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_without_a_browser_it_gives_up_in_time(arm: tuple[Any, Any]) -> None:
     assert time.monotonic() - begun < 30.0
 
 
-def test_it_speaks_to_nobody_but_its_caller(arm: tuple[Any, Any], capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_printed(arm: tuple[Any, Any], capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ShowError):
         play_live(*arm, *motion(1.0), open_browser=False, wait=0.2)
     assert capfd.readouterr() == ("", "")
@@ -112,7 +112,7 @@ def test_the_motion_is_checked_first(arm: tuple[Any, Any]) -> None:
 
 
 @pytest.mark.parametrize("now", [-1.0, 0.0, 0.005, 0.61, 1.0, 2.0])
-def test_one_instant_is_between_its_samples(arm: tuple[Any, Any], now: float) -> None:
+def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], now: float) -> None:
     t, q = motion(1.0)
     expected = [np.interp(now, t, q[:, i]) for i in range(2)]
     np.testing.assert_allclose(resample(arm[0], t, q, np.array([now]))[0], expected, atol=1e-12)
@@ -136,22 +136,22 @@ def test_a_browser_sees_it_move_though_the_usual_ports_are_taken(
             continue
         busy.append(taken)
     address: list[str] = []
-    known, failures = threading.Event(), []
+    announced, failures = threading.Event(), []
 
-    def told(url: str) -> None:
+    def announce(url: str) -> None:
         address.append(url)
-        known.set()
+        announced.set()
 
     def play() -> None:
         try:
-            play_live(*arm, t, q, open_browser=False, on_url=told)
+            play_live(*arm, t, q, open_browser=False, on_url=announce)
         except BaseException as failure:
             failures.append(failure)
 
     player = threading.Thread(target=play)
     player.start()
     try:
-        assert known.wait(60.0), failures
+        assert announced.wait(60.0), failures
         assert not address[0].endswith(":7000/static/")
         browser.open(address[0])
         pictures = []
@@ -186,12 +186,12 @@ def test_two_seconds_take_two_seconds(
         seconds.append(time.monotonic() - begun)
 
     monkeypatch.setattr(live, "_play", timed)
-    known: list[str] = []
-    options = {"speed": 2.0, "open_browser": False, "on_url": known.append}
+    urls: list[str] = []
+    options = {"speed": 2.0, "open_browser": False, "on_url": urls.append}
     player = threading.Thread(target=play_live, args=(*arm, *motion(4.0)), kwargs=options)
     player.start()
-    while not known and player.is_alive():
+    while not urls and player.is_alive():
         time.sleep(0.05)
-    browser.open(known[0])
+    browser.open(urls[0])
     player.join(60.0)
     assert seconds[0] == pytest.approx(2.0, rel=0.25)

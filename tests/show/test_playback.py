@@ -59,25 +59,25 @@ def commands(page: Path) -> list[dict[str, Any]]:
 
 def tracks(page: Path) -> dict[str, dict[str, np.ndarray]]:
     """The animation's numbers, by path and by ".position" or ".quaternion" (and its times)."""
-    found: dict[str, dict[str, np.ndarray]] = {}
+    columns_by_path: dict[str, dict[str, np.ndarray]] = {}
     for item in commands(page)[-1]["animations"]:
-        columns = found.setdefault(item["path"], {})
+        columns = columns_by_path.setdefault(item["path"], {})
         for track in item["clip"]["tracks"]:
             columns["times"] = np.frombuffer(track["times"].data, "<f4")
             width = 3 if track["name"] == ".position" else 4
             columns[track["name"]] = np.frombuffer(track["values"].data, "<f4").reshape(-1, width)
-    return found
+    return columns_by_path
 
 
 def test_only_what_moves_is_animated_and_keys_are_the_true_poses(
     arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:
     page = write_playback(*arm, *swing, tmp_path / "a.html", fps=50)
-    found = tracks(page)
-    assert sorted(found) == [f"/robot/{name}_{i}" for name, i in _moving()]
+    animated = tracks(page)
+    assert sorted(animated) == [f"/robot/{name}_{i}" for name, i in _moving()]
     elbow = np.stack([np.cos(swing[1][:, 0]), 0 * swing[0], np.sin(swing[1][:, 0])], axis=-1)
-    np.testing.assert_allclose(found["/robot/forearm_1"][".position"], elbow, atol=2e-6)
-    np.testing.assert_allclose(found["/robot/forearm_1"]["times"], swing[0], atol=1e-5)
+    np.testing.assert_allclose(animated["/robot/forearm_1"][".position"], elbow, atol=2e-6)
+    np.testing.assert_allclose(animated["/robot/forearm_1"]["times"], swing[0], atol=1e-5)
     assert page.stat().st_size < 1_500_000
 
 
@@ -99,15 +99,15 @@ def test_frames_are_capped_and_the_page_says_so(arm: Robot, tmp_path: Path) -> N
     page = write_playback(*arm, t, np.column_stack([t, t]) / 50, tmp_path / "a.html", max_frames=201)
     assert len(tracks(page)["/robot/forearm_0"]["times"]) == 201
     assert "shown at 2 frames a second" in page.read_text("utf-8")
-    assert choose_frames(t, 1.0, 60.0, 10_000).note == ""
+    assert choose_frames(t, 1.0, 60.0, 10_000)[1] == ""
 
 
 def test_bytes_are_capped_by_dropping_frames_then_refused(arm: Robot, tmp_path: Path) -> None:
     t = np.linspace(0.0, 60.0, 101)
     motion = t, np.column_stack([np.sin(t), np.cos(t)])
     whole = write_playback(*arm, *motion, tmp_path / "a.html")
-    least = write_playback(*arm, *motion, tmp_path / "b.html", max_frames=2).stat().st_size
-    cap = (least + whole.stat().st_size) // 2
+    smallest = write_playback(*arm, *motion, tmp_path / "b.html", max_frames=2).stat().st_size
+    cap = (smallest + whole.stat().st_size) // 2
     page = write_playback(*arm, *motion, tmp_path / "c.html", max_bytes=cap)
     assert page.stat().st_size <= cap
     times = tracks(page)["/robot/forearm_0"]["times"]
@@ -176,12 +176,12 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
         ([], np.zeros((0, 2)), "n >= 1"),
     ],
 )
-def test_what_cannot_be_shown_is_refused(arm: Robot, tmp_path: Path, t: Any, q: Any, what: str) -> None:
+def test_a_motion_that_cannot_be_shown_is_refused(arm: Robot, tmp_path: Path, t: Any, q: Any, what: str) -> None:
     with pytest.raises(ShowError, match=re.escape(what)):
         write_playback(*arm, t, q, tmp_path / "a.html")
 
 
-def test_other_refusals(arm: Robot, tmp_path: Path) -> None:
+def test_paths_and_speeds_that_are_refused(arm: Robot, tmp_path: Path) -> None:
     still = [0.0], [[0.0, 0.0]]
     (tmp_path / "file").write_text("")
     with pytest.raises(ShowError, match="cannot be written"):
@@ -251,7 +251,7 @@ def test_the_page_plays_offline(
 
 
 @pytest.mark.browser
-def test_it_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
     page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")
     browser.open(page.as_uri())
     browser.wait_for("viewer.animator.time > 0.6")

@@ -1,4 +1,4 @@
-"""What cannot be drawn is said: meshes that are not found, and those that are not meshes."""
+"""Missing and broken meshes are named; colours do not depend on them."""
 
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,7 @@ def test_a_file_that_is_no_mesh_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "x.html").exists()
 
 
-def test_playing_says_where_and_what_is_left_out(
+def test_playing_prints_the_address_and_the_missing_pieces_unless_callbacks_take_them(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     def play(*_: Any, on_url: Any, on_skipped: Any, **__: Any) -> None:

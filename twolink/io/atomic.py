@@ -11,7 +11,9 @@ from typing import BinaryIO
 from twolink.errors import TwolinkError
 
 
-def write_atomic(path: Path, write: Callable[[BinaryIO], object], *, private: bool = False) -> Path:
+def write_atomic(
+    path: Path, write: Callable[[BinaryIO], object], *, private: bool = False, error: type[TwolinkError] = TwolinkError
+) -> Path:
     """Write a file so that readers see the old content or all of the new one, never a part.
 
     The content goes to a temporary file in the same folder, which then replaces the path. A failure leaves the old
@@ -25,6 +27,8 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object], *, private: bo
         Writes the content to the binary file that it gets.
     private : bool
         Whether only the user may read the file (mode 0600), whatever the umask is.
+    error : type
+        The class of the failure.
 
     Returns
     -------
@@ -33,22 +37,22 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object], *, private: bo
 
     Raises
     ------
-    TwolinkError
+    error
         Code "not-writable": the folder or the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise _not_writable(path, error, "check the folder") from None
+    except OSError as failure:
+        raise _not_writable(path, failure, "check the folder", error) from None
     try:
         with os.fdopen(handle, "wb") as file:
             write(file)
         if not private:
             os.chmod(name, 0o666 & ~_umask())
         os.replace(name, path)
-    except OSError as error:
-        raise _not_writable(path, error, "check the disk") from None
+    except OSError as failure:
+        raise _not_writable(path, failure, "check the disk", error) from None
     finally:
         Path(name).unlink(missing_ok=True)  # nothing is left to remove after a success
     return path
@@ -61,7 +65,6 @@ def _umask() -> int:
     return mask
 
 
-def _not_writable(path: Path, error: OSError, remedy: str) -> TwolinkError:
-    return TwolinkError(
-        f"cannot be written: {error.strerror or error}", where=str(path), remedy=remedy, code="not-writable"
-    )
+def _not_writable(path: Path, failure: OSError, remedy: str, error: type[TwolinkError]) -> TwolinkError:
+    what = f"cannot be written: {failure.strerror or failure}"
+    return error(what, where=str(path), remedy=remedy, code="not-writable")

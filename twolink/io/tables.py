@@ -66,12 +66,12 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
         raise TwolinkError(what, where=str(path), remedy="save it again", code="not-readable") from None
 
 
-def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES) -> str:
-    """The ending of a path in lower case. Raises TwolinkError (code "unknown-format") when it is none of `suffixes`."""
+def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[TwolinkError] = TwolinkError) -> str:
+    """The ending of a path in lower case. Raises `error` (code "unknown-format") when it is none of `suffixes`."""
     suffix, endings = path.suffix.lower(), tuple(suffixes)
     if suffix not in endings:
         what = f"{path.suffix or 'no ending'!r} is not a format we know"
-        raise TwolinkError(what, where=str(path), remedy=nearest(suffix, endings), code="unknown-format")
+        raise error(what, where=str(path), remedy=nearest(suffix, endings), code="unknown-format")
     return suffix
 
 

@@ -1,4 +1,4 @@
-"""Direct labels: the name of each line beside its end, where it covers nothing else."""
+"""Direct labels: each line's name beside its end, where it covers neither lines nor other names."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
-# Where a label's near end may lie from the line's end, in points: near first, to the right and above first.
+# Places to try for a label's near end, in points from the line's end: near, right and above first.
 OFFSETS = [(dx, dy) for dx in (7, 16, 28, -7) for dy in (0, 9, -9, 18, -18, 28, -28, 40, -40, 54, -54, 68)]
-COVERED, OUTSIDE, FAR = 30.0, 1000.0, 0.5  # what a covered label, a label outside and a point of distance cost
+COVERED, OUTSIDE, FAR = 30.0, 1000.0, 0.5  # costs: of a covered label, of a label outside, per four points of distance
 Box = tuple[float, float, float, float]
 
 
@@ -22,15 +22,27 @@ def label_ends(
     styles: Mapping[str, Any],
     size: float = 9,
 ) -> None:
-    """Write each name at the last point of its line (x, y), in its style, with a thin leader where it is not close."""
-    figure.draw_without_rendering()  # the layout is known from here on
+    """Write each name at the last point of its line, with a thin leader where it is not close.
+
+    Parameters
+    ----------
+    figure, axis : matplotlib Figure and Axes
+        Where to write.
+    lines : mapping of names to (x, y)
+        The lines' points in data coordinates.
+    styles : mapping of names to dict
+        The options of each name's text, such as its colour.
+    size : float
+        Font size in points.
+    """
+    figure.draw_without_rendering()  # computes the layout
     scale = figure.dpi / 72
     drawn = {name: axis.transData.transform(np.column_stack(line)) / scale for name, line in lines.items()}
     points = np.concatenate([_dense(line) for line in drawn.values()])
     frame = axis.get_window_extent()
     inside = (frame.x0 / scale, frame.y0 / scale, frame.x1 / scale, frame.y1 / scale)
     placed: list[Box] = []
-    for name in sorted(drawn, key=lambda n: -drawn[n][-1, 0]):  # the crowd is at the right
+    for name in sorted(drawn, key=lambda n: -drawn[n][-1, 0]):  # from the right, where most lines end
         end = drawn[name][-1]
         boxes = [_box(end, offset, len(name) * WIDTH * size, HEIGHT * size) for offset in OFFSETS]
         costs = [_cost(box, offset, placed, points, inside) for box, offset in zip(boxes, OFFSETS, strict=True)]

@@ -1,14 +1,13 @@
-"""Figures in one style, and writing what is shown: whole or not at all, with failures as ShowError."""
+"""Figures in one style: colours, axes, names, files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twolink.errors import ShowError, TwolinkError
+from twolink.errors import ShowError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
 
@@ -38,27 +37,11 @@ def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **opti
 
 def save_figure(figure: Figure, path: Path) -> Path:
     """Save a figure as .png, .svg or .pdf. Returns the path. Raises ShowError."""
-    kind = check_ending(path, FORMATS)[1:]
-    return write_shown(path, lambda file: figure.savefig(file, format=kind))
+    kind = require_format(path, FORMATS, ShowError)[1:]
+    return write_atomic(path, lambda file: figure.savefig(file, format=kind), error=ShowError)
 
 
 def plain(name: str) -> str:
     """A name as matplotlib draws it letter by letter: no formulas, and none that a legend leaves out."""
     text = name.replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
-
-
-def check_ending(path: Path, endings: Iterable[str]) -> str:
-    """The path's ending in lower case. Raises ShowError (code "unknown-format") when it is none of `endings`."""
-    try:
-        return require_format(path, endings)
-    except TwolinkError as error:
-        raise ShowError(error.what, where=error.where, remedy=error.remedy, code=error.code) from None
-
-
-def write_shown(path: Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file whole or not at all, and return its path. Raises ShowError."""
-    try:
-        return write_atomic(path, write)
-    except TwolinkError as error:
-        raise ShowError(error.what, where=error.where, remedy=error.remedy, code=error.code) from None

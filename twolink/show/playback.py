@@ -11,7 +11,6 @@ import html
 import importlib.util
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,8 @@ import umsgpack
 from numpy.typing import ArrayLike
 
 from twolink.errors import MissingExtraError, ShowError
-from twolink.show.figure import check_ending, write_shown
+from twolink.io.atomic import write_atomic
+from twolink.io.tables import require_format
 from twolink.show.meshcat_scene import Node, poses, require_nodes
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import View, look_at, opening_commands, to_three
@@ -31,15 +31,6 @@ _FRAME_BYTES = 48  # of a body in a frame: seven numbers and the time twice, fou
 _PAGE_BYTES = 50_000  # of the page without viewer, bodies and animation
 _TRACKS = (("position", "vector3", slice(0, 3)), ("quaternion", "quaternion", slice(3, 7)))
 _AT_REST = 1e-7  # m, and in quaternions: a smaller range is no motion
-
-
-@dataclass(frozen=True, slots=True)
-class Frames:
-    """The times of the pictures, at equal distances, the first and last sample among them."""
-
-    times: Floats  # (n,) s, simulated
-    rate: float  # frames per second of playing
-    note: str  # for the viewer, when there are fewer frames than wanted
 
 
 def write_playback(
@@ -93,7 +84,7 @@ def write_playback(
         too large, and a path that cannot be written.
     """
     file = Path(path)
-    check_ending(file, (".html",))
+    require_format(file, (".html",), ShowError)
     times, configurations = check_motion(model, t, q, speed)
     if not (fps > 0 and max_frames >= 2):
         remedy = "60 and 3600 are the usual ones"
@@ -101,26 +92,34 @@ def write_playback(
     nodes, skipped = require_nodes(visuals, on_skipped)
     fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
     affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
-    frames = choose_frames(times, speed, fps, min(max_frames, max(affordable, _MIN_FRAMES)))
-    placed = poses(model, visuals, resample(model, times, configurations, frames.times), nodes)
+    shown, note = choose_frames(times, speed, fps, min(max_frames, max(affordable, _MIN_FRAMES)))
+    placed = poses(model, visuals, resample(model, times, configurations, shown), nodes)
     view = look_at(nodes, placed)
-    commands = opening_commands(nodes, placed, view) + _animation(nodes, placed, (frames.times - times[0]) / speed)
-    page = _page(commands, title, view, frames, speed, skipped)
+    commands = opening_commands(nodes, placed, view) + _animation(nodes, placed, (shown - times[0]) / speed)
+    notes = [
+        f"speed {speed:g}×" if speed != 1.0 else "",
+        note,
+        f"grid {view.cell:g} m",
+        f"not drawn: {', '.join(skipped)}" if skipped else "",
+    ]
+    page = _page(commands, title, " · ".join(filter(None, notes)), view, shown, speed)
     if len(page) > max_bytes:
         what = f"the page would take {len(page) / 1e6:.1f} MB, more than max_bytes ({max_bytes / 1e6:.1f} MB)"
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
         raise ShowError(what, where=str(path), remedy=remedy, code="page-too-large", bytes=len(page))
-    return write_shown(file, lambda out: out.write(page))
+    return write_atomic(file, lambda out: out.write(page), error=ShowError)
 
 
-def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> Frames:
-    """The times to show: `fps` per second of playing, but not more than `max_frames` in all."""
+def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> tuple[Floats, str]:
+    """The times to show, and a note for the viewer when they are fewer than `fps` per second of playing.
+
+    The times (n,), n <= `max_frames`, are at equal distances, and the first and last sample are among them.
+    """
     seconds = float(t[-1] - t[0]) / speed
     wanted = 1 + max(1, round(seconds * fps)) if len(t) > 1 else 1
     count = min(wanted, max_frames)
-    rate = (count - 1) / seconds if count > 1 else 0.0
-    note = f"shown at {rate:.3g} frames a second" if count < wanted else ""
-    return Frames(np.linspace(t[0], t[-1], count), rate, note)
+    note = f"shown at {(count - 1) / seconds:.3g} frames a second" if count < wanted else ""
+    return np.linspace(t[0], t[-1], count), note
 
 
 def _animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> list[Json]:
@@ -143,26 +142,18 @@ def _animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> list[Jso
     return [{"type": "set_animation", "animations": animations, "options": options, "path": ""}] if animations else []
 
 
-def _page(
-    commands: Sequence[Json], title: str, view: View, frames: Frames, speed: float, skipped: Sequence[str]
-) -> bytes:
+def _page(commands: Sequence[Json], title: str, notes: str, view: View, shown: Floats, speed: float) -> bytes:
     """The page as UTF-8. Texts from outside enter it as base64, escaped HTML, or JSON without "<"."""
     facts = {
-        "start": float(frames.times[0]),
-        "duration": float(frames.times[-1] - frames.times[0]) / speed,
+        "start": float(shown[0]),
+        "duration": float(shown[-1] - shown[0]) / speed,
         "speed": speed,
         "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
         "direction": to_three(view.direction),
     }
-    notes = [
-        f"speed {speed:g}×" if speed != 1.0 else "",
-        frames.note,
-        f"grid {view.cell:g} m",
-        f"not drawn: {', '.join(skipped)}" if skipped else "",
-    ]
     parts = {
         "TITLE": html.escape(title),
-        "NOTES": html.escape(" · ".join(filter(None, notes))),
+        "NOTES": html.escape(notes),
         "FACTS": json.dumps(facts).replace("<", "\\u003c"),
         "COMMANDS": "\n".join(map(_encoded, commands)),
         "VIEWER": viewer_script().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
