@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 import warnings
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import Array, Query
 from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError, QueryError, nearest
+from twolink.io.listing import facts_html
 from twolink.robots.load import load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
@@ -76,8 +76,7 @@ class Robot(RobotModel):
         return f"<Robot {self.name!r}: {facts}>"
 
     def _repr_html_(self) -> str:
-        cells = "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>" for k, v in self._summary().items())
-        return f"<table><caption>Robot {html.escape(self.name)}</caption>{cells}</table>"
+        return facts_html(f"Robot {self.name}", {name: [value] for name, value in self._summary().items()})
 
     def _summary(self) -> dict[str, str]:
         shown = ", ".join(self.joint_names[:8]) + (", ..." if len(self.joint_names) > 8 else "")

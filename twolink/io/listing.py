@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import numbers
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,6 +56,13 @@ class Table:
             "<tr>" + "".join(f"<td>{html.escape(_text(value))}</td>" for value in row) + "</tr>" for row in self.rows
         )
         return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def facts_html(title: str, facts: Mapping[str, Iterable[object]]) -> str:
+    """A table for notebooks: a row for each fact, its name first, then its values line by line."""
+    rows = [(html.escape(name), "<br>".join(html.escape(str(v)) for v in values)) for name, values in facts.items()]
+    body = "".join(f"<tr><th>{name}</th><td>{text}</td></tr>" for name, text in rows)
+    return f"<table><caption>{html.escape(title)}</caption>{body}</table>"
 
 
 def _is_number(value: Any) -> bool:

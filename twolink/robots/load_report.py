@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import nearest
+from twolink.io.listing import facts_html
 from twolink.robots.tree import Tree
 from twolink.robots.xml import Element
 
@@ -123,9 +123,7 @@ class LoadReport:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        items = {kind: "<br>".join(html.escape(str(f)) for f in self._of(kind)) or "nothing" for kind in KINDS}
-        rows = "".join(f"<tr><th>{kind}</th><td>{text}</td></tr>" for kind, text in items.items())
-        return f"<table><caption>{html.escape(self.source)}</caption>{rows}</table>"
+        return facts_html(self.source, {kind: self._of(kind) or ("nothing",) for kind in KINDS})
 
 
 def findings(kind: Kind, statements: Mapping[str, Iterable[str]]) -> list[Finding]:

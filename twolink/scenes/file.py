@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import tomllib
 from importlib import resources
@@ -31,15 +32,15 @@ def scenes() -> Table:
     Returns
     -------
     Table
-        Columns name, title, robot, effects (a tuple of their types).
+        Columns name, title, robot, duration [s], effects (a tuple of their types).
     """
     rows = []
     for name in bundled_scenes():
-        content = scene_tables(tomllib.loads(_bundled_text(name)))
+        content = scene_tables(bundled_content(name))
         robot = content.robot if isinstance(content.robot, str) else content.robot.source
         effects = tuple(dict.fromkeys(effect["type"] for effect in content.effects))
-        rows.append((name, content.title, robot, effects))
-    return Table(("name", "title", "robot", "effects"), tuple(rows))
+        rows.append((name, content.title, robot, content.duration, effects))
+    return Table(("name", "title", "robot", "duration", "effects"), tuple(rows))
 
 
 def load_scene(source: str | os.PathLike[str]) -> Scene:
@@ -68,20 +69,27 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
     if isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name:
         path = Path(name)
         text = read_text(path, SceneError, MAX_BYTES, "keep samples in files of their own")
-        return _from_text(text, name, path.parent)
+        try:
+            content = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise SceneError(f"not TOML: {error}", where=name, remedy="check that line", code="not-toml") from None
+        return _from_content(content, name, path.parent)
     if name not in bundled_scenes():
         remedy = f"{nearest(name, bundled_scenes())} (a file's name ends in .toml)"
         what = f"there is no bundled scene {name!r}"
         raise SceneError(what, where="load_scene", remedy=remedy, code="unknown-scene", argument="source")
-    return _from_text(_bundled_text(name), name, None)
+    return _from_content(bundled_content(name), name, None)
 
 
-def _bundled_text(name: str) -> str:
-    return (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
+@functools.cache
+def bundled_content(name: str) -> dict[str, Any]:
+    """The content of a bundled scene's file; do not change it."""
+    file = resources.files("twolink.scenes") / "bundled" / f"{name}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def _from_text(text: str, label: str, folder: Path | None) -> Scene:
-    """The scene of a file's text. `label` names the file in errors; relative paths start from `folder`."""
+def _from_content(content: dict[str, Any], label: str, folder: Path | None) -> Scene:
+    """The scene of a file's content. `label` names the file in errors; relative paths start from `folder`."""
 
     def load(entry: RobotEntry) -> Robot:
         beside = None if folder is None else os.path.join(folder, entry.source)
@@ -89,11 +97,9 @@ def _from_text(text: str, label: str, folder: Path | None) -> Scene:
         return load_robot(source, root=entry.root, lock=entry.lock)
 
     try:
-        return scene_from_data(scene_tables(_with_paths(tomllib.loads(text), folder)), load)
+        return scene_from_data(scene_tables(_with_paths(content, folder)), load)
     except TwolinkError as error:
         raise error.at(f"{label}: {error.where}" if error.where else label, SceneError) from None
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"not TOML: {error}", where=label, remedy="check that line", code="not-toml") from None
 
 
 def _with_paths(value: Any, folder: Path | None) -> Any:

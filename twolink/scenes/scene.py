@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
+from twolink.io.listing import facts_html
 from twolink.scenes.save import save_scene
 
 _REMEDY = "such as [tl.effects.Gravity()]"
@@ -163,10 +163,7 @@ class Scene:
         return "\n".join([*lines, *(f"  {name:<10}{text}" for name, text in self._summary().items())])
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th>{name}</th><td>{html.escape(text)}</td></tr>" for name, text in self._summary().items()
-        )
-        return f"<table><caption>{html.escape(self.title or 'Scene')}</caption>{rows}</table>"
+        return facts_html(self.title or "Scene", {name: [text] for name, text in self._summary().items()})
 
 
 def _shown(state: np.ndarray) -> str:

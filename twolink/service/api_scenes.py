@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-import functools
-import tomllib
-from importlib import resources
 from typing import Any
 
 import msgspec
 from litestar import get, post
 
 from twolink.integrate.methods import methods
-from twolink.scenes import bundled_scenes
-from twolink.scenes.file_format import SceneFile, scene_schema
+from twolink.scenes import bundled_scenes, scenes
+from twolink.scenes.file import bundled_content
+from twolink.scenes.file_format import scene_schema
 from twolink.service.components import Shared
 from twolink.service.job_requests import ExplainRequest, SceneRequest
 from twolink.service.problems import Refusal
 
 
-@functools.cache
-def _content(name: str) -> dict[str, Any]:
-    """A bundled scene's file."""
-    folder = resources.files("twolink.scenes") / "bundled"
-    return tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
-
-
 @get("/v1/scenes", tags=["scenes"], summary="List the bundled scenes")
 async def list_scenes() -> list[dict[str, Any]]:
     """Each with its id, title, robot, duration [s] and effects."""
-    scenes = {name: msgspec.convert(_content(name), SceneFile) for name in bundled_scenes()}
-    return [
-        {
-            "id": name,
-            "title": scene.title,
-            "robot": scene.robot if isinstance(scene.robot, str) else scene.robot.source,
-            "duration": scene.duration,
-            "effects": [effect["type"] for effect in scene.effects],
-        }
-        for name, scene in scenes.items()
-    ]
+    return [{"id": row.pop("name"), **row} for row in scenes()]
 
 
 @get("/v1/scenes/{scene:str}", tags=["scenes"], summary="A bundled scene's content")
@@ -46,7 +27,7 @@ async def show_scene(scene: str) -> dict[str, Any]:
     """As a scene file says it: what simulations take as their scene, and a start for scenes of your own."""
     if scene not in bundled_scenes():
         raise Refusal(404, f"there is no scene {scene[:80]!r}", where="path: scene", remedy="GET /v1/scenes lists them")
-    return _content(scene)
+    return bundled_content(scene)
 
 
 @get("/v1/scene-schema", tags=["scenes"], summary="The JSON Schema of scenes")
