@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from twolink.dynamics import Robot
 from twolink.effects.effect import one_of
 from twolink.effects.joint_checks import check_joints, check_values
-from twolink.effects.switching import Switch
+from twolink.effects.switching import Hold, SwitchingEffect
 from twolink.errors import SceneError
 
 
-class DryFriction(Switch, frozen=True):
+class DryFriction(SwitchingEffect, frozen=True):
     """tau_k = -c_k sign(v_k) while a joint slips; at rest, whatever holds it, up to s_k. (Coulomb 1785.)
 
     kinetic: c by joint, N m or N. static: s by joint, none below c; c unless given. A joint that comes to rest sticks
@@ -32,11 +32,8 @@ class DryFriction(Switch, frozen=True):
                 raise SceneError(f"it is {level:g}, below the kinetic friction {self.kinetic[joint]:g}",
                                  where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip
 
-    def lockable(self, robot: Robot) -> Sequence[int]:
-        """The joints with friction."""
-        return list(self.levels(robot))
-
-    def levels(self, robot: Robot) -> dict[int, tuple[float, float]]:
-        """(static, kinetic) friction by degree of freedom."""
+    def holds(self, robot: Robot) -> Sequence[Hold]:
+        """Static friction holds a joint, kinetic friction brakes it."""
         dofs = {joint.name: joint.v.start for joint in robot.joints}
-        return {dofs[name]: (float(self.static.get(name, c)), float(c)) for name, c in self.kinetic.items()}
+        static = {name: float(self.static.get(name, c)) for name, c in self.kinetic.items()}
+        return [Hold(dofs[name], -static[name], static[name], float(c)) for name, c in self.kinetic.items()]

@@ -9,11 +9,13 @@ from typing import Literal
 from twolink.dynamics import Robot
 from twolink.effects.effect import finite
 from twolink.effects.joint_checks import check_joints
-from twolink.effects.switching import Switch
+from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.errors import SceneError
 
+NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 
-class JointStops(Switch, frozen=True):
+
+class JointStops(SwitchingEffect, frozen=True):
     """lower_k <= q_k <= upper_k, rigid: at a stop v_k becomes -e v_k (Newton 1687); under load the joint rests there.
 
     limits: (lower, upper) by joint, rad or m; "urdf" for those that the URDF gives. restitution: e, from 0 to 1.
@@ -33,30 +35,30 @@ class JointStops(Switch, frozen=True):
                 if not pair or not ends[0] < ends[1]:
                     raise SceneError(f"expected (lower, upper), got {ends!r}", where=f"limits.{joint}",
                                      remedy="such as (-1.0, 1.0); inf for no stop")  # fmt: skip
-        if not any(math.isfinite(end) for ends in self.stops(robot).values() for end in ends):
+        if not self.stops(robot):
             raise SceneError("no joint has a stop", where="limits", remedy="give limits by joint")
 
-    def lockable(self, robot: Robot) -> Sequence[int]:
-        """The joints with stops."""
-        return [k for _, k in self.stops(robot)]
-
-    def stops(self, robot: Robot) -> dict[tuple[int, int], tuple[float, float]]:
-        """(lower, upper) by the places of a joint in q and in v."""
-        found = {}
+    def stops(self, robot: Robot) -> Sequence[Stop]:
+        """The stops at finite limits."""
+        stops = []
         for joint in robot.joints:
             if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
                 continue
-            place = joint.q.start, joint.v.start
-            if self.limits != "urdf":
-                if joint.name in self.limits:
-                    lower, upper = self.limits[joint.name]
-                    found[place] = float(lower), float(upper)
-                continue
-            ends = (float(getattr(robot.model, f"{end}PositionLimit")[place[0]]) for end in ("lower", "upper"))
-            lower, upper = (x if abs(x) < 1e30 else math.copysign(math.inf, x) for x in ends)
-            if lower < upper and (math.isfinite(lower) or math.isfinite(upper)):
-                found[place] = lower, upper
-        return found
+            unit = "rad/s" if robot.model.joints[joint.index].shortname().startswith("JointModelR") else "m/s"
+            for position, side in zip(self._limits_of(joint.name, joint.q.start, robot), (1.0, -1.0), strict=True):
+                if math.isfinite(position):
+                    stops.append(Stop(joint.name, joint.v.start, joint.q.start, position, side, self.restitution, unit))
+        return stops
+
+    def _limits_of(self, joint: str, entry: int, robot: Robot) -> tuple[float, float]:
+        """(lower, upper) of a joint; infinite where there is no stop."""
+        if self.limits != "urdf":
+            lower, upper = self.limits.get(joint, (-math.inf, math.inf))
+            return float(lower), float(upper)
+        model = robot.model
+        ends = (float(limits[entry]) for limits in (model.lowerPositionLimit, model.upperPositionLimit))
+        lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
+        return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
 
 def check_restitution(value: float) -> None:

@@ -13,6 +13,11 @@ class Loop(Effect, frozen=True):
     Rows that say what others say already are found and dropped: give the whole joint, planar or not.
     """
 
+    @property
+    def most_rows(self) -> int:
+        """The number of rows in the mode that has most; 0 where it has no modes."""
+        return 0
+
     def rows(self, motion: Motion) -> list[Scalar]:
         """g(q), m and (of directions) 1: what stays 0."""
         raise NotImplementedError

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
 
 from twolink.algorithms.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.conditions import unit
-from twolink.effects.effect import Effect, finite
+from twolink.effects.effect import finite
 from twolink.effects.frame_checks import check_frame, check_three
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
-from twolink.effects.switching import Switch
-
-Mode = Literal["free", "sliding", "rolling"]
+from twolink.effects.switching import Contact, SwitchingEffect
 
 
-class PlaneContact(Switch, frozen=True):
+class PlaneContact(SwitchingEffect, frozen=True):
     """gap = n . x - height - radius >= 0, for the centre x of a ball of a link; a point is a ball of radius 0.
 
     frame: the link. point: the centre in its axes, m. radius: m. normal: n, along the world's axes, of any length: it
@@ -35,11 +33,6 @@ class PlaneContact(Switch, frozen=True):
     height: float = 0.0
     restitution: float = 0.0
     friction: float = 0.0
-
-    @property
-    def structural(self) -> bool:
-        """A constraint stands in its place while there is contact."""
-        return True
 
     def check(self, robot: Robot) -> None:
         """The frame moves, the numbers make sense."""
@@ -76,24 +69,36 @@ class PlaneContact(Switch, frozen=True):
         first = unit((x, y, z), "normal")
         return first, cross(n, first)
 
-    def in_mode(self, mode: Mode, label: str) -> tuple[Effect, ...]:
-        """What stands in its place. label: of the numbers that ride along: the direction of sliding at first."""
-        if mode == "free":
-            return ()
-        before = (Slot(f"{label}.0"), Slot(f"{label}.1"))
-        return (Touching(self, mode == "rolling", before),)
+    def velocity(self, motion: Motion) -> Vec:
+        """The rate of the gap, and the slip along the two tangents, m/s."""
+        slip, (first, second) = self.slip(motion), self.tangents()
+        return dot(unit(self.normal, "normal"), slip), dot(first, slip), dot(second, slip)
+
+    def contacts(self) -> Sequence[Contact]:
+        """The gap to the plane."""
+
+        def constraint(rolling: bool, before: tuple[Slot, Slot]) -> Loop:
+            return Touching(self, rolling, before)
+
+        return [Contact(self.frame, self.restitution, float(self.friction), self.gap, self.velocity, constraint,
+                        repr(self))]  # fmt: skip
 
 
 class Touching(Loop, frozen=True):
     """gap = 0, and while it rolls or sticks c = 0 along the plane; while it slides, with friction.
 
-    contact: what touches. rolling: whether it rolls or sticks. before: the direction of sliding when that began, along
-    the two tangents: c does not change to the other side of it before an event says so.
+    contact: the ball and the plane. rolling: whether it rolls or sticks. before: the direction of sliding when that
+    began, along the two tangents: c does not change to the other side of it before an event.
     """
 
     contact: PlaneContact
     rolling: bool
     before: tuple[Slot, Slot] | tuple[float, float]
+
+    @property
+    def most_rows(self) -> int:
+        """The normal row, and two along the tangents."""
+        return 3
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """The gap."""
@@ -103,17 +108,16 @@ class Touching(Loop, frozen=True):
         """c along the plane."""
         if not self.rolling:
             return []
-        slip = self.contact.slip(motion)
-        return [dot(tangent, slip) for tangent in self.contact.tangents()]
+        return list(self.contact.velocity(motion)[1:])
 
     def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
         """The power of a normal force of size 1 and of its friction."""
         mu = float(self.contact.friction)
         if self.rolling or not mu:
             return None
-        xp, tangents = motion.xp, self.contact.tangents()
-        own, other = self.contact.slip(motion), self.contact.slip(along)
-        x, y = (dot(tangent, own) for tangent in tangents)
+        xp = motion.xp
+        _, x, y = self.contact.velocity(motion)
+        normal, *others = self.contact.velocity(along)
         a, b = self.before
         speed = xp.sqrt(plus(times(x, x), times(y, y)))
         # Past the instant of no sliding, which steps look beyond, the direction stays: there is no kink in it.
@@ -121,5 +125,5 @@ class Touching(Loop, frozen=True):
         still = xp.less(speed, 1e-300)
         direction = [xp.where(still, was, times(sign, now / xp.where(still, 1.0, speed)))
                      for was, now in ((a, x), (b, y))]  # fmt: skip
-        rubbing = plus(*(times(d, dot(tangent, other)) for d, tangent in zip(direction, tangents, strict=True)))
-        return [minus(dot(unit(self.contact.normal, "normal"), other), times(mu, rubbing))]
+        friction = plus(*(times(d, other) for d, other in zip(direction, others, strict=True)))
+        return [minus(normal, times(mu, friction))]

@@ -8,12 +8,12 @@ from typing import Any
 from twolink.dynamics import Robot
 from twolink.effects.conditions import Condition, check_when
 from twolink.effects.effect import Effect
-from twolink.effects.motion import Motion
-from twolink.effects.switching import Switch
+from twolink.effects.switching import SwitchingEffect, Trigger
 from twolink.errors import SceneError
+from twolink.io.text import kebab_case
 
 
-class Release(Switch, frozen=True):
+class Release(SwitchingEffect, frozen=True):
     """An effect that acts until a time or a condition, and not any more from then on.
 
     of: any other effect, such as a payload or a weld loop that holds a ball. at: s. when: a condition. What is let go
@@ -24,14 +24,9 @@ class Release(Switch, frozen=True):
     at: float | None = None
     when: Condition | None = None
 
-    @property
-    def structural(self) -> bool:
-        """The effect stands in its place, until then."""
-        return True
-
     def check(self, robot: Robot) -> None:
         """The effect fits, and so does the condition."""
-        if not isinstance(self.of, Effect) or isinstance(self.of, Switch):
+        if not isinstance(self.of, Effect) or isinstance(self.of, SwitchingEffect):
             raise SceneError(f"{type(self.of).__name__} cannot be let go", where="of",
                              remedy="give an effect without modes, such as a payload or a loop")  # fmt: skip
         try:
@@ -40,15 +35,11 @@ class Release(Switch, frozen=True):
             raise SceneError(error.what, where=f"of.{error.where}", remedy=error.remedy) from None
         check_when(self.at, self.when, robot)
 
-    def at_first(self) -> tuple[Effect, ...]:
-        """The effect."""
+    def acting(self) -> tuple[Effect, ...]:
+        """The effect, until it is released."""
         return (self.of,)
 
-    def breaks(self, duration: float) -> Sequence[float]:
-        """The time, if it is one."""
-        del duration
-        return () if self.at is None else (float(self.at),)
-
-    def distance(self, motion: Motion) -> Any:
-        """What is missing to the condition."""
-        return None if self.when is None else self.when.distance(motion)
+    def triggers(self, robot: Robot) -> Sequence[Trigger]:
+        """The release."""
+        del robot
+        return [Trigger("release", kebab_case(type(self.of).__name__), self.at, self.when, drops=True)]

@@ -1,75 +1,195 @@
-"""Effects of modes, which change at events. The engine that runs them is integrate.hybrid."""
+"""Switching effects: what changes at events, as a few frozen concepts that an effect declares.
+
+Hold      holds one degree of freedom at rest, up to a torque
+Stop      a joint's coordinate that stays on one side of a position
+Contact   a gap between bodies that stays at or above 0
+Trigger   what happens where a value passes 0, or at a time
+
+The engine in integrate.hybrid knows these concepts and no effect by name.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
+from twolink.effects.inputs import Slot
+from twolink.effects.loop import Loop
+from twolink.effects.motion import Motion
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
+    from twolink.effects.conditions import Condition
+
+State = tuple[np.ndarray, np.ndarray]  # (q, v)
 
 
-class Switch(Effect, frozen=True):
-    """An effect that is smooth only between events, at which it changes its mode.
+@dataclass(frozen=True)
+class Hold:
+    """Keeps a degree of freedom at rest while that takes a torque from `least` to `greatest`, N m or N.
 
-    Some hold joints at rest (`lockable`). Others put effects in their own place, others in each mode (`at_first`).
+    kinetic: the torque against the motion while the joint slips. entry, position: it acts only where q[entry] is the
+    position exactly, to which events move it; entry None: anywhere. kinds: of the events at which it begins to hold
+    and is overcome.
     """
+
+    dof: int
+    least: float
+    greatest: float
+    kinetic: float = 0.0
+    entry: int | None = None
+    position: float = 0.0
+    kinds: tuple[str, str] = ("stick", "slip")
+
+    def acts(self, q: np.ndarray) -> bool:
+        """Whether it can hold the joint where it is."""
+        return self.entry is None or bool(q[self.entry] == self.position)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A stop of a joint: side (q[entry] - position) >= 0, with the side +1 or -1.
+
+    At an impact the joint's velocity v becomes -restitution v. In contact the joint is held, see `hold`.
+    """
+
+    name: str
+    dof: int
+    entry: int
+    position: float
+    side: float
+    restitution: float
+    unit: str  # of the velocity
+
+    @property
+    def hold(self) -> Hold:
+        """The stop's force on a joint at rest against it: away from it, of any size."""
+        least, greatest = (0.0, math.inf) if self.side > 0 else (-math.inf, 0.0)
+        return Hold(self.dof, least, greatest, 0.0, self.entry, self.position, ("rest", "leave"))
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A gap g(q) >= 0 with restitution and Coulomb's friction.
+
+    gap: g, m. velocity: (g', slip along two tangents), m/s. constraint: from whether it rolls, and the direction of
+    sliding when that began, the rows in force while the gap is 0. content: what gap and velocity are made of, as text.
+    """
+
+    name: str
+    restitution: float
+    friction: float
+    gap: Callable[[Motion], Scalar]
+    velocity: Callable[[Motion], tuple[Scalar, Scalar, Scalar]]
+    constraint: Callable[[bool, tuple[Slot, Slot]], Loop]
+    content: str
+
+
+@dataclass(frozen=True)
+class Catch:
+    """Brings a joint that passes a position no faster than `speed` to rest there by an impulse, with loss of energy."""
+
+    dof: int
+    entry: int
+    position: float
+    speed: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """An event where a condition is reached from either side, where a function passes 0, or at a time.
+
+    kind, name: of the event. at: s. condition: of the motion, compiled. function: of the motion, for NumPy alone.
+    drops: its effect ceases to act. catch: see there; a joint that is too fast passes without an event. state:
+    (q, v) -> (q, v) after it. ends: the run ends.
+    """
+
+    kind: str
+    name: str
+    at: float | None = None
+    condition: Condition | None = None
+    function: Callable[[Motion], Any] | None = None
+    drops: bool = False
+    catch: Catch | None = None
+    state: Callable[[np.ndarray, np.ndarray], State] | None = None
+    ends: bool = False
+
+
+class SwitchingEffect(Effect, frozen=True):
+    """An effect that is smooth only between events, at which its mode changes."""
 
     @property
     def analytic(self) -> bool:
         """Only between events."""
         return False
 
-    @property
-    def structural(self) -> bool:
-        """Whether other effects stand in its place."""
-        return False
-
-    def lockable(self, robot: Robot) -> Sequence[int]:
-        """The degrees of freedom that it may hold at rest."""
+    def holds(self, robot: Robot) -> Sequence[Hold]:
+        """What holds joints at rest, besides stops."""
         del robot
         return ()
 
-    def at_first(self) -> tuple[Effect, ...]:
-        """What stands in its place when a run begins."""
+    def stops(self, robot: Robot) -> Sequence[Stop]:
+        """Stops of joints."""
+        del robot
+        return ()
+
+    def contacts(self) -> Sequence[Contact]:
+        """Contacts of bodies."""
+        return ()
+
+    def triggers(self, robot: Robot) -> Sequence[Trigger]:
+        """What happens at conditions and times."""
+        del robot
+        return ()
+
+    def acting(self) -> tuple[Effect, ...]:
+        """The effects in its place until a trigger drops them."""
         return ()
 
 
 @dataclass(frozen=True, eq=False)
 class Switching:
-    """The effects of a scene, some of which have modes.
+    """What the switching effects of a scene declare, each with the place of its effect in the scene.
 
-    base: the robot before effects changed its constants; robot: after. effects: all of the scene.
+    base: the robot before effects changed its constants; robot: after that.
     """
 
     base: Robot
     robot: Robot
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect, ...] = ()
+    holds: tuple[tuple[int, Hold], ...] = ()
+    stops: tuple[Stop, ...] = ()
+    contacts: tuple[tuple[int, Contact], ...] = ()
+    triggers: tuple[tuple[int, Trigger], ...] = ()
 
     @property
     def lockable(self) -> tuple[int, ...]:
-        """The degrees of freedom that an effect may hold at rest."""
-        return tuple(sorted({k for e in self.effects if isinstance(e, Switch) for k in e.lockable(self.robot)}))
+        """The degrees of freedom that something may hold at rest."""
+        return tuple(sorted({hold.dof for _, hold in self.holds}))
 
     @property
     def times(self) -> tuple[float, ...]:
-        """The times at which modes change."""
-        return tuple(t for e in self.effects if isinstance(e, Switch) for t in e.breaks(np.inf))
+        """The times at which something happens."""
+        return tuple(float(trigger.at) for _, trigger in self.triggers if trigger.at is not None)
 
-    @property
-    def first_effects(self) -> tuple[Effect, ...]:
-        """The effects with what stands in the place of those with modes when a run begins."""
-        return self.replaced(lambda _, effect: effect.at_first() if effect.structural else (effect,))
-
-    def replaced(self, stand_in: Callable[[int, Any], Sequence[Effect]]) -> tuple[Effect, ...]:
-        """The effects with others in the place of those with modes, by their place and themselves."""
-        parts = (stand_in(i, e) if isinstance(e, Switch) else (e,) for i, e in enumerate(self.effects))
-        return tuple(effect for part in parts for effect in part)
+    def acting(
+        self, dropped: frozenset[int] = frozenset(), constraints: Sequence[tuple[int, Loop]] = ()
+    ) -> tuple[tuple[int, Effect], ...]:
+        """The effects that act, with their places, without those dropped, and with the constraints of contacts."""
+        placed: list[tuple[int, Effect]] = []
+        for place, effect in enumerate(self.effects):
+            if not isinstance(effect, SwitchingEffect):
+                placed.append((place, effect))
+            elif place not in dropped:
+                placed += [(place, own) for own in effect.acting()]
+        return (*placed, *constraints)
 
     def robot_with(self, effects: Sequence[Effect]) -> Robot:
         """The robot with the constants that these effects change."""
@@ -86,5 +206,18 @@ class Switching:
 
 
 def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switching | None:
-    """The effects with modes among those of a scene; None where there are none."""
-    return Switching(base, robot, tuple(effects)) if any(isinstance(e, Switch) for e in effects) else None
+    """What the switching effects among those of a scene declare; None where there are none."""
+    own = [(place, effect) for place, effect in enumerate(effects) if isinstance(effect, SwitchingEffect)]
+    if not own:
+        return None
+    stops = [(place, stop) for place, effect in own for stop in effect.stops(robot)]
+    holds = [(place, hold) for place, effect in own for hold in effect.holds(robot)]
+    return Switching(
+        base,
+        robot,
+        tuple(effects),
+        (*holds, *((place, stop.hold) for place, stop in stops)),
+        tuple(stop for _, stop in stops),
+        tuple((place, contact) for place, effect in own for contact in effect.contacts()),
+        tuple((place, trigger) for place, effect in own for trigger in effect.triggers(robot)),
+    )

@@ -7,12 +7,11 @@ from typing import Any
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import Condition, check_when
-from twolink.effects.motion import Motion
-from twolink.effects.switching import Switch
+from twolink.effects.switching import SwitchingEffect, Trigger
 from twolink.errors import SceneError
 
 
-class Watch(Switch, frozen=True):
+class Watch(SwitchingEffect, frozen=True):
     """An event wherever a condition is reached, from either side, or at a time: it is found and noted in run.events.
 
     name: what the event is called. at: s. when: a condition. function: in Python, f(motion) -> a number that passes
@@ -38,13 +37,7 @@ class Watch(Switch, frozen=True):
         if self.then is not None and not callable(self.then):
             raise SceneError(f"expected a function, got {self.then!r}", where="then", remedy="(q, v) -> (q, v)")
 
-    def breaks(self, duration: float) -> Sequence[float]:
-        """The time, if it is one."""
-        del duration
-        return () if self.at is None else (float(self.at),)
-
-    def distance(self, motion: Motion) -> Any:
-        """What passes 0."""
-        if self.function is not None:
-            return self.function(motion)
-        return None if self.when is None else self.when.distance(motion)
+    def triggers(self, robot: Robot) -> Sequence[Trigger]:
+        """The event."""
+        del robot
+        return [Trigger("watch", self.name, self.at, self.when, self.function, state=self.then, ends=self.stop)]

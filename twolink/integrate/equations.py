@@ -33,6 +33,7 @@ class Equations:
     layout: the rows of a state. start: the initial state (size,). robot: with the constants that effects changed.
     mechanism: its constants as numbers. effects: those that act while it moves. constraints: of loops and contacts.
     parameters: physical constants kept as run-time inputs. switching: what effects with modes declare; None without.
+    places: of the effects, then of the constraints' loops, their places among the scene's effects.
     effort_limits: names of the limits of effort, whose values pass 0 where they begin and cease to act.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
     content: a digest of all this but the start. assembled: how far q [rad, m] and v [per second] of the start were
@@ -47,6 +48,7 @@ class Equations:
     constraints: Constraints | None = None
     parameters: tuple[str, ...] = ()
     switching: Switching | None = None
+    places: tuple[int, ...] = ()
     effort_limits: tuple[str, ...] = ()
     variant: int = 0
     operations: int = 0

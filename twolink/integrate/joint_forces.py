@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from twolink.integrate.equations import Equations
-from twolink.integrate.hybrid.forces import forces
+from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
 
 
@@ -34,7 +34,7 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     """
     rows = equations.start[len(x) :]
     states = np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
-    found = forces(equations, t, states)
-    tau = found.loads[: equations.space.nv].copy()
-    tau[list(equations.layout.lockable)] += found.held
-    return found.a, tau
+    snapshot = Evaluator(equations).by_numpy(t, states)
+    tau = snapshot.tau.copy()
+    tau[list(equations.layout.lockable)] += snapshot.locks
+    return snapshot.a, tau

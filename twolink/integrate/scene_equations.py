@@ -37,9 +37,10 @@ def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
     name = tuple(parameters)
     if name not in known:
         switching = switching_of(scene.base, scene.robot, scene.effects)
-        effects = scene.effects if switching is None else switching.first_effects
-        robot = scene.robot if switching is None else switching.robot_with(effects)
-        known[name] = make_equations(robot, scene.q, scene.v, effects, switching, name)
+        acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
+        robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
+        lockable = () if switching is None else switching.lockable
+        known[name] = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
     return known[name]
 
 
@@ -47,21 +48,25 @@ def make_equations(
     robot: Robot,
     q: Array,
     v: Array,
-    effects: Sequence[Effect],
+    effects: Sequence[tuple[int, Effect]],
+    lockable: tuple[int, ...] = (),
     switching: Switching | None = None,
     parameters: tuple[str, ...] = (),
 ) -> Equations:
-    """Equations of a robot under effects from a state (q, v). The robot has the constants that effects changed."""
+    """Equations of a robot under effects, each with its place in the scene, from a state (q, v).
+
+    The robot has the constants that effects changed. lockable: degrees of freedom that may be held at rest.
+    """
     if robot.has_mimic:
         raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
                          code="mimic-joints")  # fmt: skip
     mech = mechanism(robot.model)
-    acting = tuple(e for e in effects if type(e).act is not Effect.act)
-    loops = [e for e in effects if isinstance(e, Loop)]
-    layout = layout_of(robot, (*acting, *loops), () if switching is None else switching.lockable)
+    acting = [(place, e) for place, e in effects if type(e).act is not Effect.act]
+    loops = [(place, e) for place, e in effects if isinstance(e, Loop)]
+    layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable)
     start, moved, constraints = np.concatenate([q, v]), np.zeros(len(q) + len(v)), None
     if loops:
-        rows = all_constraints(layout.space, loops, mech)
+        rows = all_constraints(layout.space, [loop for _, loop in loops], mech)
         closed = assembled(rows, start)
         start, moved = closed, np.abs(closed - start)
         constraints = independent(rows, start[: robot.nq])
@@ -70,10 +75,11 @@ def make_equations(
         np.concatenate([start, layout.numbers_at(0.0)]),
         robot,
         mech,
-        acting,
+        tuple(e for _, e in acting),
         constraints,
         parameters,
         switching,
+        places=tuple(place for place, _ in (*acting, *loops)),
         assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
     )
     variant, operations = _fewest_operations(equations)

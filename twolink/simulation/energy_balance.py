@@ -1,9 +1,9 @@
-"""The energy book of a scene: what is stored, the work of each effect, what impacts took, and whether it adds up.
+"""The energy balance of a run: what is stored, the work of each effect, what impacts took, and what is left over.
 
     stored(t) = stored(0) + sum of works(t) - lost(t),   work of an effect = integral of (tau . v + wrench . V) dt
 
 Stored is kinetic and gravity's potential energy; springs are effects, and what they store is their work. The integrals
-are Gauss's of order 12 between samples, split where the motion is not smooth, from states of a run of their own.
+are Gauss's of order 12 between samples, split where the motion is not smooth.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import spatial_dot
-from twolink.effects import Effect
-from twolink.effects.dry_friction import DryFriction
 from twolink.effects.motion import Loads, Motion
-from twolink.effects.plane_contact import Touching
-from twolink.effects.release import Release
 from twolink.errors import SceneError
-from twolink.integrate.hybrid.snapshot import Moment
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solver import solve
@@ -34,10 +33,10 @@ NODES = 6  # of Gauss's quadrature between two samples
 
 @dataclass(frozen=True)
 class Book:
-    """The energy book at the samples t (n,) [s]; all in J.
+    """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
-    (n,) each. lost (n,): what impacts took, and what left with what was let go.
+    (n,) each. lost (n,): what impacts took, and what left with what was released.
     """
 
     run: Trajectory
@@ -62,8 +61,36 @@ class Book:
         return "\n".join([*lines, f"  {'does not add up':<{width}}  {np.abs(self.residual).max():.1e} J at most"])
 
 
+@dataclass(frozen=True)
+class _Stretch:
+    """Part of a run in one mode: its equations, the states x (size, n) at times t (n,), their place among the times."""
+
+    equations: Equations
+    t: np.ndarray
+    x: np.ndarray
+    place: slice
+
+
 def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
-    """The energy book of a run of a scene; of one at accuracy 1e-9 unless given. Solves it once more."""
+    """The energy balance of a run of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    run : Trajectory, optional
+        Its run; by default one at accuracy 1e-9.
+
+    Returns
+    -------
+    Book
+        Stored energy, works and losses at the samples, J.
+
+    Raises
+    ------
+    SceneError
+        The run does not say how it was solved.
+    """
     run = simulate(scene, accuracy=1e-9) if run is None else run
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
     edges = np.union1d(edges, equations_of(scene).breaks(float(run.t[-1])))
@@ -72,81 +99,105 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
     inner = (middle[:, None] + half[:, None] * nodes).ravel()
     times = np.concatenate([edges[:1], inner, edges[-1:]])
     times = times[np.append(True, np.diff(times) > 0)]
-    names = _named(scene)
+    names = effect_names(scene)
     power: dict[str, np.ndarray] = {}
-    for moment, place in moments(scene, run, times):
-        for effect, value in _powers(scene, moment):
-            power.setdefault(names[id(effect)], np.zeros(len(times)))[place] += value
+    for stretch in _stretches(scene, run, times):
+        for place, watts in _powers(scene, stretch):
+            power.setdefault(names[place], np.zeros(len(times)))[stretch.place] += watts
     at = np.searchsorted(times, inner)
     kept = np.searchsorted(edges, run.t)
     work = {}
     for name, values in power.items():
         parts = (values[at].reshape(-1, NODES) * weights).sum(axis=1) * half
         work[name] = np.concatenate([[0.0], np.cumsum(parts)])[kept]
-    lost = np.array([sum(e.energy for e in run.events if e.t < t) for t in run.t])
+    lost = np.array([sum(event.energy for event in run.events if event.t < t) for t in run.t])
     return Book(run, run.t, run.energy, work, lost)
 
 
 def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
-    """The multipliers of each loop's and contact's rows at the samples of a run, by the effect's name: (n, rows).
+    """The multipliers of each loop's and contact's rows at the samples of a run.
 
-    A loop's rows are those of its equation: where they are differences of points, the multipliers are the force [N]
-    on its link `a`, along the world's axes. Rows that say what others say already have 0: rigid bodies do not
-    determine their forces. A contact's are the normal force and, while it rolls or sticks, that along its tangents.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    run : Trajectory
+        Its run.
+
+    Returns
+    -------
+    dict of str to ndarray (n, rows)
+        By the effect's name. A loop's rows are those of its equation: where they are differences of points, the
+        multipliers are the force [N] on its link `a`, along the world's axes. Redundant rows have 0: rigid bodies do
+        not determine their forces. A contact's are the normal force and, while it rolls or sticks, that along its
+        tangents.
+
+    Raises
+    ------
+    SceneError
+        The run does not say how it was solved.
     """
-    names = _named(scene)
-    found: dict[str, np.ndarray] = {}
-    for moment, place in moments(scene, run, run.t):
-        loops = moment.equations.constraints
-        for loop in loops.loops if loops is not None else ():
-            rows = moment.multipliers[id(loop)]
-            name = names[id(loop.contact if isinstance(loop, Touching) else loop)]
-            table = found.setdefault(name, np.zeros((len(run.t), 3 if isinstance(loop, Touching) else len(rows))))
-            table[place, : len(rows)] = np.array(rows).T
-    return found
+    names = effect_names(scene)
+    tables: dict[str, np.ndarray] = {}
+    for stretch in _stretches(scene, run, run.t):
+        constraints = stretch.equations.constraints
+        for i, rows in enumerate(_multipliers(stretch)):
+            loop = constraints.loops[i] if constraints is not None else None
+            width = max(len(rows), loop.most_rows if loop is not None else 0)
+            name = names[stretch.equations.places[len(stretch.equations.effects) + i]]
+            table = tables.setdefault(name, np.zeros((len(run.t), width)))
+            table[stretch.place, : len(rows)] = rows.T
+    return tables
 
 
-def moments(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[tuple[Moment, slice]]:
-    """The states of a run at other times, by pieces: with the equations of each, and their place among the times."""
+def effect_names(scene: Scene) -> list[str]:
+    """The name of each effect, numbered where there are several of a type."""
+    kinds = [kebab_case(type(effect).__name__) for effect in scene.effects]
+    return [f"{kind} [{i}]" if kinds.count(kind) > 1 else kind for i, kind in enumerate(kinds)]
+
+
+def _stretches(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
+    """The states of a run at other times, mode by mode, by solving the scene as the run was solved."""
     if run.cost is None:
-        raise SceneError("the run does not say how it was solved", where="run", remedy="simulate it again")
-    whole = equations_of(scene)
-    solution = solve(whole, METHODS[run.cost.method], times, run.cost.tolerance)
+        raise SceneError("the run does not say how it was solved", where="run", remedy="simulate it again",
+                         code="no-equations", argument="run")  # fmt: skip
+    solution = solve(equations_of(scene), METHODS[run.cost.method], times, run.cost.tolerance)
     first = 0
     for piece in solution.pieces:
         equations, count = piece.equations, piece.samples
         place = slice(first, first + count)
-        rows = np.repeat(equations.start[equations.moving :, None], count, axis=1)
-        yield Moment(equations, solution.t[place], np.concatenate([solution.x[:, place], rows])), place
+        numbers = np.repeat(equations.start[equations.moving :, None], count, axis=1)
+        yield _Stretch(equations, solution.t[place], np.concatenate([solution.x[:, place], numbers]), place)
         first += count
 
 
-def _named(scene: Scene) -> dict[int, str]:
-    """The name of each effect by its id, numbered where there are several of a type; also of what a release holds."""
-    kinds = [kebab_case(type(effect).__name__) for effect in scene.effects]
-    names: dict[int, str] = {}
-    for i, (effect, kind) in enumerate(zip(scene.effects, kinds, strict=True)):
-        names[id(effect)] = f"{kind} [{i}]" if kinds.count(kind) > 1 else kind
-        if isinstance(effect, Release):
-            names[id(effect.of)] = names[id(effect)]
-    return names
+def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
+    """The multipliers of each loop's rows (rows, n); 0 for redundant rows."""
+    constraints = stretch.equations.constraints
+    if constraints is None:
+        return []
+    every = np.zeros((len(constraints.all_rows), len(stretch.t)))
+    every[list(constraints.kept)] = Evaluator(stretch.equations).by_numpy(stretch.t, stretch.x).multipliers
+    return np.split(every, np.cumsum(constraints.counts)[:-1])
 
 
-def _powers(scene: Scene, moment: Moment) -> Iterator[tuple[Effect, np.ndarray]]:
-    """The power of each effect that has one, W."""
-    equations, motion = moment.equations, moment.motion
-    for effect in equations.effects:
-        (now,) = equations.layout.with_numbers([effect], list(moment.x[equations.moving :]))
-        loads = Loads(motion)
-        now.act(motion, loads)
-        yield effect, _power(motion, loads)
-    for effect in scene.effects:
-        if isinstance(effect, DryFriction):
-            levels = effect.levels(scene.robot).items()
-            yield effect, -sum((kinetic * np.abs(moment.v[k]) for k, (_, kinetic) in levels), np.zeros(1))
-    for loop in equations.constraints.loops if equations.constraints is not None else ():
-        if isinstance(loop, Touching):
-            yield loop.contact, _rubbing(moment, loop)
+def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]:
+    """The power of each effect that has one, W, by its place among the scene's effects."""
+    equations, numbers = stretch.equations, list(stretch.x[stretch.equations.moving :])
+    motion = motion_of(equations, equations.mechanism, stretch.t, stretch.x, Numbers)
+    for place, effect in zip(equations.places, equations.effects, strict=False):
+        yield place, _power(motion, effect_loads(equations, motion, numbers, [effect]))
+    switching = equations_of(scene).switching
+    for place, hold in switching.holds if switching is not None else ():
+        if hold.kinetic:
+            yield place, -hold.kinetic * np.abs(motion.v[hold.dof])
+    constraints = equations.constraints
+    loops = equations.layout.with_numbers(constraints.loops, numbers) if constraints is not None else ()
+    for i, (loop, rows) in enumerate(zip(loops, _multipliers(stretch), strict=True)):
+        forces = loop.forces(motion, motion)  # of size 1: friction has power, ideal constraints have none
+        if forces is not None:
+            watts = sum((force * row for force, row in zip(forces, rows, strict=True)), np.zeros(len(stretch.t)))
+            yield equations.places[len(equations.effects) + i], np.asarray(watts, dtype=float)
 
 
 def _power(motion: Motion, loads: Loads) -> np.ndarray:
@@ -155,12 +206,3 @@ def _power(motion: Motion, loads: Loads) -> np.ndarray:
     for i, (x, y, z, *moment) in loads.wrenches.items():
         total = total + spatial_dot(motion.body_velocity(i), ((x, y, z), (moment[0], moment[1], moment[2])))
     return np.asarray(total, dtype=float)
-
-
-def _rubbing(moment: Moment, loop: Touching) -> np.ndarray:
-    """-mu N |c| of a contact that slides."""
-    if loop.rolling:
-        return np.zeros(1)
-    slip = loop.contact.slip(moment.motion)
-    along = [sum(a * b for a, b in zip(tangent, slip, strict=True)) for tangent in loop.contact.tangents()]
-    return np.asarray(-loop.contact.friction * moment.multipliers[id(loop)][0] * np.hypot(*along), dtype=float)

@@ -14,7 +14,7 @@ from twolink.algorithms.mechanism import parameter_names
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.kernels import heyoka
-from twolink.effects.switching import Switch
+from twolink.effects.switching import SwitchingEffect
 from twolink.errors import AccuracyError, MissingExtraError, SceneError, nearest
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
@@ -90,7 +90,7 @@ def simulate_many(
     if not isinstance(scene, Scene):
         raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
     accuracy = accuracy_of(accuracy)
-    if any(isinstance(effect, Switch) for effect in scene.effects):
+    if any(isinstance(effect, SwitchingEffect) for effect in scene.effects):
         raise SceneError("worlds of a batch do not locate events yet", where="effects",
                          remedy="simulate them one by one: tl.simulate")  # fmt: skip
     end = scene.duration if duration is None else duration_of(duration)

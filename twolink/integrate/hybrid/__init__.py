@@ -1,10 +1,13 @@
-"""Events: where a scene's modes change. Smooth pieces between located events, from a scene's switches.
+"""The hybrid engine: smooth pieces between located events. It knows holds, stops, contacts and triggers, no effects.
 
-event      what run.events lists
-moment     what guards and laws see of states: motion, accelerations, forces
-locating   the first zero of guards along a piece
-modes      the modes of a scene, and the equations of each
-impacts    velocities after an impact
-deciding   the modes that are consistent with the laws of friction and contact
-run        piece by piece to the end
+snapshot      accelerations, forces and what guards look at, of states in one mode
+modes         the modes of a scene, and the equations of each
+consistency   the mode that is consistent with the laws of friction and contact
+impacts       velocities after an impact
+state         time, motion, mode and events of a run
+guard         a value that ends a mode where it passes 0
+transitions   the guards of a mode, and what their zeros do
+roots         zeros and minima by evaluations in batches
+locating      the first zero of guards along a piece
+engine        piece by piece to the end
 """

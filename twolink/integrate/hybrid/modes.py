@@ -1,142 +1,165 @@
-"""Modes: what each switch of a scene is doing, and the equations that hold then."""
+"""Modes: what is locked, slipping, in contact and dropped, and the equations that hold in each mode."""
 
 from __future__ import annotations
 
-import math
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from twolink.effects import Effect
-from twolink.effects.dry_friction import DryFriction
-from twolink.effects.joint_stops import JointStops
-from twolink.effects.plane_contact import Mode, PlaneContact, Touching
-from twolink.effects.release import Release
-from twolink.effects.switching import Switching
-from twolink.effects.watch import Watch
+from twolink.effects.inputs import Slot
+from twolink.effects.switching import Hold, Switching, Trigger
 from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.scene_equations import make_equations
 from twolink.integrate.state import Array
 
+ContactMode = Literal["free", "sliding", "rolling"]
+
 
 @dataclass(frozen=True)
-class Stop:
-    """One end of a joint: its places in q and v, the position, and its side: 1 where q stays above it, else -1."""
+class Mode:
+    """What the switching effects do.
 
-    entry: int
-    dof: int
-    position: float
-    side: float
-    restitution: float
-    joint: str
-
-
-@dataclass
-class Modes:
-    """What the switches are doing.
-
-    locked: degrees of freedom at rest. slipping: the direction of slip of those with friction that are not. contact:
-    the mode of each plane contact. sliding: its direction of sliding when that began, along the tangents. held: whether
-    each release still holds.
+    contacts: the mode of each contact. directions: of each, the direction along its tangents in which it began to
+    slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped: places
+    of effects that act no more.
     """
 
-    locked: set[int] = field(default_factory=set)
-    slipping: dict[int, float] = field(default_factory=dict)
-    contact: dict[int, Mode] = field(default_factory=dict)
-    sliding: dict[int, tuple[float, float]] = field(default_factory=dict)
-    held: dict[int, bool] = field(default_factory=dict)
+    contacts: tuple[ContactMode, ...] = ()
+    directions: tuple[tuple[float, float], ...] = ()
+    locked: frozenset[int] = frozenset()
+    slip: Mapping[int, float] = field(default_factory=dict)
+    dropped: frozenset[int] = frozenset()
+
+    def with_contact(self, i: int, mode: ContactMode, direction: tuple[float, float] | None = None) -> Mode:
+        """The mode with another one of contact i."""
+        directions = self.directions
+        if direction is not None:
+            directions = (*directions[:i], direction, *directions[i + 1 :])
+        return replace(self, contacts=(*self.contacts[:i], mode, *self.contacts[i + 1 :]), directions=directions)
+
+    def locking(self, k: int) -> Mode:
+        """The mode with degree of freedom k held at rest."""
+        return replace(self, locked=self.locked | {k})
+
+    def without(self, place: int) -> Mode:
+        """The mode in which an effect acts no more."""
+        return replace(self, dropped=self.dropped | {place})
+
+    def freeing(self, k: int, slip: float) -> Mode:
+        """The mode with degree of freedom k free to slip in a direction; 0: none."""
+        return replace(self, locked=self.locked - {k}, slip={**self.slip, k: slip})
 
 
-class Hybrid:
-    """The switches of a scene, by kind, and its equations in each mode. Contacts and releases go by their places."""
+@dataclass(frozen=True, eq=False)
+class ModeEquations:
+    """The equations in the modes that agree on contacts and dropped effects.
 
-    def __init__(self, switching: Switching) -> None:
-        self.base, self.effects = switching.base, switching.effects
-        self.robot = robot = switching.robot
-        self.friction: dict[int, tuple[float, float]] = {}
-        self.stops: list[Stop] = []
-        self.contacts: dict[int, PlaneContact] = {}
-        self.releases: dict[int, Release] = {}
-        self.watches: dict[int, Watch] = {}
-        self.names = {joint.v.start: joint.name for joint in robot.joints}
-        for i, effect in enumerate(switching.effects):
-            if isinstance(effect, DryFriction):
-                for k, (static, kinetic) in effect.levels(robot).items():
-                    before = self.friction.get(k, (0.0, 0.0))
-                    self.friction[k] = before[0] + static, before[1] + kinetic
-            elif isinstance(effect, JointStops):
-                for (entry, k), ends in effect.stops(robot).items():
-                    for position, side in zip(ends, (1.0, -1.0), strict=True):
-                        if math.isfinite(position):
-                            self.stops.append(Stop(entry, k, position, side, effect.restitution, self.names[k]))
-            elif isinstance(effect, PlaneContact):
-                self.contacts[i] = effect
-            elif isinstance(effect, Release):
-                self.releases[i] = effect
-            elif isinstance(effect, Watch):
-                self.watches[i] = effect
-        self.lockable = sorted({*self.friction, *(stop.dof for stop in self.stops)})
-        self._equations: dict[tuple[object, ...], Equations] = {}
+    rows: of each closed contact, where its rows are among the kept constraint rows; None for a redundant one.
+    """
 
-    @classmethod
-    def of(cls, equations: Equations) -> Hybrid:
-        """The switches of the scene that equations are of, found once."""
-        switching = equations.switching or Switching(equations.robot, equations.robot, equations.effects)
-        if switching not in _known:
-            _known[switching] = cls(switching)
-        return _known[switching]
+    equations: Equations
+    evaluate: Evaluator
+    rows: Mapping[int, tuple[int | None, ...]]
 
-    def first(self) -> Modes:
-        """Everything held and nothing touching: what is at rest is decided by forces."""
-        contact: dict[int, Mode] = dict.fromkeys(self.contacts, "free")
-        return Modes(contact=contact, held=dict.fromkeys(self.releases, True))
+    def contact_forces(self, snapshot: Snapshot, i: int) -> Array:
+        """The multipliers of a closed contact: normal, and if it rolls along the tangents, (1 or 3, n)."""
+        zero = np.zeros(len(snapshot.t))
+        return np.array([zero if row is None else snapshot.multipliers[row] for row in self.rows[i]])
 
-    def equations(self, modes: Modes, x: Array) -> Equations:
-        """The equations in these modes, their loops chosen at the state x where they are met first."""
-        name = (*modes.contact.values(), *modes.held.values())
-        if name not in self._equations:
-
-            def stand_in(i: int, effect: Effect) -> Sequence[Effect]:
-                if i in self.contacts:
-                    return self.contacts[i].in_mode(modes.contact[i], f"contact {i}")
-                if i in self.releases:
-                    return [self.releases[i].of] if modes.held[i] else []
-                return [] if i in self.watches else [effect]
-
-            switching = Switching(self.base, self.robot, self.effects)
-            effects = switching.replaced(stand_in)
-            nq, nv = self.robot.nq, self.robot.nv
-            q = self.robot.normalize(x[None, :nq])[0]
-            robot = switching.robot_with(effects)
-            self._equations[name] = make_equations(robot, q, x[nq : nq + nv], effects, switching)
-        return self._equations[name]
-
-    def beginning(self, modes: Modes, x: Array, t: float) -> Equations:
-        """The equations in these modes from a state on, at a time within a piece of tables."""
-        equations = self.equations(modes, x)
-        dofs = equations.layout.lockable
-        locks = [1.0 if k in modes.locked else 0.0 for k in dofs]
-        rubs = [0.0 if k in modes.locked else -modes.slipping.get(k, 0.0) * self.friction.get(k, (0.0, 0.0))[1]
-                for k in dofs]  # fmt: skip
-        slots = {f"contact {i}.{n}": d for i, way in modes.sliding.items() for n, d in enumerate(way)}
-        return equations.starting_at(x, t, np.array([*locks, *rubs]), slots)
-
-    def touching(self, equations: Equations, i: int) -> int:
-        """The id of the constraint that stands for contact i in these equations."""
-        loops = equations.constraints.loops if equations.constraints is not None else ()
-        return next(id(loop) for loop in loops if isinstance(loop, Touching) and loop.contact == self.contacts[i])
-
-    def standing(self, k: int, q: Array) -> list[Stop]:
-        """The stops at which a joint stands: events put it there exactly."""
-        return [stop for stop in self.stops if stop.dof == k and q[stop.entry] == stop.position]
-
-    def range(self, k: int, q: Array) -> tuple[float, float]:
-        """The torques (least, most) that hold a joint at rest: friction's, and a stop's where it stands at one."""
-        static = self.friction.get(k, (0.0, 0.0))[0]
-        at = {stop.side for stop in self.standing(k, q)}
-        return (-math.inf if -1.0 in at else -static), (math.inf if 1.0 in at else static)
+    def largest_load(self, snapshot: Snapshot) -> float:
+        """The largest torque that effects, friction and inertia give a joint, by which forces are judged."""
+        friction = snapshot.x[len(snapshot.x) - len(self.equations.layout.lockable) :]  # tau has it as a sum
+        return float(max(np.abs(part).max(initial=0.0) for part in (snapshot.tau, snapshot.bias, friction)))
 
 
-_known: weakref.WeakKeyDictionary[Switching, Hybrid] = weakref.WeakKeyDictionary()
+_kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakref.WeakKeyDictionary()
+
+
+class System:
+    """What a scene declares for its modes, and the equations of each mode, made when it is met."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.whole = equations
+        self.switching = equations.switching or Switching(equations.robot, equations.robot)
+        self.nq = equations.space.nq
+        self.robot = self.switching.robot
+        self.lockable = equations.layout.lockable
+        self.stops = self.switching.stops
+        self.contacts = tuple(contact for _, contact in self.switching.contacts)
+        self.triggers = (*self.switching.triggers, *((-1, Trigger("limit", name)) for name in equations.effort_limits))
+        self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]
+        self.names = {joint.v.start: joint.name for joint in self.robot.joints}
+        self._holds: dict[int, list[Hold]] = {k: [] for k in self.lockable}
+        for _, hold in self.switching.holds:
+            self._holds[hold.dof].append(hold)
+        self.rubbing = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
+        self._modes: dict[object, ModeEquations] = (
+            {} if equations.switching is None else _kept.setdefault(equations.switching, {})
+        )
+
+    @property
+    def first_mode(self) -> Mode:
+        """Nothing locked, no contact, every effect acting. What is at rest is decided by forces."""
+        free: tuple[ContactMode, ...] = tuple("free" for _ in self.contacts)
+        return Mode(free, ((0.0, 0.0),) * len(free))
+
+    def holds(self, k: int, x: Array) -> list[Hold]:
+        """What can hold a degree of freedom where it is."""
+        return [hold for hold in self._holds[k] if hold.acts(x)]
+
+    def torque_range(self, k: int, x: Array) -> tuple[float, float]:
+        """The torques (least, greatest) that can hold a degree of freedom where it is."""
+        holds = self.holds(k, x)
+        return sum(hold.least for hold in holds), sum(hold.greatest for hold in holds)
+
+    def is_held_in_place(self, k: int, x: Array) -> bool:
+        """Whether something can hold it that acts only there, such as a stop."""
+        return any(hold.entry is not None for hold in self.holds(k, x))
+
+    def in_mode(self, mode: Mode, x: Array) -> ModeEquations:
+        """The equations of a mode; independent constraint rows are chosen at the state x that meets them first."""
+        name = mode.contacts, mode.dropped
+        if name not in self._modes:
+            self._modes[name] = self._made(mode, x)
+        return self._modes[name]
+
+    def starting_at(self, mode: Mode, x: Array, t: float) -> Equations:
+        """The equations in a mode from a state on, at a time within a piece of tables."""
+        locks = [1.0 if k in mode.locked else 0.0 for k in self.lockable]
+        friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * sum(h.kinetic for h in self._holds[k])
+                    for k in self.lockable]  # fmt: skip
+        slots = {slot.name: value for i, direction in enumerate(mode.directions)
+                 for slot, value in zip(_slots(i), direction, strict=True)}  # fmt: skip
+        return self.in_mode(mode, x).equations.starting_at(x, t, np.array([*locks, *friction]), slots)
+
+    def look(self, mode: Mode, x: Array, t: float) -> Snapshot:
+        """The snapshot of one state in a mode."""
+        return self.in_mode(mode, x).evaluate(np.array([t]), self.starting_at(mode, x, t).start[:, None])
+
+    def _made(self, mode: Mode, x: Array) -> ModeEquations:
+        closed = {i: self.contacts[i].constraint(kind == "rolling", _slots(i))
+                  for i, kind in enumerate(mode.contacts) if kind != "free"}  # fmt: skip
+        equations = replace(self.whole, switching=None)  # what is kept must not keep the scene's declarations alive
+        if closed or mode.dropped:
+            placed = [(self.switching.contacts[i][0], loop) for i, loop in closed.items()]
+            acting = self.switching.acting(mode.dropped, placed)
+            q = self.robot.normalize(x[None, : self.nq])[0]
+            robot = self.switching.robot_with([effect for _, effect in acting])
+            equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)
+        rows: dict[int, tuple[int | None, ...]] = {}
+        if closed and equations.constraints is not None:
+            constraints = equations.constraints
+            ends = np.cumsum(constraints.counts)
+            for place, i in zip(range(len(ends) - len(closed), len(ends)), closed, strict=True):
+                own = range(ends[place] - constraints.counts[place], ends[place])
+                rows[i] = tuple(constraints.kept.index(r) if r in constraints.kept else None for r in own)
+        return ModeEquations(equations, Evaluator(equations, self.contacts, self.conditions, compiled=True), rows)
+
+
+def _slots(i: int) -> tuple[Slot, Slot]:
+    """The slots of the direction in which contact i began to slide."""
+    return Slot(f"contact {i}.0"), Slot(f"contact {i}.1")

@@ -1,63 +1,161 @@
-"""Moment: what guards and laws see of a state, or of many at once: its motion, accelerations and forces."""
+"""Snapshots: accelerations, forces and what guards look at, of states in one mode; compiled where that pays.
+
+    M a + h = tau + B lambda + lock torques
+
+The formulas are written once: NumPy evaluates them, heyoka compiles them, and both are compared before compiled ones
+are used.
+"""
 
 from __future__ import annotations
 
-import functools
+import hashlib
+import itertools
+import threading
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.mechanism import Mechanism, mechanism
+from twolink.algorithms.namespaces import Expressions, Numbers
+from twolink.dynamics import cache
+from twolink.dynamics.kernels import heyoka
+from twolink.effects.conditions import Condition
 from twolink.effects.motion import Motion
-from twolink.integrate.constraints import Constraints
+from twolink.effects.switching import Contact
+from twolink.errors import CertificationError
+from twolink.integrate.compile_time import compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.hybrid.forces import Forces, forces
+from twolink.integrate.formulas import dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
 
-
-class Moment:
-    """States x (size, n) at times t (n,) of equations in one mode."""
-
-    def __init__(self, equations: Equations, t: Array, x: Array) -> None:
-        self.equations, self.t, self.x = equations, t, x
-        nq = equations.space.nq
-        self.q, self.v = list(x[:nq]), list(x[nq : equations.moving])
-
-    @functools.cached_property
-    def motion(self) -> Motion:
-        """The moving robot."""
-        return Motion(self.equations.robot.model, self.equations.mechanism, self.q, self.v, self.t, Numbers)
-
-    @functools.cached_property
-    def forces(self) -> Forces:
-        """Accelerations and forces."""
-        return forces(self.equations, self.t, self.x)
-
-    @property
-    def largest_load(self) -> float:
-        """The largest torque that effects, friction and inertia give a joint, N m or N, by which forces are judged."""
-        friction = self.x[
-            len(self.x) - len(self.equations.layout.lockable) :
-        ]  # what balances it is in the loads, as a sum
-        return float(max(np.abs(part).max(initial=0.0) for part in (self.forces.loads, friction)))
-
-    @functools.cached_property
-    def multipliers(self) -> dict[int, list[Array]]:
-        """The multipliers of each loop's rows (n,), by the loop's id; 0 for rows that were dropped."""
-        loops = self.equations.constraints
-        if loops is None:
-            return {}
-        none = np.zeros(len(self.t))
-        rows = by_loop(loops, list(self.forces.multipliers))
-        return {id(loop): [none if row is None else row for row in own]
-                for loop, own in zip(loops.loops, rows, strict=True)}  # fmt: skip
-
-    def held(self, k: int) -> Array:
-        """The torque of the lock on a degree of freedom (n,)."""
-        return np.asarray(self.forces.held[self.equations.layout.lockable.index(k)])
+PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
+EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
+AGREEMENT = 1e-8  # relative
+KEPT = 64
+ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
 
-def by_loop(constraints: Constraints, multipliers: list[Array]) -> list[list[Array | None]]:
-    """The multipliers of the kept rows, loop by loop; None for rows that were dropped."""
-    values = dict(zip(constraints.kept, multipliers, strict=True))
-    ends = np.cumsum(constraints.counts)
-    return [[values.get(i) for i in range(end - n, end)] for end, n in zip(ends, constraints.counts, strict=True)]
+class Snapshot(NamedTuple):
+    """States x (size, n) at times t (n,), and of each: a (nv, n), the multipliers of the kept constraint rows, the
+    torques of the locks on the lockable degrees of freedom, distances to limits of effort, tau and bias h (nv, n), the
+    rows of each contact (contacts, 5, n), and the conditions' distances.
+    """
+
+    t: Array
+    x: Array
+    a: Array
+    multipliers: Array
+    locks: Array
+    limits: Array
+    tau: Array
+    bias: Array
+    contacts: Array
+    conditions: Array
+
+
+class Evaluator:
+    """Evaluates snapshots of one mode. The start of its equations plays no part.
+
+    compiled: by heyoka's function, where it is installed and compiling takes a short time.
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        contacts: Sequence[Contact] = (),
+        conditions: Sequence[Condition] = (),
+        *,
+        compiled: bool = False,
+    ) -> None:
+        self.equations, self.contacts, self.conditions = equations, tuple(contacts), tuple(conditions)
+        constraints, nv = equations.constraints, equations.space.nv
+        kept = 0 if constraints is None else len(constraints.kept)
+        sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
+                 ROWS * len(contacts), len(conditions)]  # fmt: skip
+        self._ends = np.cumsum([0, *sizes])
+        pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
+        self._compiled: Any = _compiled(self) if compiled and pays and heyoka() is not None else None
+
+    def __call__(self, t: Array, x: Array) -> Snapshot:
+        if self._compiled is None:
+            return self.by_numpy(t, x)
+        rows = np.empty((1 + len(x), x.shape[1]))
+        rows[0], rows[1:] = t, x
+        out = np.empty((self._ends[-1], x.shape[1]))
+        self._compiled(rows, out)
+        return self._split(t, x, out)
+
+    def by_numpy(self, t: Array, x: Array) -> Snapshot:
+        """The snapshot of the formulas evaluated by NumPy."""
+        with np.errstate(all="ignore"):
+            values = self.formulas(self.equations.mechanism, t, x, Numbers)
+        shape = x.shape[1:]
+        rows = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in values]
+        return self._split(t, x, np.array(rows).reshape(-1, *shape))
+
+    def formulas(self, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
+        """Every row of a snapshot."""
+        solution = dynamics(self.equations, mech, t, x, xp)
+        locks, bias = lock_torques(self.equations, mech, t, x, xp, solution)
+        motion = motion_of(self.equations, mech, t, x, xp)
+        contacts = [row for contact in self.contacts for row in self._contact_rows(contact, motion, x, solution.a)]
+        conditions = [condition.distance(motion) for condition in self.conditions]
+        limits = [distance for _, distance in solution.loads.limits]
+        return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions]
+
+    def _contact_rows(self, contact: Contact, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
+        """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
+        space = self.equations.space
+        changes = zip((*motion.q, *motion.v), (*space.rate(x[: space.nq], x[space.nq :]), *a), strict=True)
+        jets = [Jet(pair) for pair in changes]
+        moving = Motion(
+            motion.model, motion.mech, jets[: space.nq], jets[space.nq :], motion.t, JetNamespace(motion.xp)
+        )
+        acceleration = coefficient(contact.velocity(moving)[0], 1)
+        return [contact.gap(motion), *contact.velocity(motion), acceleration]
+
+    def _split(self, t: Array, x: Array, rows: Array) -> Snapshot:
+        parts = [rows[a:b] for a, b in itertools.pairwise(self._ends)]
+        parts[6] = parts[6].reshape(-1, ROWS, x.shape[1])
+        return Snapshot(t, x, *parts)
+
+
+_kept: dict[str, Any] = {}
+_lock = threading.Lock()
+
+
+def _compiled(evaluator: Evaluator) -> Any:
+    """heyoka's function of (t, x), kept for the life of the process."""
+    content = repr([contact.content for contact in evaluator.contacts]) + repr(evaluator.conditions)
+    name = evaluator.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+    with _lock:
+        if name not in _kept:
+            stored = cache.load(name)
+            _kept[name] = stored if isinstance(stored, heyoka().cfunc_dbl) else _build(name, evaluator)
+            while len(_kept) > KEPT:
+                del _kept[next(iter(_kept))]
+        return _kept[name]
+
+
+def _build(name: str, evaluator: Evaluator) -> Any:
+    module, equations = heyoka(), evaluator.equations
+    xp = Expressions(module)
+    rows = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
+    values = evaluator.formulas(mechanism(equations.robot.model), rows[0], rows[1:], xp)
+    compiled = module.cfunc([xp.lift(e) for e in values], vars=list(rows))
+    state = np.array(equations.start[:, None])
+    moving = slice(equations.space.nq, equations.moving)
+    # Not at rest: there the direction of sliding is rounding, which differs.
+    state[moving, 0] += np.random.default_rng(1).uniform(0.5, 1.5, equations.space.nv)
+    theirs = np.concatenate([part.reshape(-1, 1) for part in evaluator.by_numpy(np.zeros(1), state)[2:]])
+    ours = np.empty_like(theirs)
+    compiled(np.concatenate([np.zeros((1, 1)), state]), ours)
+    finite = np.isfinite(theirs)
+    off = np.abs(ours - theirs)[finite].max(initial=0.0) / (1.0 + np.abs(theirs[finite]).max(initial=0.0))
+    if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
+        raise CertificationError(f"compiled forces differ from NumPy's by {off:.1e}", where="events",
+                                 remedy="report it with the URDF")  # fmt: skip
+    cache.store(name, compiled)
+    return compiled

@@ -1,0 +1,171 @@
+"""Consistent modes: which joints are held and which contacts press, slide or roll, so that the laws hold.
+
+Everything that may be at rest is tried at rest. The force that breaks its law most is given up, one at a time, until
+none does; what then would move the wrong way is tried at rest again.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twolink.errors import AccuracyError
+from twolink.integrate.hybrid.modes import Mode, System
+from twolink.integrate.hybrid.snapshot import Snapshot
+from twolink.integrate.state import Array
+
+TINY = 1e-11  # relative: velocities that are 0
+ALLOWED = 1e-10  # relative: forces at the edge of a law
+NEAR = 1e-9  # m: a gap that is closed
+OPEN = 1e-6  # m: a gap at which a closed contact is open
+RANK = 1e-7  # singular values of constraint rows below it are 0
+Key = tuple[str, int]  # ("joint", degree of freedom), ("contact", number), ("roll", number)
+
+
+def still_speed(v: Array) -> float:
+    """The speed below which a velocity is 0."""
+    return TINY * (1.0 + float(np.abs(v).max(initial=0.0)))
+
+
+def consistent(
+    system: System, mode: Mode, x: Array, t: float, opened: frozenset[Key] = frozenset()
+) -> tuple[Mode, Array]:
+    """The mode for the state x at time t, and the state with 0 for velocities of what is at rest.
+
+    opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way.
+    Raises AccuracyError where no mode is consistent.
+    """
+    x = np.array(x)
+    still = still_speed(x[system.nq :])
+    mode = _with_joints_at_rest(system, mode, x, still, opened)
+    mode = _with_closed_contacts(system, mode, x, t, still, opened)
+    tried: set[Key] = set(opened)
+    for _ in range(20 + 6 * (len(system.names) + len(system.contacts))):
+        mode = _without_redundant_locks(system, mode, x)
+        better, key = _improved(system, mode, x, t, tried)
+        if key is None:
+            return better, x
+        mode = better
+        tried.add(key)
+    raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
+                        where=f"t = {t:.9g} s", remedy="less friction, or smooth friction",
+                        code="no-consistent-mode", t=t)  # fmt: skip
+
+
+def freed(system: System, mode: Mode, k: int, torque: float, x: Array) -> Mode:
+    """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
+    if k not in system.rubbing:
+        return mode.freeing(k, 0.0)
+    return mode.freeing(k, 1.0 if torque < system.torque_range(k, x)[0] or torque < 0.0 else -1.0)
+
+
+def sliding(mode: Mode, i: int, forces: Array) -> Mode:
+    """The mode with contact i sliding against the force (normal, two tangential) that would hold it."""
+    size = math.hypot(forces[1], forces[2])
+    return mode.with_contact(i, "sliding", (float(-forces[1] / size), float(-forces[2] / size)))
+
+
+def _with_joints_at_rest(system: System, mode: Mode, x: Array, still: float, opened: frozenset[Key]) -> Mode:
+    """The mode with every joint locked that is at rest and can be held; sets small velocities in x to 0."""
+    for k in system.lockable:
+        v = x[system.nq + k]
+        mode = mode.freeing(k, mode.slip.get(k, 0.0))
+        if abs(v) > still:
+            if k in system.rubbing:
+                mode = mode.freeing(k, math.copysign(1.0, v))
+            continue
+        x[system.nq + k] = 0.0
+        if ("joint", k) not in opened and system.holds(k, x):
+            mode = mode.locking(k)
+    return mode
+
+
+def _with_closed_contacts(system: System, mode: Mode, x: Array, t: float, still: float, opened: frozenset[Key]) -> Mode:
+    """The mode with every contact closed that touches and does not part."""
+    if not system.contacts:
+        return mode
+    rows = system.look(mode, x, t).contacts[:, :, 0]
+    for i, contact in enumerate(system.contacts):
+        gap, rate, *slip = rows[i, :4]
+        free = mode.contacts[i] == "free"
+        impact_to_come = rate < -still and free
+        if gap > (NEAR if free else OPEN) or rate > still or impact_to_come or ("contact", i) in opened:
+            mode = mode.with_contact(i, "free")
+            continue
+        speed = math.hypot(*slip)
+        direction = (float(slip[0] / speed), float(slip[1] / speed)) if speed > still else None
+        if not contact.friction:
+            mode = mode.with_contact(i, "sliding", (0.0, 0.0))
+        elif speed <= still and ("roll", i) not in opened:
+            mode = mode.with_contact(i, "rolling")
+        else:
+            mode = mode.with_contact(i, "sliding", direction)
+    return mode
+
+
+def _without_redundant_locks(system: System, mode: Mode, x: Array) -> Mode:
+    """The mode without locks of joints that constraints hold already: their friction is not determined."""
+    constraints = system.in_mode(mode, x).equations.constraints
+    if constraints is None or not mode.locked:
+        return mode
+    jacobian = constraints.jacobian_at(x[: system.nq], constraints.kept)
+    wanted = np.linalg.matrix_rank(jacobian, tol=RANK)
+    free = np.ones(jacobian.shape[1])
+    for k in sorted(mode.locked):
+        free[k] = 0.0
+        if np.linalg.matrix_rank(jacobian * free, tol=RANK) < wanted:
+            free[k] = 1.0
+            mode = mode.freeing(k, 0.0)
+    return mode
+
+
+def _improved(system: System, mode: Mode, x: Array, t: float, tried: set[Key]) -> tuple[Mode, Key | None]:
+    """The mode without the force that breaks its law most, and what that was; None if all laws hold."""
+    own = system.in_mode(mode, x)
+    snapshot = system.look(mode, x, t)
+    if not np.isfinite(snapshot.a).all():
+        raise AccuracyError("contact or friction allows no motion here: the forces are not determined, or friction "
+                            "drives what it should stop (Painleve's paradox)", where=f"t = {t:.9g} s",
+                            remedy="less friction, or smooth friction", code="no-consistent-mode", t=t)  # fmt: skip
+    allowed = ALLOWED * own.largest_load(snapshot)
+    torques = {k: float(snapshot.locks[i, 0]) for i, k in enumerate(system.lockable) if k in mode.locked}
+    breaches: list[tuple[float, Key]] = []
+    for k, torque in torques.items():
+        least, greatest = system.torque_range(k, x)
+        breaches.append((max(torque - greatest, least - torque) - allowed, ("joint", k)))
+    forces = {i: own.contact_forces(snapshot, i)[:, 0] for i, kind in enumerate(mode.contacts) if kind != "free"}
+    for i, force in forces.items():
+        breaches.append((-force[0] - allowed, ("contact", i)))
+        if mode.contacts[i] == "rolling":
+            friction = system.contacts[i].friction
+            breaches.append((math.hypot(*force[1:]) - friction * force[0] - allowed, ("roll", i)))
+    # A contact that pulls is opened before one whose friction is too large: where several press, the share of each in
+    # the friction is not determined.
+    size, key = max(breaches, key=lambda breach: (breach[0] > 0.0 and breach[1][0] == "contact", breach),
+                    default=(0.0, ("", 0)))  # fmt: skip
+    if not size > 0.0:
+        return _wrong_way(system, mode, x, snapshot, tried, allowed)
+    if key[0] == "joint":
+        return freed(system, mode, key[1], torques[key[1]], x), key
+    if key[0] == "contact":
+        return mode.with_contact(key[1], "free"), key
+    return sliding(mode, key[1], forces[key[1]]), key
+
+
+def _wrong_way(
+    system: System, mode: Mode, x: Array, snapshot: Snapshot, tried: set[Key], allowed: float
+) -> tuple[Mode, Key | None]:
+    """The mode with a joint held again that would start against its own slip, or into its stop."""
+    for k in system.lockable:
+        if k in mode.locked or x[system.nq + k] != 0.0 or ("held", k) in tried:
+            continue
+        a = float(snapshot.a[k, 0])
+        slip = mode.slip.get(k, 0.0) if k in system.rubbing else 0.0
+        least, greatest = system.torque_range(k, x)
+        into_stop = (greatest == math.inf and a < -allowed) or (least == -math.inf and a > allowed)
+        if slip * a < -allowed or into_stop:
+            return mode.locking(k), ("held", k)
+        if k in system.rubbing and not slip and abs(a) > allowed:  # constraints held it, and do no more
+            return mode.freeing(k, math.copysign(1.0, a)), ("held", k)
+    return mode, None

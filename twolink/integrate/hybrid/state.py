@@ -1,0 +1,104 @@
+"""The state of a run with events: time, motion, mode, and what has happened."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twolink.errors import SceneError
+from twolink.integrate.equations import Equations
+from twolink.integrate.event import Event
+from twolink.integrate.hybrid.consistency import consistent
+from twolink.integrate.hybrid.guard import Key
+from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact
+from twolink.integrate.hybrid.modes import Mode, System
+
+BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
+
+
+class RunState:
+    """Time t, motion x = (q, v) and mode of a run, which transitions change.
+
+    events: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an event at this
+    instant. opened: what events of this instant have freed. ended: the run is over. small: the height of bounces that
+    are not followed any more.
+    """
+
+    def __init__(self, equations: Equations, small: float) -> None:
+        self.system = System(equations)
+        self.x = np.array(equations.start[: equations.moving])
+        self.t = 0.0
+        self.mode = self.system.first_mode
+        self.events: list[Event] = []
+        self.sides: dict[Key, float] = {}
+        self.fired: set[Key] = set()
+        self.opened: set[Key] = set()
+        self.ended = False
+        self.small = small
+        self._rest_noted: set[str] = set()
+
+    def note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None) -> None:
+        """Add an event, now unless t is said."""
+        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy))
+
+    def settle(self, before: Mode | None = None) -> None:
+        """Go to the consistent mode, and note what has changed since the mode `before`."""
+        before = self.mode if before is None else before
+        self.mode, self.x = consistent(self.system, self.mode, self.x, self.t, frozenset(self.opened))
+        for k in sorted(before.locked ^ self.mode.locked):
+            self._note_joint(k)
+        kinds = {"free": "leave", "sliding": "slide", "rolling": "roll"}
+        for contact, old, new in zip(self.system.contacts, before.contacts, self.mode.contacts, strict=True):
+            if old == new:
+                continue
+            rests = new == "sliding" and not contact.friction
+            if not (rests and contact.name in self._rest_noted):
+                self.note("rest" if rests else kinds[new], contact.name)
+        self._rest_noted.clear()
+
+    def _note_joint(self, k: int) -> None:
+        """Note that a joint is held now, or free: by what holds it there, else by what holds it anywhere."""
+        holds = sorted(self.system.holds(k, self.x), key=lambda hold: hold.entry is None)
+        name, locked = self.system.names[k], k in self.mode.locked
+        if locked and not (holds[0].entry is not None and name in self._rest_noted):
+            self.note(holds[0].kinds[0], name)
+        if not locked:
+            self.note(holds[-1].kinds[1] if holds else "leave", name)
+
+    def strike(self, touch: Touch, kind: str = "impact") -> None:
+        """Change the velocities by the impulses of what is hit, if it is not only grazed."""
+        result = collide(self.system, self.mode, self.x, self.t, touch, self.small)
+        if result is None:
+            return
+        self.x[self.system.nq :], impacts = result
+        for impact in impacts:
+            name = impact.touch.name
+            self.note(kind if impact.touch is touch else "impact", name, f"at {impact.speed:.6g} {impact.touch.unit}",
+                      impact.energy)  # fmt: skip
+            if impact.rest is not None:
+                why = "after bounces too small to follow, summed in closed form"
+                self.note("rest", name, why, t=self.t + impact.rest)
+            if impact.rest is not None or kind != "impact":
+                self._rest_noted.add(name)
+
+    def require_room(self, who: str) -> None:
+        """Require a state within stops and above planes; one that is beyond by a rounding is moved onto them."""
+        for stop in self.system.stops:
+            room = stop.side * (self.x[stop.entry] - stop.position)
+            if room < -BEYOND:
+                raise SceneError(f"{who} has joint {stop.name!r} {-room:.3g} beyond its stop at {stop.position:g}",
+                                 where="q", remedy="keep it within its limits", code="beyond-stop")  # fmt: skip
+            if abs(room) <= BEYOND:
+                self.x[stop.entry] = stop.position
+        for i, contact in enumerate(self.system.contacts):
+            gap = float(self.system.look(self.mode, self.x, self.t).contacts[i, 0, 0])
+            if gap < -BEYOND:
+                raise SceneError(f"{who} has {contact.name!r} {-gap:.3g} m below its plane", where="q",
+                                 remedy="keep it above", code="below-plane")  # fmt: skip
+            if abs(gap) <= BEYOND:
+                self.x[: self.system.nq] = onto_contact(self.system, self.mode, self.x, self.t, i)
+
+    def stored_energy(self) -> float:
+        """Kinetic and potential energy of what acts now, J."""
+        robot = self.system.in_mode(self.mode, self.x).equations.robot
+        kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
+        return float(kinetic + potential)
