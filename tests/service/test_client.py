@@ -42,6 +42,21 @@ def test_the_same_methods_the_same_answers(client: Client) -> None:
     assert there.link_poses(here.neutral)["tool0"].shape == (7,)
 
 
+@pytest.mark.parametrize("batch", [(), (3,)])
+def test_frames_momentum_and_derivatives_are_those_of_the_robot(client: Client, batch: tuple[int, ...]) -> None:
+    here, there = tl.load_robot("ur5"), client.robot("ur5")
+    q, v, x = RNG.uniform(-1, 1, (3, *batch, here.nv))
+    for name, arguments in {
+        "centre_of_mass": (q,), "momentum": (q, v), "frame_pose": (q, "tool0"), "frame_velocity": (q, v, "tool0"),
+        "frame_jacobian": (q, "tool0", "local"), "forward_dynamics_derivatives": (q, v, x),
+        "inverse_dynamics_derivatives": (q, v, x),
+    }.items():  # fmt: skip
+        expected, got = getattr(here, name)(*arguments), getattr(there, name)(*arguments)
+        for one, other in zip(got, expected, strict=True) if isinstance(expected, tuple) else [(got, expected)]:
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+            assert one.shape == other.shape
+
+
 def test_the_same_errors(client: Client) -> None:
     robot = client.robot("two_link")
     with pytest.raises(QueryError, match=r"expected shape \(..., 2\)"):

@@ -17,17 +17,8 @@ from twolink.service.openapi import openapi_document
 from twolink.service.problems import Refusal
 from twolink.show.playback import viewer_script
 
-PAGE = Path(__file__).with_name("page")
-_KINDS = {
-    ".html": "text/html",
-    ".js": "text/javascript",
-    ".css": "text/css",
-    ".svg": "image/svg+xml",
-    ".png": "image/png",
-    ".ico": "image/x-icon",
-    ".json": "application/json",
-    ".woff2": "font/woff2",
-}
+_PAGE = Path(__file__).with_name("page")
+_MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 
@@ -57,8 +48,7 @@ async def openapi(request: Request[Any, Any, Any]) -> dict[str, Any]:
 @get("/docs", include_in_schema=False)
 async def docs(request: Request[Any, Any, Any]) -> Response[str]:
     """The description for people; no outside address."""
-    headers = {**_HEADERS, "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'"}
-    return Response(docs_page(openapi_document(request.app)), media_type=MediaType.HTML, headers=headers)
+    return Response(docs_page(openapi_document(request.app)), media_type=MediaType.HTML, headers=_HEADERS)
 
 
 @get("/", include_in_schema=False)
@@ -70,7 +60,7 @@ async def index() -> Response[bytes]:
 @get("/page/meshcat.js", include_in_schema=False)
 async def viewer() -> Response[str]:
     """meshcat's viewer with three.js, from the installed package: the page draws robots with it."""
-    return Response(viewer_script(), media_type=_KINDS[".js"], headers={"Cache-Control": "max-age=86400"})
+    return Response(viewer_script(), media_type=_MEDIA[".js"], headers={"Cache-Control": "max-age=86400"})
 
 
 @get("/page/{path:path}", include_in_schema=False)
@@ -81,15 +71,15 @@ async def page_file(path: Path) -> Response[bytes]:
 
 def _file(name: str) -> Response[bytes]:
     """A file of the page's folder, from a list made beforehand: no path of a request is ever opened."""
-    found = _files().get(name)
-    if found is None:
+    path = _files().get(name)
+    if path is None:
         raise Refusal(404, f"there is no {name[:80]!r}", where="path", remedy="the page is at /")
-    return Response(found.read_bytes(), media_type=_KINDS[found.suffix], headers=_HEADERS)
+    return Response(path.read_bytes(), media_type=_MEDIA[path.suffix], headers=_HEADERS)
 
 
 @functools.cache
 def _files() -> dict[str, Path]:
-    return {path.relative_to(PAGE).as_posix(): path for path in PAGE.rglob("*") if path.suffix in _KINDS}
+    return {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
 
 
 HANDLERS = [health, show_metrics, openapi, docs, index, viewer, page_file]

@@ -15,6 +15,9 @@ from twolink.service.queries import PREFIX, QUERIES, body_of
 from twolink.service.robot_tasks import RobotOptions
 
 Json = dict[str, Any]
+_TEXT = {"type": "string"}
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_OBJECT = {"schema": {"type": "object"}}
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
     "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
@@ -43,32 +46,29 @@ def openapi_document(app: Litestar) -> Json:
 
 
 def _query(what: str, body: Json) -> Json:
-    binary = {npz.MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}
+    robot = "a robot's id: a name of the catalogue, or of an upload"
+    answer = {"description": "The answer, by name", "content": {JSON: _OBJECT, npz.MEDIA_TYPE: _BINARY}}
     return {
         "tags": ["queries"],
         "operationId": what.replace("-", "_"),
         "summary": QUERIES[what].summary,
         "description": _ABOUT,
-        "parameters": [{"name": "robot", "in": "path", "required": True, "schema": {"type": "string"},
-                        "description": "a robot's id: a name of the catalogue, or of an upload"}],
-        "requestBody": {"required": True, "content": {JSON: {"schema": body}, **binary}},
-        "responses": {"200": {"description": "The answer, by name",
-                              "content": {JSON: {"schema": {"type": "object"}}, **binary}}},
-    }  # fmt: skip
+        "parameters": [{"name": "robot", "in": "path", "required": True, "schema": _TEXT, "description": robot}],
+        "requestBody": {"required": True, "content": {JSON: {"schema": body}, npz.MEDIA_TYPE: _BINARY}},
+        "responses": {"200": answer},
+    }
 
 
 def _upload(options: Json) -> Json:
-    properties = {**options["properties"], "text": {"type": "string", "description": "a URDF"}}
+    properties = {**options["properties"], "text": {**_TEXT, "description": "a URDF"}}
     schema = {"type": "object", "properties": properties, "additionalProperties": False}
-    binary = {"schema": {"type": "string", "format": "binary"}}
-    text = {"schema": {"type": "string"}}
-    return {"required": True, "content": {JSON: {"schema": schema}, "application/xml": text, "application/zip": binary}}
+    content = {JSON: {"schema": schema}, "application/xml": {"schema": _TEXT}, "application/zip": _BINARY}
+    return {"required": True, "content": content}
 
 
 def _add_problems(operation: Json) -> None:
     """Every operation may be refused; what Litestar says of its own refusals is replaced."""
-    responses = operation.setdefault("responses", {})
-    for status in [status for status in responses if status.startswith(("4", "5"))]:
-        del responses[status]
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    responses["4XX"] = {"description": "What is wrong with the request, where, and what to do", "content": content}
+    refused = {"description": "What is wrong with the request, where, and what to do", "content": content}
+    answers = {status: answer for status, answer in operation["responses"].items() if status[0] not in "45"}
+    operation["responses"] = {**answers, "4XX": refused}
