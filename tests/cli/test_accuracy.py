@@ -27,10 +27,10 @@ def test_accuracy_prints_and_writes(tmp_path: Path) -> None:
 
 
 def test_accuracy_as_json() -> None:
-    found = answer(*STUDY)
-    assert [row["method"] for row in found["rows"]] == ["rk45", "rk45", "dop853", "dop853"]
-    assert found["reference"]["error"] < 1e-15
-    assert found["price_of_digits"][0]["accuracy"] == 0.1
+    record = answer(*STUDY)
+    assert [row["method"] for row in record["rows"]] == ["rk45", "rk45", "dop853", "dop853"]
+    assert record["reference"]["error"] < 1e-15
+    assert record["price_of_digits"][0]["accuracy"] == 0.1
 
 
 MISUSED = {
@@ -67,9 +67,9 @@ def test_ctrl_c_prints_what_is_done(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         main()
     out, err = capsys.readouterr()
     assert (stop.value.code, err) == (130, "twolink: interrupted; what was done is kept\n")
-    found = json.loads(out)
-    assert found["interrupted"]
-    assert [row["method"] for row in found["rows"]] == ["rk45", "rk45"]
+    record = json.loads(out)
+    assert record["interrupted"]
+    assert [row["method"] for row in record["rows"]] == ["rk45", "rk45"]
 
 
 def test_methods_are_listed() -> None:
@@ -85,9 +85,9 @@ def test_run_says_which_method_why_and_what_it_took() -> None:
     done = call("run", "arm-swing", "--duration", "1", "--method", "rk4", "--step", "0.01")
     for part in ("rk4, step [s] 0.01: asked for", "steps    100", "to solve", "for the error bar", "to compile"):
         assert part in done.stdout
-    found = answer("run", "arm-swing", "--duration", "1", "--method", "dop853", "--tolerance", "1e-5")
-    assert found["cost"]["tolerance"] == 1e-5
-    assert found["error"] > 0
+    record = answer("run", "arm-swing", "--duration", "1", "--method", "dop853", "--tolerance", "1e-5")
+    assert record["cost"]["tolerance"] == 1e-5
+    assert record["error"] > 0
 
 
 def test_run_refuses_settings_that_do_not_fit() -> None:
@@ -97,7 +97,7 @@ def test_run_refuses_settings_that_do_not_fit() -> None:
 
 
 def test_run_in_quadruple_precision_prints_the_digits() -> None:
-    found = answer("run", "arm-swing", "--duration", "0.5", "--precision", "quad", "--accuracy", "1e-20")
-    assert found["error"] <= 1e-20
-    assert all(len(digits.lstrip("-0.")) >= 30 for digits in found["q_precise"])
-    assert float(found["q_precise"][0]) == found["q"][0]
+    record = answer("run", "arm-swing", "--duration", "0.5", "--precision", "quad", "--accuracy", "1e-20")
+    assert record["error"] <= 1e-20
+    assert all(len(digits.lstrip("-0.")) >= 30 for digits in record["q_precise"])
+    assert float(record["q_precise"][0]) == record["q"][0]

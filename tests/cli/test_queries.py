@@ -36,8 +36,8 @@ def test_inspect_reports() -> None:
 @pytest.mark.parametrize("form", ["0.3 -0.7", "0.3,-0.7", "[0.3, -0.7]"])
 def test_query_of_one_state(form: str) -> None:
     robot = tl.load_robot("two_link")
-    found = answer("query", "two_link", "forward-dynamics", "--q", form, "--v", "1 2", "--tau", "3 4")
-    assert np.array_equal(found["a"], robot.forward_dynamics([0.3, -0.7], [1, 2], [3, 4]))
+    record = answer("query", "two_link", "forward-dynamics", "--q", form, "--v", "1 2", "--tau", "3 4")
+    assert np.array_equal(record["a"], robot.forward_dynamics([0.3, -0.7], [1, 2], [3, 4]))
 
 
 def test_every_query_answers() -> None:
@@ -49,11 +49,20 @@ def test_every_query_answers() -> None:
                 "gravity-torque": {"g": robot.gravity_torque(q)}}  # fmt: skip
     for what, result in expected.items():
         speeds = () if what in ("mass-matrix", "gravity-torque") else ("--v", "0.3 0.4")
-        found = answer("query", "arm", what, "--q", "0.1 0.2", *speeds)
+        record = answer("query", "arm", what, "--q", "0.1 0.2", *speeds)
         for name, value in result.items():
-            assert np.array_equal(found[name], value)
-    found = answer("query", "arm", "energy", "--q", "0.1 0.2", "--v", "0.3 0.4")
-    assert (found["kinetic"], found["potential"]) == robot.energy(q, v)
+            assert np.array_equal(record[name], value)
+    record = answer("query", "arm", "energy", "--q", "0.1 0.2", "--v", "0.3 0.4")
+    assert (record["kinetic"], record["potential"]) == robot.energy(q, v)
+
+
+def test_query_of_a_frame() -> None:
+    robot = tl.load_robot("arm")
+    rotation, position = robot.frame_pose([0.1, 0.2], "hand")
+    record = answer("query", "arm", "frame-pose", "--q", "0.1 0.2", "--frame", "hand")
+    assert (record["R"], record["p"]) == (rotation.tolist(), position.tolist())
+    record = answer("query", "arm", "frame-jacobian", "--q", "0.1 0.2", "--frame", "hand", "--axes", "local")
+    assert record["J"] == robot.frame_jacobian([0.1, 0.2], "hand", axes="local").tolist()
 
 
 def test_query_of_many_states_from_files_and_stdin(tmp_path: Path) -> None:
@@ -80,14 +89,14 @@ def test_query_of_many_states_from_files_and_stdin(tmp_path: Path) -> None:
 
 def test_query_of_a_saved_trajectory(tmp_path: Path) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.05)
-    found = answer("query", "two_link", "energy", "--states", str(run.save(tmp_path / "run.csv")))
-    np.testing.assert_allclose(np.add(found["kinetic"], found["potential"]), run.energy, rtol=0, atol=1e-12)
+    record = answer("query", "two_link", "energy", "--states", str(run.save(tmp_path / "run.csv")))
+    np.testing.assert_allclose(np.add(record["kinetic"], record["potential"]), run.energy, rtol=0, atol=1e-12)
 
 
 def test_query_with_a_wrench() -> None:
     robot = tl.load_robot("two_link")
-    found = answer("query", "two_link", "inverse-dynamics", "--q", "0 0", "--f-ext", '{"tip": [0, 0, 1, 0, 0, 0]}')
-    assert np.array_equal(found["tau"], robot.inverse_dynamics([0, 0], [0, 0], [0, 0], {"tip": [0, 0, 1, 0, 0, 0]}))
+    record = answer("query", "two_link", "inverse-dynamics", "--q", "0 0", "--f-ext", '{"tip": [0, 0, 1, 0, 0, 0]}')
+    assert np.array_equal(record["tau"], robot.inverse_dynamics([0, 0], [0, 0], [0, 0], {"tip": [0, 0, 1, 0, 0, 0]}))
 
 
 def test_options_say_which_robot() -> None:
@@ -112,10 +121,10 @@ def test_a_cross_check_that_finds_a_difference_exits_1(
         assert wrong != text
         other = copy.copy(robot)
         other.visuals = dataclasses.replace(robot.visuals, text=wrong)
-        found = second_reading.compare(other)
-        assert not found["agree"]
-        assert found["text"].startswith("DIFFER: ")
-    monkeypatch.setattr(second_reading, "compare", lambda _: found)
+        record = second_reading.compare(other)
+        assert not record["agree"]
+        assert record["text"].startswith("DIFFER: ")
+    monkeypatch.setattr(second_reading, "compare", lambda _: record)
     monkeypatch.setattr(sys, "argv", ["twolink", "inspect", "two_link", "--cross-check"])
     with pytest.raises(SystemExit) as stop:
         main()

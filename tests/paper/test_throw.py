@@ -44,8 +44,8 @@ def landing(place: np.ndarray, velocity: np.ndarray, drag: float) -> float:
 
     height.terminal, height.direction = True, -1.0  # type: ignore[attr-defined]
     start = [place[0], place[2], velocity[0], velocity[2]]
-    found = solve_ivp(rate, (0.0, 10.0), start, method="DOP853", rtol=1e-13, atol=1e-13, events=height)
-    return float(found.y_events[0][0, 0])
+    solution = solve_ivp(rate, (0.0, 10.0), start, method="DOP853", rtol=1e-13, atol=1e-13, events=height)
+    return float(solution.y_events[0][0, 0])
 
 
 def test_a_pitched_ball_flies_as_a_point_mass_in_air() -> None:
@@ -149,16 +149,16 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
 def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
     """The search finds the scene's times again, from further off."""
     figure = tmp_path / "pitch.png"
-    found = answer("throw", "pitch", "--out", str(figure))
+    record = answer("throw", "pitch", "--out", str(figure))
     assert figure.stat().st_size > 10_000
-    assert found["written"] == str(figure)
+    assert record["written"] == str(figure)
     for what, at in PITCHED.items():
-        assert found["times"][what] == pytest.approx(at, abs=2e-5)
-    assert found["best"]["end"]["value"] == pytest.approx(pitched().end, abs=1e-6)
-    assert 0 < found["best"]["end"]["error"] < 1e-6
-    assert found["error"] <= 1e-6
-    assert len(found["throws"]) > 20
-    assert max(one["end"] for one in found["throws"]) <= found["best"]["end"]["value"] + 1e-6
+        assert record["times"][what] == pytest.approx(at, abs=2e-5)
+    assert record["best"]["end"]["value"] == pytest.approx(pitched().end, abs=1e-6)
+    assert 0 < record["best"]["end"]["error"] < 1e-6
+    assert record["error"] <= 1e-6
+    assert len(record["throws"]) > 20
+    assert max(one["end"] for one in record["throws"]) <= record["best"]["end"]["value"] + 1e-6
 
 
 def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,15 @@ from typing import Annotated, NoReturn
 import typer
 
 from twolink._version import __version__
-from twolink.cli import hard_cases, paper, play, queries, robots, scenes, serve, throw
 from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
+from twolink.cli.hard_cases import hard_cases
+from twolink.cli.paper import paper
+from twolink.cli.play import play
+from twolink.cli.queries import check, query
+from twolink.cli.robots import inspect, robots
+from twolink.cli.scenes import accuracy, explain, methods, run, scenes
+from twolink.cli.serve import serve
+from twolink.cli.throw import throw
 from twolink.errors import TwolinkError
 
 app = typer.Typer(
@@ -23,22 +30,9 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-for _command in (
-    robots.robots,
-    robots.inspect,
-    queries.query,
-    queries.check,
-    scenes.scenes,
-    scenes.explain,
-    scenes.run,
-    scenes.accuracy,
-    scenes.methods,
-    play.play,
-    throw.throw,
-    hard_cases.hard_cases,
-    paper.paper,
-    serve.serve,
-):
+_QUESTIONS = robots, inspect, query, check
+_EXPERIMENTS = scenes, explain, run, accuracy, methods, play, throw, hard_cases, paper
+for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)
 
 

@@ -28,7 +28,7 @@ class Interrupted(TwolinkError):
 
 
 class Command(TyperCommand):
-    """A command. A failure whose argument is an option on the command line, and no file, becomes Misuse."""
+    """A command. A failure becomes Misuse when its argument is missing, or is on the command line and no file."""
 
     def invoke(self, ctx: Any) -> Any:
         """Call the command's function."""
@@ -37,6 +37,7 @@ class Command(TyperCommand):
         except TwolinkError as error:
             option = error.argument.partition("[")[0]  # the argument of "lock['elbow']" is lock
             source = ctx.get_parameter_source(option)
-            if source is None or source.name != "COMMANDLINE" or isinstance(ctx.params[option], Path):
-                raise
-            raise Misuse(error.what, where=error.where, remedy=error.remedy) from None
+            wrong = source is not None and source.name == "COMMANDLINE" and not isinstance(ctx.params[option], Path)
+            if wrong or error.code == "missing-option":
+                raise Misuse(error.what, where=error.where, remedy=error.remedy) from None
+            raise

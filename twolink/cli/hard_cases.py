@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from twolink.cli.failures import FAILED, Interrupted
+from twolink.cli.failures import FAILED
 from twolink.cli.options import Json
 from twolink.cli.printing import show
-from twolink.cli.writing import require_endings
+from twolink.cli.writing import finish, require_endings
 
 if TYPE_CHECKING:
     from twolink.hard import Case, Result
@@ -53,8 +53,7 @@ def hard_cases(
     written = [] if html is None else [html]
     text = "\n".join(["", summary(results), *(f"wrote {path}" for path in written)])
     show({"cases": [result.to_dict() for result in results], "written": written}, text, as_json)
-    if len(results) < len(cases):
-        raise Interrupted
+    finish([], len(results) < len(cases))
     if not all(result.passed for result in results):
         raise typer.Exit(FAILED)
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
-
-_INTERVAL = 0.1  # s between two updates
 
 
 class Progress:
@@ -22,7 +19,6 @@ class Progress:
             console = Console(stderr=True)
             self._bar = Bar(*columns, console=console, transient=True, redirect_stdout=False, refresh_per_second=4)
             self._task = self._bar.add_task("", total=None)
-            self._updated = 0.0
 
     def __enter__(self) -> Progress:
         if self._bar is not None:
@@ -31,8 +27,7 @@ class Progress:
 
     def __call__(self, done: float, total: float, label: str) -> None:
         """Show that `done` of `total` is done, and a label of the work under way."""
-        if self._bar is not None and time.monotonic() - self._updated > _INTERVAL:
-            self._updated = time.monotonic()
+        if self._bar is not None:
             label = f"{label}  (Ctrl-C keeps what is done)"
             self._bar.update(self._task, completed=done, total=total, description=label)
 

@@ -24,6 +24,8 @@ def query(
     a: Annotated[str | None, Option(help="Accelerations, rad/s^2, of inverse-dynamics.", show_default="0")] = None,
     states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
     f_ext: Annotated[str | None, Option(help='Wrenches, N and N m: {"frame": [fx, fy, fz, tx, ty, tz]}.')] = None,
+    frame: Annotated[str | None, Option(help="Frame of frame-pose, frame-velocity and frame-jacobian.")] = None,
+    axes: Annotated[str | None, Option(help="aligned (with the world) or local.", show_default="aligned")] = None,
     method: Annotated[str | None, Option(help="aba or crba, of forward-dynamics.", show_default="aba")] = None,
     root: Root = "fixed",
     lock: Lock = None,
@@ -48,7 +50,7 @@ def query(
     loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     wrenches = None if f_ext is None else parse_json(f_ext, "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
     arguments = read_states(loaded, {"q": q, "v": v, "tau": tau, "a": a}, states)
-    result = answer_query(loaded, what, arguments, wrenches, method)
+    result = answer_query(loaded, what, arguments, wrenches, method, frame=frame, axes=axes)
     with np.printoptions(precision=17, threshold=1_000_000, linewidth=120):
         show(result, "\n".join(f"{name} =\n{np.asarray(value)}" for name, value in result.items()), as_json)
 

@@ -60,15 +60,10 @@ def inspect(
 
 def _text(robot: Robot, record: dict[str, Any]) -> str:
     """Joints, the load report, and how batches are answered."""
-    joints = Table(
-        ("joint", "kind", "q", "v", "kg moved with it"),
-        tuple((j["name"], j["kind"], _entries(*j["q"]), _entries(*j["v"]), j["mass"])
-              for j in record["joints"]),
-    )  # fmt: skip
-    return (
-        f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving\n\n{joints}\n\n{robot.report}\n\n"
-        f"batches: {_engines(robot)}"
-    )
+    rows = [(j["name"], j["kind"], _entries(*j["q"]), _entries(*j["v"]), j["mass"]) for j in record["joints"]]
+    joints = Table(("joint", "kind", "q", "v", "kg moved with it"), tuple(rows))
+    sizes = f"{robot.name}: nq = {robot.nq}, nv = {robot.nv}, {robot.mass:.6g} kg moving"
+    return f"{sizes}\n\n{joints}\n\n{robot.report}\n\nbatches: {_engines(robot)}"
 
 
 def _entries(start: int, stop: int) -> str:

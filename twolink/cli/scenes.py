@@ -9,11 +9,11 @@ import numpy as np
 from typer import Option
 
 from twolink.accuracy import accuracy_study
-from twolink.cli.failures import Interrupted, Misuse
+from twolink.cli.failures import Misuse
 from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneName
 from twolink.cli.printing import show
 from twolink.cli.progress import Progress
-from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, require_endings, write
+from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, writer
 from twolink.integrate.event import Event
 from twolink.integrate.methods import METHODS
 from twolink.integrate.methods import methods as method_table
@@ -94,7 +94,7 @@ def run(
             precision=cast(Any, precision), tolerance=tolerance, step=step,
             progress=lambda t: progress(t, length, f"t = {t:.4g} s"),
         )  # fmt: skip
-    written, failures = write(result, paths)
+    written, failures = write(paths, writer(result))
     record = {"scene": scene} | run_record(result) | {"written": written}
     text = _text(record)
     if book:
@@ -102,10 +102,7 @@ def run(
         record["book"] = balance
         text += f"\nenergy book\n{table}"
     show(record, text, as_json)
-    if failures:
-        raise failures[0]
-    if result.interrupted:
-        raise Interrupted
+    finish(failures, result.interrupted)
 
 
 def _energy_balance(scene: Scene, run: Trajectory) -> tuple[dict[str, Any], str]:
@@ -180,13 +177,10 @@ def accuracy(
             load_scene(scene), duration, methods=names, tolerances=None if tolerances is None else _floats(tolerances),
             samples=samples, repeats=repeats, budget=budget, progress=progress,
         )  # fmt: skip
-    written, failures = write(study, paths)
+    written, failures = write(paths, writer(study))
     text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])
     show({"scene": scene, **study.to_dict(), "written": written}, text, as_json)
-    if failures:
-        raise failures[0]
-    if study.interrupted:
-        raise Interrupted
+    finish(failures, study.interrupted)
 
 
 def _floats(text: str) -> list[float]:

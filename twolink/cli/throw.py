@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from typer import Argument, Option
 
-from twolink.cli.failures import Interrupted
 from twolink.cli.options import Json
 from twolink.cli.printing import show
 from twolink.cli.progress import Progress
-from twolink.cli.writing import require_endings
-from twolink.errors import TwolinkError
+from twolink.cli.writing import finish, require_endings, write
 from twolink.show.figure import FORMATS
 
 if TYPE_CHECKING:
@@ -40,23 +38,16 @@ def throw(
     twolink run pitch --out pitch.html                  the best throw, which the scene holds, in 3D
     """
     from twolink.paper.throw import search  # imports SciPy's optimizers
+    from twolink.paper.throw_plot import plot_search
 
-    require_endings([] if out is None else [out], FORMATS)
+    paths = [] if out is None else [out]
+    require_endings(paths, FORMATS)
     with Progress() as progress:
         result = search(what, accuracy, progress)
-    written, failure = None, None
-    if out is not None:
-        from twolink.paper.throw_plot import plot_search
-
-        try:
-            written = plot_search(result, out)
-        except TwolinkError as error:
-            failure = error
-    show(_record(result) | {"written": written}, _text(result) + (f"\nwrote {written}" if written else ""), as_json)
-    if failure:
-        raise failure
-    if result.interrupted:
-        raise Interrupted
+    written, failures = write(paths, lambda path: plot_search(result, path))
+    record = _record(result) | {"written": written[0] if written else None}
+    show(record, "\n".join([_text(result), *(f"wrote {path}" for path in written)]), as_json)
+    finish(failures, result.interrupted)
 
 
 def _record(search: SearchResult) -> dict[str, Any]:
@@ -84,17 +75,11 @@ def _text(search: SearchResult) -> str:
     best, aim = search.best, search.aim
     lines = [f"{search.name}: the best of {len(search.tried)} throws, each simulated to {search.accuracy:g} rad or m"]
     lines += [_line(f"{what} let go", 1e3 * at, 1e3 * search.resolution, "ms") for what, at in best.times.items()]
-    labels = {
-        "shoulder": ("shoulder then", "degrees"),
-        "elbow": ("elbow then", "degrees"),
-        "elevation": ("elevation", "degrees"),
-        "speed": ("speed", "m/s"),
-        "end": (aim.what, aim.unit),
-    }
+    units = {"speed": "m/s", "end": aim.unit}
+    labels = {"shoulder": "shoulder then", "elbow": "elbow then", "end": aim.what}
     for name, value in best.quantities.items():
-        label, unit = labels[name]
-        factor = np.degrees(1.0) if unit == "degrees" else 1.0
-        lines.append(_line(label, factor * value, factor * (best.errors or {})[name], unit))
+        factor, unit = (1.0, units[name]) if name in units else (np.degrees(1.0), "degrees")
+        lines.append(_line(labels.get(name, name), factor * value, factor * (best.errors or {})[name], unit))
     note = "(± of times: resolution of the search; of the others: error bar of this throw)"
     return "\n".join([*lines, f"  {note}  {search.seconds:.1f} s"])
 

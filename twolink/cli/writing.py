@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from twolink.accuracy import Study
-from twolink.cli.failures import Misuse
+from twolink.cli.failures import Interrupted, Misuse
 from twolink.cli.printing import print_not_drawn
 from twolink.errors import TwolinkError
 from twolink.io.tables import SUFFIXES, require_format
@@ -26,18 +26,35 @@ def require_endings(paths: Sequence[Path], endings: Sequence[str]) -> None:
             raise Misuse(error.what, where=error.where, remedy=error.remedy) from None
 
 
-def write(result: Trajectory | Study, paths: Sequence[Path]) -> tuple[list[Path], list[TwolinkError]]:
-    """Write a run or a study into each file. A file that fails does not keep the result from the others."""
+def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[list[Path], list[TwolinkError]]:
+    """Write a result into each file. A file that fails does not keep the result from the others."""
     written: list[Path] = []
     failures: list[TwolinkError] = []
     for path in paths:
-        suffix = path.suffix.lower()
         try:
-            if suffix == ".html" and isinstance(result, Trajectory):
-                result.playback(path, on_skipped=print_not_drawn)
-            else:
-                (result.plot if suffix in FORMATS else result.save)(path)
+            write_one(path)
             written.append(path)
         except TwolinkError as error:
             failures.append(error)
     return written, failures
+
+
+def writer(result: Trajectory | Study) -> Callable[[Path], object]:
+    """The function that writes a run or a study into a file by its ending."""
+
+    def write_one(path: Path) -> None:
+        suffix = path.suffix.lower()
+        if suffix == ".html" and isinstance(result, Trajectory):
+            result.playback(path, on_skipped=print_not_drawn)
+        else:
+            (result.plot if suffix in FORMATS else result.save)(path)
+
+    return write_one
+
+
+def finish(failures: Sequence[TwolinkError], interrupted: bool) -> None:
+    """End a command whose results are printed and written. Raises its first failure, or Interrupted."""
+    if failures:
+        raise failures[0]
+    if interrupted:
+        raise Interrupted

@@ -106,7 +106,8 @@ def answer_query(
     if "q" not in arguments:
         raise QueryError("it is not given", argument="q", remedy=f"give the {robot.nq} numbers of a configuration")
     if "frame" in query.options and "frame" not in chosen:
-        raise QueryError("it is not given", argument="frame", remedy=f"one of {', '.join(robot.frame_names[:12])}, ...")
+        remedy = f"one of {', '.join(robot.frame_names[:12])}, ..."
+        raise QueryError("it is not given", argument="frame", code="missing-option", remedy=remedy)
     values = [arguments.get(name, np.zeros(robot.nv)) for name in query.arguments]
     answer = getattr(robot, what.replace("-", "_"))(*values, **chosen)
     parts = answer if len(query.results) > 1 else (answer,)

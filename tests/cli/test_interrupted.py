@@ -1,0 +1,63 @@
+"""Ctrl-C: every command exits with 130 and one line on stderr; what was computed so far is printed and written."""
+
+import json
+import sys
+
+import pytest
+
+from twolink import hard
+from twolink.cli.app import main
+from twolink.hard.case import Case
+from twolink.hard.case_result import Result
+
+
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def exit_code(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["twolink", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return int(stop.value.code or 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "interrupted"),
+    [
+        (["robots"], "twolink.cli.robots.robot_table"),
+        (["inspect", "arm"], "twolink.cli.robots.robot_from"),
+        (["query", "arm", "bias", "--q", "0 0"], "twolink.cli.queries.answer_query"),
+        (["check"], "twolink.lagrange.check.check"),
+        (["scenes"], "twolink.cli.scenes.scene_table"),
+        (["explain", "arm-swing"], "twolink.simulation.explanation.explain"),
+        (["run", "arm-swing"], "twolink.cli.scenes.load_scene"),
+        (["accuracy", "arm-swing"], "twolink.cli.scenes.load_scene"),
+        (["methods"], "twolink.cli.scenes.method_table"),
+        (["play", "run.npz"], "twolink.simulation.trajectory.Trajectory.load"),
+        (["throw", "bowl"], "twolink.paper.throw.load_scene"),
+        (["hard-cases"], "twolink.hard.run_case"),
+        (["paper"], "twolink.paper.figures.study"),
+    ],
+)
+def test_a_command_without_results_exits_with_130(
+    arguments: list[str], interrupted: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(interrupted, interrupt)
+    assert exit_code(monkeypatch, *arguments) == 130
+    assert capsys.readouterr().err == "twolink: interrupted\n"
+
+
+def test_hard_cases_print_the_cases_that_are_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_case = hard.run_case
+
+    def interrupted_at_the_second(case: Case, **options: bool) -> Result:
+        return run_case(case, **options) if case.name == "massless-links" else interrupt()  # type: ignore[return-value]
+
+    monkeypatch.setattr(hard, "run_case", interrupted_at_the_second)
+    assert exit_code(monkeypatch, "hard-cases", "massless-links", "picosecond", "--json") == 130
+    out, err = capsys.readouterr()
+    assert err == "twolink: interrupted; what was done is kept\n"
+    assert [case["name"] for case in json.loads(out)["cases"]] == ["massless-links"]
