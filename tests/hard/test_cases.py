@@ -1,18 +1,24 @@
-"""Every hard case through the public face: it meets its bar, or says by name that it does not."""
+"""Every hard case through the public interface: it meets its bar, or an error says that it does not."""
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+import twolink as tl
 from tests.command import call
-from twolink.errors import SceneError
-from twolink.hard import Motion, all_cases, chosen, run_case
-from twolink.hard.case_result import MET, SAID
+from twolink.errors import RobotError, SceneError
+from twolink.hard import ErrorCheck, RefusalCase, SimulationCase, all_cases, attempts, run_case, select_cases
+from twolink.hard.case import SCENES, ErrorFunction
+from twolink.hard.case_result import MET, MISSED, SAID, WRONG
 from twolink.hard.page import page
+from twolink.hard.truths import distance
 
-PATIENCE = 300.0  # a hang, on any machine
+PATIENCE = 300.0  # seconds: more is a hang on any machine
 
 
 def parameters() -> list[object]:
@@ -25,12 +31,12 @@ def parameters() -> list[object]:
 
 @pytest.mark.parametrize("name", parameters())
 def test_case_meets_its_bar_or_says_that_it_does_not(name: str) -> None:
-    (case,) = chosen([name])
+    (case,) = select_cases([name])
     result = run_case(case, patience=PATIENCE)
     bad = [(a.setting, a.verdict, a.error, a.bar, a.message) for a in result.ours if a.verdict not in (MET, SAID)]
     assert not bad
-    if isinstance(case, Motion) and case.may_refuse < 1.0:
-        assert result.ours[0].verdict == MET or case.may_refuse >= 1e-3, "the roughest accuracy is met, not refused"
+    if isinstance(case, SimulationCase) and case.may_refuse < 1.0:
+        assert result.ours[0].verdict == MET or case.may_refuse >= 1e-3, "the largest accuracy is met, not refused"
 
 
 def test_names_are_unique_and_cases_say_why() -> None:
@@ -38,13 +44,88 @@ def test_names_are_unique_and_cases_say_why() -> None:
     assert len({case.name for case in cases}) == len(cases) >= 35
     assert all(len(case.why) > 40 for case in cases)
     with pytest.raises(SceneError, match="chaos"):
-        chosen(["chaoz"])
+        select_cases(["chaoz"])
 
 
-def test_the_page_holds_all_and_needs_nothing_else() -> None:
-    results = [run_case(case) for case in chosen(["symmetric-rest", "massless-links"])]
+def swinging(**options: Any) -> SimulationCase:
+    """The symmetric-rest case at one accuracy, with some of its data replaced."""
+    (case,) = select_cases(["symmetric-rest"])
+    assert isinstance(case, SimulationCase)
+    return replace(case, duration=1.0, settings=({"accuracy": 1e-6},), **options)
+
+
+def constant_error(size: float) -> ErrorFunction:
+    return lambda _robot, track: np.full(len(track.t), size)
+
+
+def test_an_error_above_the_error_bar_is_wrong_silently() -> None:
+    (attempt,) = run_case(swinging(error=constant_error(1e-3))).ours
+    assert attempt.verdict == WRONG
+    (attempt,) = run_case(swinging(error=constant_error(1e-3), bounded=False)).ours
+    assert attempt.verdict == WRONG
+    (attempt,) = run_case(swinging(error=constant_error(1e-3), bounded=False, slack=2e3)).ours
+    assert attempt.verdict == MET
+
+
+def test_the_truths_own_uncertainty_is_named_where_the_verdict_rests_on_it() -> None:
+    (attempt,) = run_case(swinging(error=constant_error(1e-4), uncertainty=1e-3)).ours
+    assert (attempt.verdict, attempt.message) == (MET, "the truth is known to 1e-03")
+    (attempt,) = run_case(swinging(uncertainty=1e-3)).ours
+    assert (attempt.verdict, attempt.message) == (MET, "")
+
+
+def test_a_refusal_counts_only_where_it_may_come() -> None:
+    impossible = ({"accuracy": 1e-15},)
+    case = replace(swinging(), duration=100.0, samples=1.0, settings=impossible)
+    assert run_case(case).verdict in (MISSED, WRONG)
+    assert run_case(replace(case, may_refuse=1e-15)).verdict == SAID
+
+
+def test_an_attempt_that_takes_too_long_is_missed() -> None:
+    (attempt,) = run_case(swinging(), patience=0.0).ours
+    assert (attempt.verdict, attempt.message) == (MISSED, "given up after 0 s")
+
+
+def test_an_interrupted_run_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = swinging()
+    run = tl.simulate(case.load(), 0.1)
+    monkeypatch.setattr(attempts, "simulate", lambda *_, **__: replace(run, interrupted=True))
+    with pytest.raises(KeyboardInterrupt):
+        run_case(case)
+
+
+def test_calls_that_are_not_refused_are_wrong() -> None:
+    checks = {
+        "accepted": ErrorCheck(lambda: None, SceneError), "another kind": ErrorCheck(refused, RobotError),
+        "other words": ErrorCheck(refused, SceneError, "gravity"), "right": ErrorCheck(refused, SceneError, "chaos"),
+        "not ours": ErrorCheck(lambda: 1 / 0, SceneError), "answer": ErrorCheck(lambda: None, None),
+    }  # fmt: skip
+    result = run_case(RefusalCase(name="x", title="x", group="x", why="x", checks=checks))
+    assert [a.verdict for a in result.ours] == [WRONG, MISSED, MISSED, SAID, MISSED, MET]
+    assert not result.passed
+
+
+def refused() -> object:
+    return select_cases(["chaoz"])
+
+
+def test_distances_of_near_rotations_do_not_vanish() -> None:
+    robot = tl.load_robot(SCENES / "wheel.urdf")
+    theta, step = np.random.default_rng(0).uniform(-np.pi, np.pi, 2000), 1e-11
+    q, other = (np.stack([np.cos(x), np.sin(x)], axis=1) for x in (theta, theta + step))
+    np.testing.assert_allclose(distance(robot, q, other), step, rtol=1e-4, atol=2e-16)
+    body = tl.load_robot(SCENES / "tumbler.urdf", root="free")
+    turned = np.zeros((1, 7))
+    turned[0, 6] = 1.0
+    near = turned.copy()
+    near[0, 4] = step
+    np.testing.assert_allclose(distance(body, turned, near), 2 * step)
+
+
+def test_the_page_has_every_case_and_loads_nothing_from_elsewhere() -> None:
+    results = [run_case(case) for case in select_cases(["symmetric-rest", "massless-links"])]
     text = page(results)
-    assert "Let go from exact symmetric rest" in text
+    assert "Release from exactly symmetric rest" in text
     assert "<svg" in text
     assert not re.search(r"https?://|src=|@import", text)
 
@@ -52,6 +133,6 @@ def test_the_page_holds_all_and_needs_nothing_else() -> None:
 def test_the_command_prints_json_and_writes_the_page(tmp_path: Path) -> None:
     done = call("hard-cases", "picosecond", "massless-links", "--json", "--html", str(tmp_path / "hard.html"))
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert [case["verdict"] for case in found["cases"]] == [MET, SAID]
+    record = json.loads(done.stdout)
+    assert [case["verdict"] for case in record["cases"]] == [MET, SAID]
     assert (tmp_path / "hard.html").read_text().startswith("<!doctype html>")

@@ -8,11 +8,11 @@ import pytest
 
 import twolink as tl
 from twolink import effects as fx
-from twolink.hard import Motion, chosen
+from twolink.hard import SimulationCase, select_cases
 from twolink.hard.case_result import MET
+from twolink.hard.peer_attempts import run_peers
 from twolink.hard.peers import drake_peer, mujoco_peer, peer_module, time_limit
 from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, from_peer, task_of, to_peer
-from twolink.hard.run_peers import run_peers
 
 TIMES = np.linspace(0.0, 0.5, 6)
 TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3),
@@ -99,8 +99,8 @@ def test_a_run_that_fails_is_reported_with_its_words() -> None:
 
 
 def test_peers_of_a_case_are_judged_by_its_truth() -> None:
-    (case,) = chosen(["torque-steps"])
-    assert isinstance(case, Motion)
+    (case,) = select_cases(["torque-steps"])
+    assert isinstance(case, SimulationCase)
     attempts = list(run_peers(case, case.load()))
     assert [name for name, _ in attempts] == ["SciPy", "SciPy", "MuJoCo", "MuJoCo"]
     assert all(a.verdict == MET and a.curve is not None for _, a in attempts)

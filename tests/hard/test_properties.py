@@ -17,7 +17,8 @@ from twolink.errors import AccuracyError, SceneError
 SEEDS = st.integers(0, 2**32 - 1)
 SMALL = ("revolute", "continuous", "prismatic")
 HANG = 120.0  # s
-Check = Callable[[np.random.Generator], None]
+Check = Callable[[np.random.Generator], bool | None]
+"""Checks one random example; False: the example was refused."""
 
 
 def identities(random: np.random.Generator) -> None:
@@ -56,75 +57,85 @@ def energy_rate_is_power(random: np.random.Generator) -> None:
     assert abs(rate - v @ tau) < 1e-4 * size * (1 + np.abs(a).max() * h / 1e-3)
 
 
-def compiled_is_portable(random: np.random.Generator) -> None:
-    """The compiled motion is SciPy's around Pinocchio, within both error bars; and both say so, or end in words."""
+def compiled_is_portable(random: np.random.Generator) -> bool:
+    """The compiled motion is SciPy's around Pinocchio, within both error bars; or one of them is refused by name."""
     robot = random_robot(random, most=2, kinds=SMALL)
     q, v = random_state(random, robot)
-    start = time.monotonic()
     scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.1)
-    runs = []
-    for method in ("rk45", "scipy-dop853"):
-        try:
-            runs.append(tl.simulate(scene, accuracy=1e-6, method=method, samples=20))
-        except (AccuracyError, SceneError):
-            return
-    assert time.monotonic() - start < HANG
-    for run in runs:
-        assert np.isfinite(run.q).all()
-        assert np.isfinite(run.v).all()
-    first, second = runs
+    first, second = (simulated(scene, 1e-6, method, 20) for method in ("rk45", "scipy-dop853"))
+    if first is None or second is None:
+        return False
     assert first.error is not None
     assert second.error is not None
     for one, two, bar in zip(first.q, second.q, first.error + second.error, strict=True):
         assert np.abs(one - two).max() <= bar + 1e-12  # of cosines and quaternions less than of their angles
+    return True
 
 
-def portable_goes_on(random: np.random.Generator) -> None:
-    """Any robot, any effects: finite numbers and an error bar, or one of our errors; never NaN, never a hang."""
+def portable_meets_its_accuracy(random: np.random.Generator) -> bool:
+    """Any robot with any effects: finite numbers within the accuracy, or a refusal by name; never NaN, never a hang."""
     robot = random_robot(random, most=3)
     q, v = random_state(random, robot)
-    start = time.monotonic()
+    scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.05)
+    run = simulated(scene, 1e-4, "scipy-dop853", 40)
+    if run is None:
+        return False
+    assert np.isfinite(run.energy).all()
+    assert run.error is not None
+    assert run.error.max() <= 1e-4
+    return True
+
+
+def simulated(scene: tl.Scene, accuracy: float, method: str, samples: float) -> tl.Trajectory | None:
+    """The run; None where twolink refuses it by an error that says why."""
+    start, run, places = time.monotonic(), None, []
     try:
-        scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.05)
-        run = tl.simulate(scene, accuracy=1e-4, method="scipy-dop853", samples=40)
-    except (AccuracyError, SceneError):
-        pass
-    else:
-        assert np.isfinite(run.q).all()
-        assert np.isfinite(run.energy).all()
-        assert run.error is not None
-        assert run.error.max() <= 1e-4
+        run = tl.simulate(scene, accuracy=accuracy, method=method, samples=samples)
+    except (AccuracyError, SceneError) as error:
+        places = [error.where, error.code]
     assert time.monotonic() - start < HANG
+    if run is None:
+        assert all(places)
+        return None
+    assert np.isfinite(run.q).all()
+    assert np.isfinite(run.v).all()
+    return run
 
 
-CHECKS: dict[Check, tuple[int, int]] = {
-    identities: (300, 5000), energy_rate_is_power: (200, 3000), portable_goes_on: (25, 1500),
+EXAMPLES: dict[Check, tuple[int, int]] = {
+    identities: (300, 5000), energy_rate_is_power: (200, 3000), portable_meets_its_accuracy: (25, 1500),
     compiled_is_portable: (6, 300),
 }  # fmt: skip
+MAX_REFUSED = 0.2  # the share of examples that may be refused
 
 
 @pytest.fixture(autouse=True)
 def _no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is compiled for one example does not come again."""
+    """Code that is compiled for one example is not used again."""
     monkeypatch.setitem(os.environ, "TWOLINK_CACHE", "off")
 
 
-def conduct(check: Check, examples: int) -> None:
+def check_examples(check: Check, examples: int) -> None:
+    """Run a check on random examples; few of them may be refused."""
+    refused: list[bool] = []
+
     @settings(max_examples=examples, deadline=None, derandomize=True, database=None,
               suppress_health_check=list(HealthCheck))  # fmt: skip
     @given(SEEDS)
     def run(seed: int) -> None:
-        check(np.random.default_rng(seed))
+        refused.append(check(np.random.default_rng(seed)) is False)
 
     run()
+    assert len(refused) >= examples
+    assert sum(refused) <= MAX_REFUSED * len(refused), f"{sum(refused)} of {len(refused)} are refused"
 
 
-@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("check", EXAMPLES)
 def test_physics_of_random_robots(check: Check) -> None:
-    conduct(check, CHECKS[check][0])
+    check_examples(check, EXAMPLES[check][0])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("check", EXAMPLES)
 def test_physics_of_many_random_robots(check: Check) -> None:
-    conduct(check, CHECKS[check][1])
+    check_examples(check, EXAMPLES[check][1])

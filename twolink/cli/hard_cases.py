@@ -14,7 +14,7 @@ from twolink.cli.printing import show
 from twolink.cli.writing import finish, require_endings
 
 if TYPE_CHECKING:
-    from twolink.hard import Case, Result
+    from twolink.hard import Case, CaseResult
 
 
 def hard_cases(
@@ -35,10 +35,10 @@ def hard_cases(
     twolink hard-cases chaos upright-balance
     twolink hard-cases --peers --html hard.html
     """
-    from twolink.hard import chosen
+    from twolink.hard import select_cases
     from twolink.hard.table import summary
 
-    cases = chosen(names, quick=quick)
+    cases = select_cases(names, quick=quick)
     if html is not None:
         require_endings([html], (".html",))
     if listed:
@@ -58,12 +58,12 @@ def hard_cases(
         raise typer.Exit(FAILED)
 
 
-def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[Result]:
+def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[CaseResult]:
     """The results, each printed when its case is done; those so far after Ctrl-C."""
     from twolink.hard import run_case
     from twolink.hard.table import HEAD, lines
 
-    results: list[Result] = []
+    results: list[CaseResult] = []
     if not silent:
         typer.echo(HEAD)
     try:

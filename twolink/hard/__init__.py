@@ -4,10 +4,10 @@ In: names of cases, accuracies. Out: judged results. `twolink.hard.peers` runs S
 tasks, here and for `scripts/compare_peers.py`.
 """
 
-from twolink.hard.case import Case, Motion, Probe, Refusals, Track, Truth, at
-from twolink.hard.case_result import Attempt, Result
-from twolink.hard.cases import all_cases, chosen
-from twolink.hard.run_case import run_case
+from twolink.hard.attempts import run_case
+from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
+from twolink.hard.case_result import Attempt, CaseResult
+from twolink.hard.cases import all_cases, select_cases
 
-__all__ = ["Attempt", "Case", "Motion", "Probe", "Refusals", "Result", "Track", "Truth", "all_cases", "at", "chosen",
-           "run_case"]  # fmt: skip
+__all__ = ["Attempt", "Case", "CaseResult", "ErrorCheck", "RefusalCase", "SimulationCase", "Track", "all_cases",
+           "run_case", "select_cases"]  # fmt: skip

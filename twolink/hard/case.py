@@ -1,9 +1,9 @@
-"""A hard case as data: a motion whose truth is known, or calls that must end in a named error."""
+"""A hard case as data: a simulation whose exact motion is known, or calls that must end in a named error."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,88 +11,111 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.errors import TwolinkError
-from twolink.scenes import Scene, load_scene
+from twolink.scenes import Scene
 
 SCENES = Path(__file__).parent / "scenes"
-PEERS = ("scipy", "mujoco", "drake")
 
 
 class Track(NamedTuple):
-    """A motion as anybody delivers it: t (n,) [s], q (n, nq), v (n, nv), laid out as Pinocchio's."""
+    """A motion from any simulator: t (n,) [s], q (n, nq), v (n, nv) in Pinocchio's layout."""
 
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What a motion is measured by.
-
-    how: where the truth comes from, in words. error: of a track at each of its times (n,), NaN where nothing is known.
-    quantity: what that is, with its unit. exact: it is the error of q, which our error bar is a bound of; else an
-    invariant's drift, or another quantity. bar: the most it may be, for an accuracy. doubt: the truth's own error.
-    """
-
-    how: str
-    error: Callable[[Robot, Track], np.ndarray]
-    quantity: str = "error of q [rad]"
-    exact: bool = True
-    bar: Callable[[float], float] = lambda accuracy: accuracy
-    doubt: float = 1e-14
+ErrorFunction = Callable[[Robot, Track], np.ndarray]
+"""The error of a motion at each of its times (n,); NaN where the exact value is not available."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What all cases have. why: why it is hard. slow: not part of the quick suite."""
+    """What all cases have.
+
+    Parameters
+    ----------
+    name, title, group : str
+        The name for the command line, one line for people, and the group.
+    why : str
+        Why the case is hard.
+    truth : str
+        What the results are compared with.
+    slow : bool
+        Whether the quick suite leaves it out.
+    """
 
     name: str
     title: str
-    why: str
     group: str
+    why: str
+    truth: str = "the named error that must be raised, or an answer where one is due"
     slow: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion(Case):
-    """A scene that is simulated at several settings and held against its truth.
+class SimulationCase(Case):
+    """A scene that is simulated at several settings and compared with its exact motion.
 
-    scene: the stem of a file in `scenes`, or what makes the scene. settings: arguments of `simulate`, one mapping an
-    attempt. samples: a second. may_refuse: from which accuracy on down an AccuracyError is a right answer; inf: always.
-    peers: who can do it at all. size: of the motion; a peer whose error is above a tenth of it is wrong. peers_until:
-    peers are asked for this part of the duration, s.
+    Parameters
+    ----------
+    load : callable
+        Makes the scene.
+    error : callable
+        The error of a motion.
+    settings : tuple of mappings
+        Arguments of `simulate`, one mapping an attempt.
+    duration : float, optional
+        Seconds; the scene's own when None.
+    samples : float
+        Samples a second.
+    quantity : str
+        What the error is, with its unit.
+    bounded : bool
+        Whether the error bar of a run is a bound of this error. If not, it is the drift of an invariant.
+    uncertainty : float
+        Error of the truth itself.
+    allowed : float, optional
+        The largest error that counts as met; `slack` times the accuracy when None.
+    slack : float
+        See `allowed`.
+    may_refuse : float
+        The largest accuracy at which an AccuracyError is a right answer; inf: at all of them.
+    peers : tuple of str
+        The peers that can do the case.
+    size : float
+        Size of the motion in the unit of the error. A peer whose error is above a tenth of it is wrong.
     """
 
-    scene: str | Callable[[], Scene]
-    truth: Truth
+    load: Callable[[], Scene]
+    error: ErrorFunction
     settings: tuple[Mapping[str, Any], ...]
     duration: float | None = None
     samples: float = 20.0
+    quantity: str = "error of q [rad]"
+    bounded: bool = True
+    uncertainty: float = 1e-14
+    allowed: float | None = None
+    slack: float = 1.0
     may_refuse: float = 0.0
-    peers: tuple[str, ...] = PEERS
+    peers: tuple[str, ...] = ("scipy", "mujoco", "drake")
     size: float = 1.0
 
-    def load(self) -> Scene:
-        """The scene."""
-        return self.scene() if callable(self.scene) else load_scene(SCENES / f"{self.scene}.toml")
+    def limit(self, accuracy: float) -> float:
+        """The largest error that counts as met at an accuracy."""
+        return self.slack * accuracy if self.allowed is None else self.allowed
 
 
 @dataclass(frozen=True)
-class Probe:
-    """A call that must raise an error of this kind whose message holds `says`; kind None: it must just return."""
+class ErrorCheck:
+    """A call that must raise an error of this kind whose message holds `part`; kind None: it must return."""
 
     call: Callable[[], object]
     kind: type[TwolinkError] | tuple[type[TwolinkError], ...] | None
-    says: str = ""
+    part: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Refusals(Case):
-    """Calls with wrong input, by what they are given; the truth is the named error that must come."""
+class RefusalCase(Case):
+    """Calls with wrong input, by what is wrong; each must raise a named error."""
 
-    probes: Mapping[str, Probe] = field(default_factory=dict)
-
-
-def at(*accuracies: float, **more: Any) -> tuple[Mapping[str, Any], ...]:
-    """Settings: these accuracies, with what else `simulate` is told."""
-    return tuple({"accuracy": accuracy, **more} for accuracy in accuracies)
+    checks: Mapping[str, ErrorCheck]

@@ -10,38 +10,44 @@ import numpy as np
 from twolink.hard.case import Case
 
 MET, SAID, WRONG, MISSED = "met", "said so", "wrong silently", "missed"
-"""Met: within its bar. Said so: not, and an error or the error bar says it. Wrong silently: not, and nothing says it.
-Missed: refused, crashed or given up where an answer was due."""
-UNABLE = "cannot"  # of peers: it has no such thing
-
-CURVE_POINTS = 240
+"""Met: the error is within its limit. Said so: it is not, and an error or the error bar says it. Wrong silently: it is
+not, and nothing says it. Missed: a refusal, a crash or a timeout where an answer was due."""
+UNABLE = "cannot"  # of peers: they lack a feature, or take too long
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Error over time for the plot: t (n,), error (n,), and the error bar that was reported (n,)."""
+    """Error over time: t (n,) [s], error (n,), and the reported error bar (n,)."""
 
     t: np.ndarray
     error: np.ndarray
     bar: np.ndarray | None = None
 
-    def thinned(self) -> Curve:
-        """The largest of each of some intervals, so that no peak is lost."""
-        known = np.isfinite(self.error)
-        t, error = self.t[known], self.error[known]
-        bar = None if self.bar is None else self.bar[known]
-        if len(t) <= CURVE_POINTS:
-            return Curve(t, error, bar)
-        edges = np.linspace(0, len(t), CURVE_POINTS + 1).astype(int)[:-1]
-        last = np.append(edges[1:], len(t)) - 1
-        return Curve(t[last], np.maximum.reduceat(error, edges), None if bar is None else bar[last])
-
 
 @dataclass(frozen=True)
 class Attempt:
-    """One run. error: the largest true one; bar: the error bar reported; seconds: all of it, compiling included.
+    """One run at one setting.
 
-    default: it is a peer's run at its default setting.
+    Parameters
+    ----------
+    setting : str
+        The setting in words.
+    verdict : str
+        MET, SAID, WRONG, MISSED or UNABLE.
+    error, bar : float, optional
+        The largest true error, and the reported error bar at its largest.
+    seconds : float
+        The whole call, compiling included.
+    method, steps
+        Of the solution.
+    message : str
+        An error, a warning, or what the verdict rests on.
+    trusted_until : float, optional
+        The time up to which the accuracy is kept, s.
+    default : bool
+        Whether this is a peer at its default setting.
+    curve : Curve, optional
+        The error over time.
     """
 
     setting: str
@@ -56,10 +62,15 @@ class Attempt:
     default: bool = False
     curve: Curve | None = field(default=None, repr=False)
 
+    def record(self) -> dict[str, Any]:
+        """Plain data for JSON, without the curve; None for what is not finite."""
+        values = {name: value for name, value in vars(self).items() if name != "curve"}
+        return {k: None if isinstance(x, float) and not np.isfinite(x) else x for k, x in values.items()}
+
 
 @dataclass(frozen=True)
-class Result:
-    """A case with its attempts, ours and the peers' (a name each, with the settings in words)."""
+class CaseResult:
+    """A case with its attempts, ours and the peers' (each with the peer's name)."""
 
     case: Case
     ours: tuple[Attempt, ...]
@@ -68,37 +79,29 @@ class Result:
     @property
     def verdict(self) -> str:
         """The worst of ours."""
-        order = (WRONG, MISSED, SAID, MET)
-        return next((v for v in order if any(a.verdict == v for a in self.ours)), MISSED)
+        return min((a.verdict for a in self.ours), key=(WRONG, MISSED, SAID, MET).index, default=MISSED)
 
     @property
     def passed(self) -> bool:
-        """Every attempt met its bar, or said that it does not."""
+        """Whether every attempt met its limit, or said that it does not."""
         return self.verdict in (MET, SAID)
 
     @property
     def seconds(self) -> float:
-        """What ours took."""
+        """The time of all our attempts."""
         return sum(attempt.seconds for attempt in self.ours)
+
+    @property
+    def wrong_by_default(self) -> dict[str, Attempt]:
+        """The peers, by name, that are silently wrong at their default setting."""
+        return {name: a for name, a in self.peers if a.default and a.verdict == WRONG}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the curves."""
-        about = {"name": self.case.name, "title": self.case.title, "why": self.case.why, "group": self.case.group}
-        truth = getattr(self.case, "truth", None)
+        case = self.case
         return {
-            **about,
-            "truth": getattr(truth, "how", "the named error"),
-            "verdict": self.verdict,
-            "seconds": self.seconds,
-            "ours": [_plain(a) for a in self.ours],
-            "peers": [{"peer": name, **_plain(a)} for name, a in self.peers],
-        }
-
-
-def _plain(attempt: Attempt) -> dict[str, Any]:
-    return {name: _number(value) for name, value in vars(attempt).items() if name != "curve"}
-
-
-def _number(value: Any) -> Any:
-    """JSON has no word for what is not finite."""
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+            "name": case.name, "title": case.title, "why": case.why, "group": case.group, "truth": case.truth,
+            "verdict": self.verdict, "seconds": self.seconds,
+            "ours": [a.record() for a in self.ours],
+            "peers": [{"peer": name, **a.record()} for name, a in self.peers],
+        }  # fmt: skip

@@ -11,20 +11,14 @@ import functools
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-PATH = Path(__file__).parent / "references.json"
+from twolink.hard.truths import REFERENCES
+
 BITS = 200
 G = 9.81
-
-
-def stored(name: str) -> tuple[list[float], list[list[float]]]:
-    """(times, q) of a stored reference."""
-    found = json.loads(PATH.read_text(encoding="utf-8"))[name]
-    return found["t"], [[float(x) for x in row] for row in found["q"]]
 
 
 def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence[float], times: Sequence[float]) -> Any:
@@ -164,7 +158,7 @@ def main(names: Sequence[str]) -> None:
         [float(k) for k in range(1, 11)],
         [5.0 * k for k in range(1, 21)],
     )
-    found: dict[str, Any] = json.loads(PATH.read_text(encoding="utf-8")) if PATH.exists() else {}
+    found: dict[str, Any] = json.loads(REFERENCES.read_text(encoding="utf-8")) if REFERENCES.exists() else {}
     made: dict[str, tuple[list[float], Any]] = {
         "arm-swing": (ones, lambda: two_rods((1, 1), (3, 1), (0, 0), ones)),
         "chaos": (halves, lambda: two_rods((1, 1), (1, 1), (0, 0), halves)),
@@ -177,7 +171,7 @@ def main(names: Sequence[str]) -> None:
     for name in names or made:
         times, compute = made[name]
         found[name] = {"t": times, "q": compute()}
-        PATH.write_text(json.dumps(found, indent=0) + "\n", encoding="utf-8")
+        REFERENCES.write_text(json.dumps(found, indent=0) + "\n", encoding="utf-8")
 
 
 def _chain(name: str, masses: Sequence[float], angle: float) -> list[list[str]]:

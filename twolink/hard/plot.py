@@ -4,76 +4,93 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.hard.case_result import Curve, Result
+from twolink.hard.case_result import CaseResult, Curve
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 230, 46, 12, 10, 26
-FLOOR = 1e-17
-Named = tuple[str, str, Curve]  # the label, the CSS class, the curve
+FLOOR, CEILING = 1e-17, 1e6
+MAX_POINTS = 240
+DOTS_UP_TO = 25  # points: a truth that is available at a few times only
 
 
-def plot(result: Result) -> str:
+def plot(result: CaseResult) -> str:
     """The figure, or nothing where there is no curve."""
-    series: list[Named] = []
-    for k, attempt in enumerate(result.ours):
-        if attempt.curve is not None:
-            series.append((f"twolink, {attempt.setting}", f"own{k}", attempt.curve.thinned()))
-    for k, (name, attempt) in enumerate(result.peers):
-        if attempt.curve is not None:
-            series.append((f"{name}: {attempt.setting}", f"peer{k}", attempt.curve.thinned()))
-    series = [s for s in series if len(s[2].t) > 1 or len(s[2].t) == 1]
-    return _figure(series) if series else ""
-
-
-def _figure(series: Sequence[Named]) -> str:
-    values = np.concatenate([np.clip(c.error, FLOOR, 1e6) for _, _, c in series])
-    bars = [np.clip(c.bar, FLOOR, 1e6) for _, _, c in series if c.bar is not None]
-    everything = np.concatenate([values, *bars]) if bars else values
-    everything = everything[np.isfinite(everything) & (everything > FLOOR)]
-    low = math.floor(math.log10(everything.min())) if everything.size else -16
-    high = max(low + 2, math.ceil(math.log10(everything.max()) + 1e-9)) if everything.size else 0
-    end = max(float(c.t[-1]) for _, _, c in series) or 1.0
-
-    def at(t: float, e: float) -> str:
-        x = LEFT + (WIDTH - LEFT - RIGHT) * t / end
-        level = (math.log10(min(max(e, 10.0**low), 10.0**high)) - low) / (high - low)
-        return f"{x:.1f},{TOP + (HEIGHT - TOP - BOTTOM) * (1 - level):.1f}"
-
-    parts = [_axes(low, high, end)]
-    for label, kind, curve in series:
-        tip = f"<title>{html.escape(label)}</title>"
-        if curve.bar is not None and curve.bar.max() > 0:
-            path = " ".join(at(t, e) for t, e in zip(curve.t.tolist(), curve.bar.tolist(), strict=True))
-            parts.append(
-                f'<polyline class="{kind} bar" points="{path}"><title>{html.escape(label)}: bar</title></polyline>'
-            )
-        known = [(t, e) for t, e in zip(curve.t.tolist(), curve.error.tolist(), strict=True)]
-        path = " ".join(at(t, e if math.isfinite(e) else 1e99) for t, e in known)
-        if len(known) > 25:
-            parts.append(f'<polyline class="{kind}" points="{path}">{tip}</polyline>')
-        else:  # the truth is known at a few times only
-            parts.append(f'<polyline class="{kind} thin" points="{path}">{tip}</polyline>')
-            places = [at(t, e if math.isfinite(e) else 1e99).split(",") for t, e in known]
-            dots = "".join(f'<circle cx="{x}" cy="{y}" r="2.6"/>' for x, y in places)
-            parts.append(f'<g class="{kind} dots">{dots}{tip}</g>')
-    legend = "".join(f'<li class="{kind}"><span></span>{html.escape(label)}</li>' for label, kind, _ in series)
-    return (f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="error over time">{"".join(parts)}</svg>'
+    attempts = [(f"twolink, {a.setting}", f"own{k}", a) for k, a in enumerate(result.ours)]
+    attempts += [(f"{name}: {a.setting}", f"peer{k}", a) for k, (name, a) in enumerate(result.peers)]
+    series = [(label, style, thinned(a.curve)) for label, style, a in attempts if a.curve is not None]
+    if not series:
+        return ""
+    values = np.concatenate([x for _, _, c in series for x in (c.error, c.bar) if x is not None])
+    values = values[(values > FLOOR) & (values < math.inf)]
+    low = math.floor(math.log10(values.min(initial=CEILING)))
+    high = max(low + 2, math.ceil(math.log10(min(values.max(initial=FLOOR), CEILING)) + 1e-9))
+    scale = _Scale(low, high, max(float(c.t[-1]) for _, _, c in series) or 1.0)
+    drawn = "".join(_drawn(scale, html.escape(label), style, curve) for label, style, curve in series)
+    legend = "".join(f'<li class="{style}"><span></span>{html.escape(label)}</li>' for label, style, _ in series)
+    return (f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="error over time">{_axes(scale)}{drawn}</svg>'
             f'<ul class="legend">{legend}<li class="barkey"><span></span>reported error bars</li></ul>')  # fmt: skip
 
 
-def _axes(low: int, high: int, end: float) -> str:
+def thinned(curve: Curve) -> Curve:
+    """The points with an error; of many, the largest of each interval, so that no peak is lost."""
+    keep = ~np.isnan(curve.error)
+    t, error, bar = curve.t[keep], curve.error[keep], None if curve.bar is None else curve.bar[keep]
+    if len(t) <= MAX_POINTS:
+        return Curve(t, error, bar)
+    begin = np.linspace(0, len(t), MAX_POINTS + 1).astype(int)[:-1]
+    last = np.append(begin[1:], len(t)) - 1
+    return Curve(t[last], np.maximum.reduceat(error, begin), None if bar is None else bar[last])
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """From time [s] and error to the figure: 10^low to 10^high upwards, 0 to `end` to the right."""
+
+    low: int
+    high: int
+    end: float
+
+    def x(self, t: float) -> float:
+        return LEFT + (WIDTH - LEFT - RIGHT) * t / self.end
+
+    def y(self, error: float) -> float:
+        exponent = math.log10(min(max(error, 10.0**self.low), 10.0**self.high))
+        return TOP + (HEIGHT - TOP - BOTTOM) * (self.high - exponent) / (self.high - self.low)
+
+    def points(self, curve: Curve, values: np.ndarray) -> list[tuple[str, str]]:
+        pairs = zip(curve.t.tolist(), values.tolist(), strict=True)
+        return [(f"{self.x(t):.1f}", f"{self.y(error):.1f}") for t, error in pairs]
+
+
+def _drawn(scale: _Scale, label: str, style: str, curve: Curve) -> str:
+    """The error bar as a dashed line, the error as a line, with dots where the points are few."""
     parts = []
-    step = max(1, (high - low + 5) // 6)
-    for k in range(low, high + 1, step):
-        y = TOP + (HEIGHT - TOP - BOTTOM) * (1 - (k - low) / (high - low))
+    if curve.bar is not None and curve.bar.max() > 0:
+        parts.append(_line(scale.points(curve, curve.bar), f"{style} bar", f"{label}: bar"))
+    points = scale.points(curve, curve.error)
+    few = len(points) <= DOTS_UP_TO
+    parts.append(_line(points, f"{style} thin" if few else style, label))
+    if few:
+        dots = "".join(f'<circle cx="{x}" cy="{y}" r="2.6"/>' for x, y in points)
+        parts.append(f'<g class="{style} dots">{dots}<title>{label}</title></g>')
+    return "".join(parts)
+
+
+def _line(points: list[tuple[str, str]], style: str, title: str) -> str:
+    path = " ".join(f"{x},{y}" for x, y in points)
+    return f'<polyline class="{style}" points="{path}"><title>{title}</title></polyline>'
+
+
+def _axes(scale: _Scale) -> str:
+    parts = []
+    for k in range(scale.low, scale.high + 1, max(1, (scale.high - scale.low + 5) // 6)):
+        y = scale.y(10.0**k)
         parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
         parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">1e{k}</text>')
-    for k in range(5):
-        x = LEFT + (WIDTH - LEFT - RIGHT) * k / 4
-        anchor = "start" if k == 0 else "end" if k == 4 else "middle"
-        unit = " s" if k == 4 else ""
-        parts.append(f'<text x="{x:.1f}" y="{HEIGHT - 8}" text-anchor="{anchor}">{end * k / 4:.3g}{unit}</text>')
+    for k, anchor in enumerate(("start", "middle", "middle", "middle", "end")):
+        t, unit = scale.end * k / 4, " s" if k == 4 else ""
+        parts.append(f'<text x="{scale.x(t):.1f}" y="{HEIGHT - 8}" text-anchor="{anchor}">{t:.3g}{unit}</text>')
     return "".join(parts)

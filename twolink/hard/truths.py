@@ -1,28 +1,44 @@
-"""Closed forms, evaluated in 40 digits and more: what the hard cases are held against."""
+"""Errors of motions, and the exact motions they are taken from: closed forms in 60 digits, and stored references."""
 
 from __future__ import annotations
 
+import functools
+import json
+import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
+import mpmath as mp
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.hard.case import Track
+from twolink.hard.case import ErrorFunction, Track
 
 DIGITS = 60
-Closed = Callable[[np.ndarray], np.ndarray]
-"""q (n, nq) at times t (n,), NaN where it is not known."""
+REFERENCES = Path(__file__).parent / "references.json"
+ExactMotion = Callable[[np.ndarray], np.ndarray]
+"""q (n, nq) at times t (n,), NaN where it is not available."""
 
 
-def of_configuration(closed: Closed) -> Callable[[Robot, Track], np.ndarray]:
-    """max |difference(q, q_exact)| at each time."""
+def configuration_error(exact: ExactMotion) -> ErrorFunction:
+    """max |difference(q, q_exact)| at each time, rad or m; infinite where q is not finite."""
 
     def error(robot: Robot, track: Track) -> np.ndarray:
-        exact = closed(track.t)
-        out = distance(robot, track.q, exact)
-        out[~np.isfinite(track.q).all(axis=1) & ~np.isnan(exact).any(axis=1)] = np.inf
+        q = exact(track.t)
+        out = distance(robot, track.q, q)
+        out[~np.isfinite(track.q).all(axis=1) & ~np.isnan(q).any(axis=1)] = np.inf
         return out
+
+    return error
+
+
+def energy_error(scale: float) -> ErrorFunction:
+    """|E - E(0)| over a scale [J], for motions that keep their energy."""
+
+    def error(robot: Robot, track: Track) -> np.ndarray:
+        energy = np.sum(robot.energy(track.q, track.v), axis=0)
+        return np.asarray(np.abs(energy - energy[0]) / scale)
 
     return error
 
@@ -31,8 +47,8 @@ def distance(robot: Robot, q: np.ndarray, other: np.ndarray) -> np.ndarray:
     """The distance of configurations (n, nq) in the tangent space, max over its entries (n,), rad or m.
 
     Angles between unit vectors and quaternions are taken by the arc tangent, which keeps its digits for near ones;
-    pin.difference returns 0 for some of them. Computed in the precision of the arguments; positions count along the
-    axes they are stored in.
+    pin.difference returns 0 for some of them. Computed in the precision of the arguments. Positions are compared along
+    the axes they are stored in. Independent of the distance behind the error bars, which it judges.
     """
     parts = [np.zeros(len(q), q.dtype)]
     for joint in robot.joints:
@@ -55,140 +71,105 @@ def _rotation_between(p: np.ndarray, r: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(vector).max(axis=0) / np.where(length > 0, length, 1.0) * angle)
 
 
-def of_energy(scale: float) -> Callable[[Robot, Track], np.ndarray]:
-    """|E - E(0)| over a scale [J]: for motions that keep their energy."""
-
-    def error(robot: Robot, track: Track) -> np.ndarray:
-        energy = np.sum(robot.energy(track.q, track.v), axis=0)
-        return np.asarray(np.abs(energy - energy[0]) / scale)
-
-    return error
+@functools.cache
+def _references() -> Any:
+    return json.loads(REFERENCES.read_text(encoding="utf-8"))
 
 
-def column(values: Closed, *, count: int = 1, factors: Sequence[float] = ()) -> Closed:
-    """q whose columns are all one function of time, times factors."""
-    scale = np.array(factors or [1.0] * count)
-    return lambda t: values(t)[:, None] * scale
+def stored(name: str) -> ErrorFunction:
+    """The error against a reference of references.json, which `high_precision` made."""
+    reference = _references()[name]
+    return configuration_error(at_known_times(reference["t"], reference["q"]))
 
 
-def swing(start: float, w0: float) -> Closed:
-    """A pendulum let go `start` rad from hanging, w0^2 = m g c / I: 2 asin(k sn(K - w0 t)), k = sin(start / 2)."""
+def at_known_times(times: Sequence[float], q: Sequence[Sequence[Any]]) -> ExactMotion:
+    """Tabulated values (k, nq), NaN at all other times."""
+    known, values = np.asarray(times, float), np.array(q, float)
 
-    def angle(t: np.ndarray) -> np.ndarray:
-        import mpmath as mp
+    def exact(t: np.ndarray) -> np.ndarray:
+        row = np.clip(np.searchsorted(known, t - 1e-9), 0, len(known) - 1)
+        return np.where((np.abs(known[row] - t) < 1e-9)[:, None], values[row], np.nan)
 
+    return exact
+
+
+def in_digits(value: Callable[[Any], Sequence[Any]]) -> ExactMotion:
+    """A closed form q(t) that is evaluated with DIGITS digits; its argument is an mpmath number."""
+
+    def exact(t: np.ndarray) -> np.ndarray:
         with mp.workdps(DIGITS):
-            k = mp.sin(mp.mpf(start) / 2)
-            quarter = mp.ellipk(k * k)
-            args = [mp.fmod(quarter - mp.mpf(w0) * mp.mpf(float(x)), 4 * quarter) for x in t]
-            return np.array([float(2 * mp.asin(k * mp.ellipfun("sn", u, m=k * k))) for u in args])
+            return np.array([[float(x) for x in value(mp.mpf(float(s)))] for s in t])
 
-    return angle
+    return exact
 
 
-def toppling(start: float, w0: float) -> Closed:
-    """A pendulum let go at rest `start` [rad] beside upright; the angle from upright, exact for the smallest starts.
+def swing(start: float, w0: float, offset: float = 0.0, factors: Sequence[float] = (1.0,)) -> ExactMotion:
+    """A pendulum released at rest `start` [rad] from hanging, w0^2 = m g c / I: theta = 2 asin(k sn(K - w0 t, k)).
 
-    phi = 2 acos(cd-like form): with k = cos(start / 2), the angle from hanging is 2 asin(k sn(K - w0 t)), and from
-    upright pi minus that, counted on through the bottom.
+    k = sin(start / 2). The columns of q are offset + theta times the factors.
     """
 
-    def angle(t: np.ndarray) -> np.ndarray:
-        import mpmath as mp
+    def angle(t: Any) -> Sequence[Any]:
+        k = mp.sin(mp.mpf(start) / 2)
+        quarter = mp.ellipk(k * k)
+        theta = 2 * mp.asin(k * mp.ellipfun("sn", mp.fmod(quarter - mp.mpf(w0) * t, 4 * quarter), m=k * k))
+        return [offset + theta * factor for factor in factors]
 
-        with mp.workdps(DIGITS):
-            k = mp.cos(mp.mpf(start) / 2)
-            quarter = mp.ellipk(k * k)
-            out = []
-            for x in t:
-                u = mp.fmod(quarter - mp.mpf(w0) * mp.mpf(float(x)), 4 * quarter)
-                out.append(float(mp.pi - 2 * mp.asin(k * mp.ellipfun("sn", u, m=k * k))))
-            return np.array(out)
-
-    return angle
+    return in_digits(angle)
 
 
-def whirl(rate: float, w0: float) -> Closed:
-    """A pendulum that starts upright at `rate` [rad/s] and goes round for ever; its angle from upright.
+def toppling(start: float, w0: float) -> ExactMotion:
+    """A pendulum released at rest `start` [rad] beside upright: its angle from upright, exact for the smallest starts.
 
-    With half the angle from hanging, sin = sn(u, m): phi'^2 = rate^2 + 4 w0^2 cos^2(phi / 2) = c^2 (1 - m sin^2), where
-    c^2 = rate^2 + 4 w0^2 and m = 4 w0^2 / c^2; the angle from hanging is 2 am(c t / 2 - K).
+    The angle from hanging is 2 asin(k sn(K - w0 t, k)) with k = cos(start / 2); pi minus it is the angle from upright.
     """
 
-    def angle(t: np.ndarray) -> np.ndarray:
-        import mpmath as mp
+    def angle(t: Any) -> Sequence[Any]:
+        k = mp.cos(mp.mpf(start) / 2)
+        quarter = mp.ellipk(k * k)
+        return [mp.pi - 2 * mp.asin(k * mp.ellipfun("sn", mp.fmod(quarter - mp.mpf(w0) * t, 4 * quarter), m=k * k))]
 
-        with mp.workdps(DIGITS):
-            c = mp.sqrt(mp.mpf(rate) ** 2 + 4 * mp.mpf(w0) ** 2)
-            m = 4 * mp.mpf(w0) ** 2 / c**2
-            quarter = mp.ellipk(m)
-            out = []
-            for x in t:
-                u = c * mp.mpf(float(x)) / 2 - quarter
-                turns = mp.floor((u + quarter) / (2 * quarter))
-                rest = u - 2 * quarter * turns
-                out.append(float(2 * (mp.asin(mp.ellipfun("sn", rest, m=m)) + mp.pi * turns) + mp.pi))
-            return np.array(out)
-
-    return angle
+    return in_digits(angle)
 
 
-def symmetric_top(equal: float, axial: float, across: float, spin: float) -> Closed:
+def whirl(rate: float, w0: float, factors: Sequence[float]) -> ExactMotion:
+    """A pendulum that starts upright at `rate` [rad/s] and keeps turning; pi/2 minus its angle phi from upright.
+
+    phi'^2 = rate^2 + 4 w0^2 cos^2(phi / 2) = c^2 (1 - m sin^2), with c^2 = rate^2 + 4 w0^2 and m = 4 w0^2 / c^2; the
+    angle from hanging is 2 am(c t / 2 - K). The columns of q are this angle times the factors.
+    """
+
+    def angle(t: Any) -> Sequence[Any]:
+        c = mp.sqrt(mp.mpf(rate) ** 2 + 4 * mp.mpf(w0) ** 2)
+        m = 4 * mp.mpf(w0) ** 2 / c**2
+        quarter = mp.ellipk(m)
+        u = c * t / 2 - quarter
+        turns = mp.floor((u + quarter) / (2 * quarter))
+        phi = 2 * (mp.asin(mp.ellipfun("sn", u - 2 * quarter * turns, m=m)) + mp.pi * turns) + mp.pi
+        return [(mp.mpf(math.pi / 2) - phi) * factor for factor in factors]
+
+    return in_digits(angle)
+
+
+def symmetric_top(equal: float, axial: float, across: float, spin: float) -> ExactMotion:
     """A free body with moments (equal, equal, axial), turning at (across, 0, spin) [rad/s] in its own axes at t = 0.
 
     R(t) = exp(l t |L| / equal) exp(z t (1 - axial / equal) spin), l the direction of the angular momentum L, which is
-    (equal across, 0, axial spin) for R(0) = 1. Quaternions (x, y, z, w) behind the position, which stays.
+    (equal across, 0, axial spin) for R(0) = 1. The position stays 0; quaternions (x, y, z, w).
     """
 
-    def pose(t: np.ndarray) -> np.ndarray:
-        import mpmath as mp
+    def pose(t: Any) -> Sequence[Any]:
+        momentum = mp.matrix([mp.mpf(equal) * mp.mpf(across), 0, mp.mpf(axial) * mp.mpf(spin)])
+        size = mp.norm(momentum)
+        half, turn = size / equal * t / 2, (1 - mp.mpf(axial) / equal) * spin * t / 2
+        a = [momentum[i] / size * mp.sin(half) for i in range(3)]
+        c, s, scalar = mp.cos(turn), mp.sin(turn), mp.cos(half)
+        # The product of the quaternions (a, scalar) and (0, 0, s, c).
+        return [0, 0, 0, a[0] * c + a[1] * s, a[1] * c - a[0] * s, scalar * s + a[2] * c, scalar * c - a[2] * s]
 
-        with mp.workdps(DIGITS):
-            momentum = mp.matrix([mp.mpf(equal) * mp.mpf(across), 0, mp.mpf(axial) * mp.mpf(spin)])
-            size = mp.norm(momentum)
-            out = []
-            for x in t:
-                now = mp.mpf(float(x))
-                half, turn = size / equal * now / 2, (1 - mp.mpf(axial) / equal) * spin * now / 2
-                first = [momentum[i] / size * mp.sin(half) for i in range(3)] + [mp.cos(half)]
-                second = [mp.mpf(0), mp.mpf(0), mp.sin(turn), mp.cos(turn)]
-                out.append([0.0, 0.0, 0.0, *(float(c) for c in _product(first, second))])
-            return np.array(out)
-
-    return pose
+    return in_digits(pose)
 
 
-def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    """The product of quaternions (x, y, z, w)."""
-    return [
-        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
-        a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0],
-        a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3],
-        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
-    ]
-
-
-def oscillation(start: float, w: float) -> Closed:
-    """start cos(w t), with w t reduced in many digits."""
-
-    def value(t: np.ndarray) -> np.ndarray:
-        import mpmath as mp
-
-        with mp.workdps(DIGITS):
-            return np.array([float(mp.mpf(start) * mp.cos(mp.mpf(w) * mp.mpf(float(x)))) for x in t])
-
-    return value
-
-
-def at_known_times(t: Sequence[float], q: Sequence[Sequence[float]]) -> Closed:
-    """Tabled values, NaN between."""
-    known, values = np.asarray(t, float), np.asarray(q, float)
-
-    def closed(times: np.ndarray) -> np.ndarray:
-        out = np.full((len(times), values.shape[1]), np.nan)
-        at = np.clip(np.searchsorted(known, times - 1e-9), 0, len(known) - 1)
-        hit = np.abs(known[at] - times) < 1e-9
-        out[hit] = values[at[hit]]
-        return out
-
-    return closed
+def oscillation(start: float, w: float, factors: Sequence[float] = (1.0,)) -> ExactMotion:
+    """q = start cos(w t) times the factors."""
+    return in_digits(lambda t: [mp.mpf(start) * mp.cos(mp.mpf(w) * t) * factor for factor in factors])

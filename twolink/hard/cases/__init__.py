@@ -1,37 +1,59 @@
-"""The registry: every module here has CASES, and a new one is added to MODULES."""
+"""The cases: texts and numbers in cases.toml, what needs code in one module for each group.
+
+A group's module may define, by the name of the case, ERRORS (error functions), SCENES (functions that make scenes) and
+CHECKS (calls that must be refused).
+"""
 
 from __future__ import annotations
 
+import functools
 import importlib
+import tomllib
+from pathlib import Path
+from typing import Any
 
 from twolink.errors import SceneError, nearest
-from twolink.hard.case import Case
+from twolink.hard.case import SCENES, Case, RefusalCase, SimulationCase
+from twolink.scenes import Scene, load_scene
 
-MODULES = ("pendulums", "scales", "chains", "spinning", "stiff", "loops", "events", "inputs", "refusals")
+ACCURACIES = (1e-3, 1e-6, 1e-9)
 
 
 def all_cases() -> tuple[Case, ...]:
-    """Every case, in order."""
-    found: list[Case] = []
-    for name in MODULES:
-        found += importlib.import_module(f"twolink.hard.cases.{name}").CASES
-    return tuple(found)
+    """Every case, in the order of cases.toml."""
+    text = (Path(__file__).parent / "cases.toml").read_text(encoding="utf-8")
+    return tuple(_case(entry) for entry in tomllib.loads(text)["case"])
 
 
-def chosen(names: list[str] | None = None, *, quick: bool = False) -> tuple[Case, ...]:
-    """The cases whose names are given, or begin or end like it; all, or all but the slow ones. Raises SceneError."""
+def select_cases(names: list[str] | None = None, *, quick: bool = False) -> tuple[Case, ...]:
+    """The cases with these names, groups or parts of names; without names all. Raises SceneError (code "unknown-case").
+
+    quick: leave out the slow ones.
+    """
     cases = all_cases()
-    if not names:
-        return tuple(case for case in cases if not (quick and case.slow))
-    out: list[Case] = []
-    for name in names:
-        here = [c for c in cases if c.name == name] or [c for c in cases if name in c.name or name == c.group]
-        if not here:
-            raise SceneError(
-                f"there is no case {name!r}",
-                where="hard-cases",
-                argument="names",
-                remedy=nearest(name, [c.name for c in cases]),
-            )
-        out += [case for case in here if case not in out and not (quick and case.slow)]
-    return tuple(out)
+    selected: dict[str, Case] = {} if names else {case.name: case for case in cases}
+    for name in names or ():
+        matches = [c for c in cases if c.name == name] or [c for c in cases if name in c.name or name == c.group]
+        if not matches:
+            remedy = nearest(name, [c.name for c in cases])
+            raise SceneError(f"there is no case {name!r}", where="hard-cases", remedy=remedy, code="unknown-case",
+                             argument="names")  # fmt: skip
+        selected |= {case.name: case for case in matches}
+    return tuple(case for case in selected.values() if not (quick and case.slow))
+
+
+def _case(entry: dict[str, Any]) -> Case:
+    """The case of an entry of cases.toml, with the code of its group."""
+    module, name = importlib.import_module(f"twolink.hard.cases.{entry['group']}"), entry["name"]
+    checks = getattr(module, "CHECKS", {})
+    if name in checks:
+        return RefusalCase(**entry, checks=checks[name])
+    load = getattr(module, "SCENES", {}).get(name) or functools.partial(_load, entry.pop("scene"))
+    accuracies = entry.pop("accuracies", ACCURACIES)
+    settings = tuple(entry.pop("settings", [{"accuracy": accuracy} for accuracy in accuracies]))
+    return SimulationCase(**entry, load=load, error=module.ERRORS[name], settings=settings)
+
+
+def _load(scene: str) -> Scene:
+    path = SCENES / f"{scene}.toml"
+    return load_scene(path if path.exists() else scene)

@@ -1,4 +1,4 @@
-"""Wrong input of every kind: a named error must come, before any NaN."""
+"""Wrong input of every kind: a named error must be raised before any NaN appears."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any
 from twolink import effects as fx
 from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
-from twolink.hard.case import SCENES, Case, Probe, Refusals
+from twolink.hard.case import SCENES as FOLDER
+from twolink.hard.case import ErrorCheck
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many
@@ -45,8 +46,8 @@ def _run(*effects: Any, **options: Any) -> object:
     return simulate(_arm(*effects), **options)
 
 
-def _hurried(**options: Any) -> object:
-    """A run that is given up after HANG seconds."""
+def _limited_run(**options: Any) -> object:
+    """A run that ends with TimeoutError after HANG seconds."""
     start = time.perf_counter()
 
     def progress(t: float) -> None:
@@ -60,10 +61,10 @@ def _massless(name: str, kind: str = "revolute", inertial: str = "", more: str =
     return lambda: load_robot(_MASSLESS.format(name=name, kind=kind, inertial=inertial, more=more))
 
 
-def _each(calls: Mapping[str, Callable[[float], object]], kind: Any) -> dict[str, Probe]:
+def _each(calls: Mapping[str, Callable[[float], object]], kind: Any) -> dict[str, ErrorCheck]:
     """Every call with NaN, inf and -inf."""
     return {
-        f"{what} = {bad}": Probe(functools.partial(call, number), kind)
+        f"{what} = {bad}": ErrorCheck(functools.partial(call, number), kind)
         for what, call in calls.items()
         for bad, number in BAD.items()
     }
@@ -121,7 +122,7 @@ _EFFECTS: dict[str, Callable[[float], object]] = {
 
 def _four_bar(point: float) -> object:
     """The parallelogram with a coupler that is too short or too long to close."""
-    robot = load_robot(str(SCENES / "parallelogram.urdf"))
+    robot = load_robot(str(FOLDER / "parallelogram.urdf"))
     loop = fx.PointLoop("coupler", "universe", (1.0, 0.0, 0.0), (point, 0.0, 0.0))
     return simulate(Scene(robot, [1.5, -1.5, 1.5], effects=[GRAVITY, loop]), 1.0)
 
@@ -133,60 +134,32 @@ def _contradiction() -> object:
     return simulate(Scene(robot, [0.3, -0.5], effects=[GRAVITY, *loops]), 1.0)
 
 
-def _durations() -> dict[str, Probe]:
-    calls: dict[str, Probe] = {}
+def _durations() -> dict[str, ErrorCheck]:
+    calls: dict[str, ErrorCheck] = {}
     for number in (0, 0.0, -0.0, -1.0, -1e-12, 10**400):
-        calls[f"duration {number!r:.12}"] = Probe(functools.partial(_run, duration=number), SceneError, "duration")
-    calls["1e9 s at 200 samples a second"] = Probe(lambda: _run(duration=1e9), SceneError, "samples")
+        calls[f"duration {number!r:.12}"] = ErrorCheck(functools.partial(_run, duration=number), SceneError, "duration")
+    calls["1e9 s at 200 samples a second"] = ErrorCheck(lambda: _run(duration=1e9), SceneError, "samples")
     for name in METHODS:
-        run = functools.partial(_hurried, duration=1e9, samples=1e-8, method=name, accuracy=1e-3)
-        calls[f"1e9 s by {name}"] = Probe(run, TwolinkError)
+        run = functools.partial(_limited_run, duration=1e9, samples=1e-8, method=name, accuracy=1e-3)
+        calls[f"1e9 s by {name}"] = ErrorCheck(run, TwolinkError)
     return calls
 
 
-CASES: tuple[Case, ...] = (
-    Refusals(
-        name="massless-links", group="refusals", title="Moving links without mass",
-        why="Where nothing has inertia the acceleration is 0/0: pin.aba returns NaN without a word.",
-        probes={
-            "leaf without <inertial>": Probe(_massless("feather"), RobotError, "feather"),
-            "prismatic leaf": Probe(_massless("feather", "prismatic"), RobotError, "feather"),
-            "continuous leaf": Probe(_massless("feather", "continuous"), RobotError, "feather"),
-            "point mass on its own axis": Probe(_massless("dot", inertial=_POINT), RobotError, "dot"),
-            "leaf on a heavy link": Probe(_massless("heavy", inertial=_SOLID, more=_LEAF), RobotError, "light"),
-        },
-    ),
-    Refusals(
-        name="inconsistent-loops", group="refusals", title="Loops that cannot be closed",
-        why="A least-squares answer always exists, and is no motion.",
-        probes={
-            "a coupler too long": Probe(lambda: _four_bar(9.0), SceneError, "cannot be closed"),
-            "one point at two places": Probe(_contradiction, SceneError, "cannot be closed"),
-        },
-    ),
-    Refusals(
-        name="nan-in-robots", group="refusals", title="NaN and inf in a URDF",
-        why="Parsers take 'nan' and 'inf' for numbers; a body with a NaN mass is dropped by Pinocchio.",
-        probes=_each(_ROBOT_NUMBERS, RobotError),
-    ),
-    Refusals(
-        name="nan-in-states", group="refusals", title="NaN and inf in states, torques and wrenches",
-        why="NaN in is NaN out, and every comparison with it is false.",
-        probes=_each(_STATES, (QueryError, SceneError, RobotError)),
-    ),
-    Refusals(
-        name="nan-in-settings", group="refusals", title="NaN and inf in durations, accuracies, steps",
-        why="A loop 'while t < T' ends at once for NaN, and never for inf.",
-        probes=_each(_SETTINGS, (SceneError, AccuracyError, QueryError)),
-    ),
-    Refusals(
-        name="nan-in-effects", group="refusals", title="NaN and inf in every effect",
-        why="An effect's constants are compiled into the equations, where nobody looks at them again.",
-        probes=_each(_EFFECTS, (SceneError, QueryError)),
-    ),
-    Refusals(
-        name="odd-durations", group="refusals", slow=True,
-        title="Durations of 0, below 0, and of 30 years by every method",
-        why="Zero steps, a step backwards, or 10^13 steps.", probes=_durations(),
-    ),
-)  # fmt: skip
+CHECKS = {
+    "massless-links": {
+        "leaf without <inertial>": ErrorCheck(_massless("feather"), RobotError, "feather"),
+        "prismatic leaf": ErrorCheck(_massless("feather", "prismatic"), RobotError, "feather"),
+        "continuous leaf": ErrorCheck(_massless("feather", "continuous"), RobotError, "feather"),
+        "point mass on its own axis": ErrorCheck(_massless("dot", inertial=_POINT), RobotError, "dot"),
+        "leaf on a heavy link": ErrorCheck(_massless("heavy", inertial=_SOLID, more=_LEAF), RobotError, "light"),
+    },
+    "inconsistent-loops": {
+        "a coupler too long": ErrorCheck(lambda: _four_bar(9.0), SceneError, "cannot be closed"),
+        "one point at two places": ErrorCheck(_contradiction, SceneError, "cannot be closed"),
+    },
+    "nan-in-robots": _each(_ROBOT_NUMBERS, RobotError),
+    "nan-in-states": _each(_STATES, (QueryError, SceneError, RobotError)),
+    "nan-in-settings": _each(_SETTINGS, (SceneError, AccuracyError, QueryError)),
+    "nan-in-effects": _each(_EFFECTS, (SceneError, QueryError)),
+    "odd-durations": _durations(),
+}

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from twolink.hard.case import Motion
+from twolink.hard.case import SimulationCase
 from twolink.hard.case_result import MET, SAID, UNABLE, WRONG, Attempt, Curve
 from twolink.hard.peers import NAMES, peer_module
-from twolink.hard.peers.task import PeerError, PeerTask, Setting, UnsupportedError, task_of
+from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, UnsupportedError, task_of
 from twolink.hard.peers.time_limit import run_limited
 from twolink.scenes import Scene
 
 MAX_INTERVALS = 400  # between the times at which peers answer
+Prepare = Callable[[PeerTask, Setting], Callable[[], PeerRun]]
 WRONG_FROM = 0.1  # of the motion's size: the error from which a peer is called wrong, whatever its tolerance promises
 
 
-def run_peers(case: Motion, scene: Scene) -> Iterator[tuple[str, Attempt]]:
+def run_peers(case: SimulationCase, scene: Scene) -> Iterator[tuple[str, Attempt]]:
     """The name and the attempts of every peer of the case; a peer that is not installed is left out."""
     if not case.peers:
         return
-    end = case.duration or scene.duration
+    end = scene.duration if case.duration is None else case.duration
     intervals = min(MAX_INTERVALS, max(1, int(np.ceil(end * case.samples - 1e-9))))
     try:
         task = task_of(scene, np.linspace(0, end, intervals + 1))
@@ -43,7 +43,7 @@ def run_peers(case: Motion, scene: Scene) -> Iterator[tuple[str, Attempt]]:
             yield NAMES[name], _attempt(case, task, module.prepare, setting)
 
 
-def _attempt(case: Motion, task: PeerTask, prepare: Any, setting: Setting) -> Attempt:
+def _attempt(case: SimulationCase, task: PeerTask, prepare: Prepare, setting: Setting) -> Attempt:
     start = time.perf_counter()
     try:
         run = prepare(task, setting)
@@ -54,9 +54,9 @@ def _attempt(case: Motion, task: PeerTask, prepare: Any, setting: Setting) -> At
         return Attempt(str(setting), verdict, seconds=time.perf_counter() - start, message=str(failure),
                        default=setting.default)  # fmt: skip
     seconds = time.perf_counter() - start
-    error = case.truth.error(task.robot, answer.track)
+    error = case.error(task.robot, answer.track)
     largest = float(np.nanmax(error))
-    limit = WRONG_FROM * case.size if case.truth.exact else max(0.01, 100 * case.truth.bar(1e-3))
+    limit = WRONG_FROM * case.size if case.bounded else max(0.01, 100 * case.limit(1e-3))
     verdict = MET if largest <= limit else SAID if warning else WRONG
     return Attempt(str(setting), verdict, largest, None, seconds, message=warning, default=setting.default,
                    curve=Curve(task.times, error))  # fmt: skip

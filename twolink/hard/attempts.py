@@ -1,0 +1,132 @@
+"""Running a case: our attempts and their verdicts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import AccuracyError, TwolinkError
+from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
+from twolink.hard.case_result import MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
+from twolink.scenes import Scene
+from twolink.simulation.scene_run import simulate
+from twolink.simulation.trajectory import Trajectory
+
+PATIENCE = 120.0  # seconds of an attempt; longer counts as a hang
+
+
+class _TooSlowError(Exception):
+    """An attempt took longer than its time."""
+
+
+def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> CaseResult:
+    """Run a case at all its settings, and on request the peers that can do it.
+
+    Parameters
+    ----------
+    case : Case
+        The case.
+    peers : bool
+        Whether SciPy, MuJoCo and Drake run it too, where they are installed.
+    patience : float
+        Seconds after which an attempt is given up.
+
+    Returns
+    -------
+    CaseResult
+        All attempts with their verdicts.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After Ctrl-C: an interrupted run is not judged.
+    """
+    if isinstance(case, RefusalCase):
+        return CaseResult(case, tuple(_checked(name, check, patience) for name, check in case.checks.items()))
+    if not isinstance(case, SimulationCase):
+        raise TypeError(f"a {type(case).__name__} is not a case")
+    scene = case.load()
+    ours = tuple(_attempt(case, scene, setting, patience) for setting in case.settings)
+    if not peers:
+        return CaseResult(case, ours)
+    from twolink.hard.peer_attempts import run_peers
+
+    return CaseResult(case, ours, tuple(run_peers(case, scene)))
+
+
+def _attempt(case: SimulationCase, scene: Scene, setting: Mapping[str, Any], patience: float) -> Attempt:
+    """One run of ours. An exception that is not a TwolinkError is a defect, and counts as missed."""
+    start = time.perf_counter()
+    label, accuracy = _label(setting), float(setting["accuracy"])
+    run, message, verdict = None, "", MISSED
+    try:
+        run = simulate(scene, case.duration, samples=case.samples, progress=_deadline(start + patience), **setting)
+    except TwolinkError as error:
+        run, message = error.run if isinstance(error, AccuracyError) else None, str(error)
+        verdict = SAID if accuracy <= case.may_refuse else MISSED
+    except _TooSlowError:
+        message = f"given up after {patience:g} s"
+    except Exception as error:
+        message = f"{type(error).__name__}: {error}"
+    seconds = time.perf_counter() - start
+    if run is None:
+        return Attempt(label, verdict, seconds=seconds, message=message)
+    if run.interrupted:
+        raise KeyboardInterrupt
+    return _judged(case, scene, run, accuracy, Attempt(label, verdict, seconds=seconds, message=message))
+
+
+def _deadline(end: float) -> Callable[[float], None]:
+    def progress(_: float) -> None:
+        if time.perf_counter() > end:
+            raise _TooSlowError
+
+    return progress
+
+
+def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float, attempt: Attempt) -> Attempt:
+    """The attempt with the true error of its run. Without a message it has no verdict yet; else it was refused."""
+    error = case.error(scene.robot, Track(run.t, run.q, run.v))
+    available = np.isfinite(error)
+    largest = float(error[available].max())
+    bar = None if run.error is None else float(run.error.max())
+    verdict, message, limit = attempt.verdict, attempt.message, case.limit(accuracy)
+    if case.bounded and run.error is not None and (error > run.error + case.uncertainty)[available].any():
+        verdict = WRONG
+    elif not message and largest <= limit + case.uncertainty:
+        excused = largest > min(limit, limit if bar is None or not case.bounded else bar)
+        verdict, message = MET, f"the truth is known to {case.uncertainty:.0e}" if excused else ""
+    elif not message:
+        verdict = SAID if bar is not None and bar > accuracy else WRONG
+    return replace(attempt, verdict=verdict, error=largest, bar=bar, method=run.cost.method if run.cost else "",
+                   steps=run.cost.steps if run.cost else 0, message=message, trusted_until=run.trusted_until,
+                   curve=Curve(run.t, error, run.error))  # fmt: skip
+
+
+def _checked(name: str, check: ErrorCheck, patience: float) -> Attempt:
+    """One call that must be refused, or must return."""
+    start = time.perf_counter()
+    try:
+        check.call()
+    except TwolinkError as error:
+        right = check.kind is not None and isinstance(error, check.kind) and check.part in str(error)
+        verdict, message = SAID if right else MISSED, f"{type(error).__name__}: {error}"
+    except Exception as error:
+        verdict, message = MISSED, f"not a TwolinkError: {type(error).__name__}: {error}"
+    else:
+        verdict, message = (MET, "") if check.kind is None else (WRONG, "accepted without an error")
+    seconds = time.perf_counter() - start
+    if seconds > patience:
+        verdict, message = MISSED, f"took {seconds:.0f} s; {message}"
+    return Attempt(name, verdict, seconds=seconds, message=message)
+
+
+def _label(setting: Mapping[str, Any]) -> str:
+    """Such as "1e-06" or "1e-12, quad"."""
+    more = [f"{name} {value}" if name != "precision" else str(value) for name, value in setting.items()
+            if name not in ("accuracy", "verify")]  # fmt: skip
+    return ", ".join([f"{setting['accuracy']:.0e}", *more])
