@@ -64,6 +64,12 @@ def parse_number(text: str) -> float:
     return float(text)
 
 
+def split_path(message: str) -> tuple[str, str]:
+    """Split a message of msgspec into what is wrong and the path in the data, such as effects[0].field, or ""."""
+    match = re.search(r" - at `(?:key in )?\$?\.?(.*)`$", message, re.DOTALL)
+    return (message[: match.start()], match.group(1)) if match else (message, "")
+
+
 def kebab_case(class_name: str) -> str:
     """A class's name in lower case with hyphens: JointSpring is joint-spring."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", class_name).lower()

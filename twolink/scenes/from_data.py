@@ -12,6 +12,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, nearest
+from twolink.io.text import split_path
 from twolink.scenes.file_format import JointValues, RobotEntry, SceneFile
 from twolink.scenes.scene import Scene, at_effect
 
@@ -76,9 +77,7 @@ def _schema_error(
     error: msgspec.ValidationError, schemas: dict[str, type[msgspec.Struct]], inside: str = ""
 ) -> SceneError:
     """msgspec's message with the key's path first, and the nearest name for an unknown key."""
-    message = str(error)
-    match = re.match(r"(.*?)(?: - at `\$?\.?(.*)`)?$", message, re.DOTALL)
-    what, path = (match.group(1), match.group(2) or "") if match else (message, "")
+    what, path = split_path(str(error))
     unknown = re.search(r"unknown field `(.*)`", what)
     remedy = "see a bundled scene for an example"
     if unknown and path in schemas:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from twolink import errors
 from twolink.errors import TwolinkError
+from twolink.io.text import split_path
 
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger("twolink.service")
@@ -23,7 +23,6 @@ _TYPES = {
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
-_PATH = re.compile(r" - at `(?:key in )?\$?\.?(.*)`$", re.DOTALL)  # how msgspec ends its messages
 _SEE_DOCS = "see the API's description: /docs"
 
 
@@ -87,12 +86,6 @@ def _refusal_of(error: BaseException) -> Refusal:
     _log.error("unexpected failure", exc_info=error)
     what = "the service has failed; its log has the details"
     return Refusal(500, what, code="internal-error", remedy="report it, with the request that caused it")
-
-
-def split_path(message: str) -> tuple[str, str]:
-    """Split msgspec's message into what is wrong and the path in the body."""
-    found = _PATH.search(message)
-    return (message[: found.start()], found.group(1)) if found else (message, "")
 
 
 def _refusal_of_litestar(error: BaseException, status: int) -> Refusal:
