@@ -23,9 +23,9 @@ from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError, QueryError, nearest
 from twolink.io.listing import facts_html
 from twolink.robots.load import load_model
+from twolink.robots.load_options import Lock
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
-from twolink.robots.options import Lock
 
 Engine = Literal["auto", "pinocchio", "compiled"]
 Axes = Literal["aligned", "local"]

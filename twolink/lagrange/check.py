@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from twolink.errors import AccuracyError, QueryError
 from twolink.lagrange import derive, pinocchio_arm
-from twolink.lagrange.check_result import CheckReport, Energy, Row
+from twolink.lagrange.check_result import CheckReport, Comparison, Energy
 from twolink.lagrange.formulas import Variant
 from twolink.lagrange.pinocchio_arm import Samples
 from twolink.lagrange.two_link import two_link
@@ -74,7 +74,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
         errors = {key: float(np.max(np.abs(c[name] - values) / scale[name])) for key, c in equations.items()}
         verdict = verdicts.get(name)
         differences = (verdict.corrected, verdict.printed) if verdict else (None, None)
-        rows.append(Row(name, errors["corrected"], errors["derived"], errors["printed"], *differences))
+        rows.append(Comparison(name, errors["corrected"], errors["derived"], errors["printed"], *differences))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 

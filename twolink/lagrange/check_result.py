@@ -13,7 +13,7 @@ MEASURE = (
 
 
 @dataclass(frozen=True)
-class Row:
+class Comparison:
     """One quantity: the largest relative error of each set of equations against Pinocchio, and SymPy's differences.
 
     `*_minus_derived` is the symbolic difference from the equations that SymPy derives: "0" where equal for all arms and
@@ -71,7 +71,7 @@ class CheckReport:
         The number of random arms and states, and the seed they come from.
     largest_condition : float
         The largest condition number of their mass matrices.
-    rows : tuple of Row
+    rows : tuple of Comparison
         The comparison, quantity by quantity.
     horizon : float
         The time of the energy runs [s].
@@ -82,7 +82,7 @@ class CheckReport:
     n: int
     seed: int
     largest_condition: float
-    rows: tuple[Row, ...]
+    rows: tuple[Comparison, ...]
     horizon: float
     energies: tuple[Energy, ...]
 

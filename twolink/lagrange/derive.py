@@ -33,7 +33,7 @@ SPEED = sp.Matrix(sp.symbols("td1 td2", real=True))
 
 
 @dataclass(frozen=True)
-class Equations:
+class ArmEquations:
     """torque = A ddtheta + B td1 td2 + C [td1^2, td2^2] + D, as SymPy matrices.
 
     A (2, 2), C (2, 2) [kg m^2] and D (2, 1) [N m] are the paper's; B (2, 1) [kg m^2] holds the SUMS of the
@@ -76,7 +76,7 @@ def energies(theta: sp.Matrix, speed: sp.Matrix) -> tuple[sp.Expr, sp.Expr]:
 
 
 @cache
-def derive() -> Equations:
+def derive() -> ArmEquations:
     """A, B, C, D from the energies by Euler-Lagrange (about a second; kept after the first call)."""
     kinetic, potential = energies(THETA, SPEED)
     momentum = sp.Matrix([kinetic]).jacobian(SPEED).T
@@ -86,10 +86,10 @@ def derive() -> Equations:
     squares = [sp.diff(h, w, 2) / 2 for h in bias for w in SPEED]
     weight = sp.Matrix([potential]).jacobian(THETA).T
     sorted_by_motion = mass, sp.Matrix(products), sp.Matrix(2, 2, squares), weight
-    return Equations(*(matrix.applyfunc(_normal) for matrix in sorted_by_motion))
+    return ArmEquations(*(matrix.applyfunc(_normal) for matrix in sorted_by_motion))
 
 
-def symbolic(variant: formulas.Variant) -> Equations:
+def symbolic(variant: formulas.Variant) -> ArmEquations:
     """The hand-derived equations: the lines of `formulas` that NumPy runs, run on symbols."""
     l1, l2, m1, m2, g = PARAMETERS
     arm, theta = ((l1, l2), (m1, m2)), tuple(THETA)
@@ -97,7 +97,7 @@ def symbolic(variant: formulas.Variant) -> Equations:
     squares = formulas.square_entries(*arm, theta, sp, variant)
     weight = formulas.gravity_entries(*arm, g, theta, sp)
     mass = formulas.mass_entries(*arm, theta, sp)
-    return Equations(sp.Matrix(mass), sp.Matrix(products), sp.Matrix(squares), sp.Matrix(weight))
+    return ArmEquations(sp.Matrix(mass), sp.Matrix(products), sp.Matrix(squares), sp.Matrix(weight))
 
 
 def compare() -> tuple[Verdict, ...]:

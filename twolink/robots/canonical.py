@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from twolink.robots.tree import Tree
-from twolink.robots.urdf import Joint, Link
+from twolink.robots.urdf import UrdfJoint, UrdfLink
 from twolink.robots.xml import Element
 
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -40,7 +40,7 @@ def _origin(owner: Element) -> list[Element]:
     return [_make("origin", {k: " ".join(v.split()) for k, v in origin.attributes.items() if k in ("xyz", "rpy")})]
 
 
-def _link(link: Link) -> Element:
+def _link(link: UrdfLink) -> Element:
     inertial = link.element.first("inertial")
     inertia = None if inertial is None else inertial.first("inertia")
     if inertial is None or inertia is None:
@@ -50,7 +50,7 @@ def _link(link: Link) -> Element:
     return _make("link", {"name": link.name}, _make("inertial", {}, *parts))
 
 
-def _joint(joint: Joint) -> Element:
+def _joint(joint: UrdfJoint) -> Element:
     parts = [_make("parent", {"link": joint.parent}), _make("child", {"link": joint.child}), *_origin(joint.element)]
     if joint.axis is not None:
         length = math.hypot(*joint.axis)

@@ -14,10 +14,10 @@ from twolink.errors import RobotError, nearest
 from twolink.robots import load_report
 from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
+from twolink.robots.load_options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
-from twolink.robots.options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.physical_checks import check_bodies, check_invertible
 from twolink.robots.pinocchio_check import check_agreement
 from twolink.robots.source import open_source

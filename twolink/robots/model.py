@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from twolink.errors import QueryError
 from twolink.robots.joint_layout import JointLayout, joint_layouts
+from twolink.robots.load_options import gravity_field
 from twolink.robots.load_report import LoadReport
-from twolink.robots.options import gravity_field
 
 
 @dataclass(frozen=True)

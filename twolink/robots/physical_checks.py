@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from twolink.errors import RobotError
 from twolink.robots.tree import Tree
-from twolink.robots.urdf import Link
+from twolink.robots.urdf import UrdfLink
 
 # Relative to the largest principal moment; URDFs carry six or so digits.
 _ROUNDING = 1e-6
@@ -52,7 +52,7 @@ def _is_impossible(inertia: np.ndarray, mass: float) -> bool:
     return semidefinite_defect(inertia, mass) < 0 or triangle_excess(inertia, mass) > 0
 
 
-def _impossible(link: Link) -> RobotError:
+def _impossible(link: UrdfLink) -> RobotError:
     """The error for the link whose inertia makes a body impossible."""
     moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
     tail = 'correct it, or load it as it is with unphysical="report"'
@@ -65,7 +65,7 @@ def _impossible(link: Link) -> RobotError:
     return RobotError(what, where=link.where, remedy=remedy, code="impossible-inertia")
 
 
-def _culprit(tree: Tree, model: pin.Model, joint: int) -> Link:
+def _culprit(tree: Tree, model: pin.Model, joint: int) -> UrdfLink:
     """The link to blame for a body: the part that is worst."""
     parts = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
     links = [tree.links[name] for name in parts if name in tree.links]

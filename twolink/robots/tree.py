@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twolink.errors import RobotError, nearest
-from twolink.robots.urdf import Joint, Link, read_joint, read_link
+from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Reader
 
 # Pinocchio recurses over the tree while reading: 5,000 chained links overflow an 8 MiB stack and end the process.
@@ -23,12 +23,12 @@ class Tree:
 
     name: str
     element: Element
-    links: dict[str, Link]
-    joints: tuple[Joint, ...]
+    links: dict[str, UrdfLink]
+    joints: tuple[UrdfJoint, ...]
     root: str
 
     @property
-    def moving(self) -> tuple[Joint, ...]:
+    def moving(self) -> tuple[UrdfJoint, ...]:
         """The joints that move."""
         return tuple(j for j in self.joints if j.type != "fixed")
 
@@ -94,7 +94,7 @@ def _require_robot(root: Element, source: str) -> None:
         stack += [c for c in element.children if element is not root or c.tag in tags or c.tag.startswith("xacro:")]
 
 
-def _require_unique(items: Sequence[Link] | Sequence[Joint]) -> None:
+def _require_unique(items: Sequence[UrdfLink] | Sequence[UrdfJoint]) -> None:
     """Require that no two links, or joints, have the same name."""
     for name, count in Counter(item.name for item in items).items():
         if count > 1:
@@ -102,9 +102,9 @@ def _require_unique(items: Sequence[Link] | Sequence[Joint]) -> None:
             raise _error(f"the name is used {count} times", second.where, "rename one of them")
 
 
-def _single_root(links: dict[str, Link], joints: list[Joint], source: str) -> str:
+def _single_root(links: dict[str, UrdfLink], joints: list[UrdfJoint], source: str) -> str:
     """The one link that is no joint's child."""
-    carriers: dict[str, Joint] = {}
+    carriers: dict[str, UrdfJoint] = {}
     for joint in joints:
         other = carriers.setdefault(joint.child, joint)
         if other is not joint:
@@ -120,7 +120,7 @@ def _single_root(links: dict[str, Link], joints: list[Joint], source: str) -> st
     return roots[0]
 
 
-def _cycle(carriers: dict[str, Joint]) -> str:
+def _cycle(carriers: dict[str, UrdfJoint]) -> str:
     """The links of one cycle: from child to parent until a link comes again."""
     seen: list[str] = []
     link = next(iter(carriers))
@@ -131,12 +131,12 @@ def _cycle(carriers: dict[str, Joint]) -> str:
     return " <- ".join(loop[:8]) + (" ..." if len(loop) > 8 else "")
 
 
-def _ordered(root: str, links: dict[str, Link], joints: list[Joint]) -> tuple[Joint, ...]:
+def _ordered(root: str, links: dict[str, UrdfLink], joints: list[UrdfJoint]) -> tuple[UrdfJoint, ...]:
     """The joints, breadth first from the root."""
-    children: dict[str, list[Joint]] = {}
+    children: dict[str, list[UrdfJoint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
-    ordered: list[Joint] = []
+    ordered: list[UrdfJoint] = []
     queue = deque([(root, 0)])
     while queue:
         link, depth = queue.popleft()

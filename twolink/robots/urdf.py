@@ -21,7 +21,7 @@ _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
 
 @dataclass(frozen=True)
-class Link:
+class UrdfLink:
     """A link: mass [kg], centre of mass [m] and inertia [kg m^2] about it, both in the link's frame."""
 
     name: str
@@ -33,7 +33,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Joint:
+class UrdfJoint:
     """A joint: the links it connects, its axis as written (None: not in the file) and its limits, rad or m."""
 
     name: str
@@ -49,14 +49,14 @@ class Joint:
     mimic: str | None
 
 
-def read_link(reader: Reader, element: Element) -> Link:
+def read_link(reader: Reader, element: Element) -> UrdfLink:
     """A <link>. Raises RobotError for a negative mass, and for texts that are not finite numbers."""
     name = reader.name(element)
     owner = f"link {name!r}"
     quaternions_to_angles(reader, element, owner)
     inertial = element.first("inertial")
     if inertial is None:
-        return Link(name, reader.where(element, owner), element, has_inertial=False)
+        return UrdfLink(name, reader.where(element, owner), element, has_inertial=False)
     parts: dict[str, Element] = {}
     for tag in ("mass", "inertia"):
         part = inertial.first(tag)
@@ -71,10 +71,10 @@ def read_link(reader: Reader, element: Element) -> Link:
     )
     turn = _orientation(reader, inertial, owner)
     inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    return Link(name, reader.where(inertial, owner), element, True, mass, inertia)
+    return UrdfLink(name, reader.where(inertial, owner), element, True, mass, inertia)
 
 
-def read_joint(reader: Reader, element: Element) -> Joint:
+def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     """A <joint>. Raises RobotError for an unknown type, a zero axis, or limits that are missing or reversed."""
     name = reader.name(element)
     owner = f"joint {name!r}"
@@ -98,7 +98,7 @@ def read_joint(reader: Reader, element: Element) -> Joint:
     target = None if mimic is None else mimic.attributes.get("joint", "")
     limits = _limits(reader, element, owner, kind)
     where = reader.where(element, owner)
-    return Joint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
+    return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
 
 
 def _orientation(reader: Reader, parent: Element, owner: str) -> np.ndarray:
