@@ -271,9 +271,8 @@ class Compiled:
                 remedy="wrap the angles, or check the values",
                 code="not-finite",
             )
-        kind, _, frame = name.partition(":")
-        query = pinocchio_queries.query_of(robot, kind, frame)
-        method = "crba" if kind == "forward_dynamics" and robot.has_mimic else ""
+        query = pinocchio_queries.query_of(robot, name)
+        method = "crba" if name == "forward_dynamics" and robot.has_mimic else ""
         return pinocchio_queries.answer(robot, query, tuple(arguments.values()), wrenches or None, method)
 
 

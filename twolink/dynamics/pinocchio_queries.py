@@ -53,12 +53,12 @@ class Query:
         return tuple(nv if n == "nv" else n for n in self.shape)
 
 
-def query_of(robot: RobotModel, name: str, frame: str = "") -> Query:
-    """The query of this name, for a frame where it is one of a frame. Raises QueryError for an unknown frame."""
-    if frame or name in _OF_FRAMES:
-        arguments, shape, algorithm = _OF_FRAMES[name]
-        index = frame_index(robot.model, frame)
-        return Query(f"{name}:{frame}", arguments, shape, partial(algorithm, index))
+def query_of(robot: RobotModel, name: str) -> Query:
+    """The query of this name; of a frame as in "frame_pose:tip". Raises QueryError for an unknown frame."""
+    kind, _, frame = name.partition(":")
+    if kind in _OF_FRAMES:
+        arguments, shape, algorithm = _OF_FRAMES[kind]
+        return Query(name, arguments, shape, partial(algorithm, frame_index(robot.model, frame)))
     if not robot.has_mimic:
         return _QUERIES[name]
     one = _WITH_MIMIC.get(name, _QUERIES[name].one)

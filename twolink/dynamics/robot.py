@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, Literal
 
 import numpy as np
@@ -66,7 +66,7 @@ class Robot(RobotModel):
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
         super().__init__(name, model, report, visuals)
         self._compiled: dict[tuple[str, ...], Compiled] = {}
-        self._queries: dict[tuple[str, str], Query] = {}
+        self._queries: dict[str, Query] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_compiled": {}, "_queries": {}}
@@ -129,6 +129,10 @@ class Robot(RobotModel):
         Featherstone 2008, "Rigid Body Dynamics Algorithms", tables 7.1 and 6.2.
         """
         if method == "aba" and f_ext is None and not self.has_mimic:
+            if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(q, v, tau)):
+                a: Array = pin.aba(self.model, self.data, q, v, tau)
+                if isfinite(total + sum(a.tolist())):
+                    return a  # as `_answer`, a tenth faster (scripts/bench_overhead.py)
             return self._answer("forward_dynamics", engine, q, v, tau)
         if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
             return self.compiled().forward_dynamics(q, v, tau, f_ext)
@@ -160,6 +164,10 @@ class Robot(RobotModel):
         Featherstone 2008, table 5.1.
         """
         if f_ext is None:
+            if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(q, v, a)):
+                tau: Array = pin.rnea(self.model, self.data, q, v, a)
+                if isfinite(total + sum(tau.tolist())):
+                    return tau
             return self._answer("inverse_dynamics", engine, q, v, a)
         if self._is_compiled("inverse_dynamics", engine, q, v, a):
             return self.compiled().inverse_dynamics(q, v, a, f_ext)
@@ -256,7 +264,7 @@ class Robot(RobotModel):
         QueryError
             Code "unknown-frame"; the remedy is the nearest right name.
         """
-        pose = self._answer("frame_pose", engine, q, frame=frame)
+        pose = self._answer(f"frame_pose:{frame}", engine, q)
         return pose[..., :9].reshape(*pose.shape[:-1], 3, 3), pose[..., 9:]
 
     def frame_velocity(self, q: ArrayLike, v: ArrayLike, frame: str, axes: Axes = "aligned") -> Array:
@@ -264,7 +272,7 @@ class Robot(RobotModel):
 
         axes: "aligned" with the world's axes, or "local", along the frame's own. See `frame_pose`.
         """
-        return self._answer(f"frame_velocity_{_axes(axes)}", "pinocchio", q, v, frame=frame)
+        return self._answer(f"frame_velocity_{_axes(axes)}:{frame}", "pinocchio", q, v)
 
     def frame_jacobian(self, q: ArrayLike, frame: str, axes: Axes = "aligned", engine: Engine = "auto") -> Array:
         """The Jacobian J(q) of a frame, (..., 6, nv): J v is the frame's velocity, linear then angular.
@@ -286,7 +294,7 @@ class Robot(RobotModel):
         ndarray, (..., 6, nv)
             Three rows for the linear velocity, three for the angular velocity.
         """
-        return self._answer(f"frame_jacobian_{_axes(axes)}", engine, q, frame=frame)
+        return self._answer(f"frame_jacobian_{_axes(axes)}:{frame}", engine, q)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
@@ -372,20 +380,19 @@ class Robot(RobotModel):
         made = self._compiled.get(key)
         return made if made is not None else self._compiled.setdefault(key, Compiled(self, key))
 
-    def _answer(self, name: str, engine: str, *arguments: Any, frame: str = "") -> Array:
+    def _answer(self, name: str, engine: str, *arguments: Any) -> Array:
         """A query by name: one state straight from Pinocchio, other arguments checked, by the engine of the rule."""
-        query = self._queries.get((name, frame)) or self._query(name, frame)
-        if engine in _BY_PINOCCHIO and self._is_single_state(*arguments):
+        query = self._queries.get(name) or self._query(name)
+        if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(*arguments)):
             result = query.one(self.model, self.data, *arguments)
-            flat = result.ravel("K")
-            if isfinite(sum(map(_total, arguments)) + (_total(flat) if len(flat) < 32 else flat.dot(flat))):
+            if isfinite(total + (_square(result) if result.ndim > 1 else sum(result.tolist()))):
                 return result
-        if self._is_compiled(query.name, engine, *arguments):
-            return self.compiled().answer(query.name, dict(zip(query.arguments, arguments, strict=True)))
+        if self._is_compiled(name, engine, *arguments):
+            return self.compiled().answer(name, dict(zip(query.arguments, arguments, strict=True)))
         return pinocchio_queries.answer(self, query, arguments)
 
-    def _query(self, name: str, frame: str = "") -> Query:
-        return self._queries.setdefault((name, frame), pinocchio_queries.query_of(self, name, frame))
+    def _query(self, name: str) -> Query:
+        return self._queries.setdefault(name, pinocchio_queries.query_of(self, name))
 
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
         """Whether the compiled function answers: always with engine="compiled", by the engine rule with "auto"."""
@@ -404,28 +411,31 @@ class Robot(RobotModel):
             raise QueryError(f"{engine!r} is unknown", argument="engine", remedy=nearest(str(engine), ENGINES))
         return engine == "compiled"
 
-    def _is_single_state(self, q: Any, *others: Any) -> bool:
-        """Whether the arguments are one state as float64 arrays, which Pinocchio can take as they are."""
+    def _sum_of_state(self, q: Any, *others: Any) -> float:
+        """The sum of all entries of one state as float64 arrays, which Pinocchio can take as they are; else NaN.
+
+        Sums of plain floats are not finite if any entry is not, and have none of NumPy's overhead. Where they overflow
+        although no entry does, the caller takes the path that looks at each entry.
+        """
         if type(q) is not np.ndarray or q.shape != self._q_shape or q.dtype is not _FLOAT:
-            return False
-        for x in others:
-            if type(x) is not np.ndarray or x.shape != self._v_shape or x.dtype is not _FLOAT:
-                return False
-        if self._unit_entries:
-            x = q.tolist()  # plain floats: five times faster than slicing arrays of two
-            for i, j, k, m in self._unit_entries:
-                rest = x[k] * x[k] + x[m] * x[m] if m > j else 0.0
-                if not abs(x[i] * x[i] + x[j] * x[j] + rest - 1) <= UNIT_TOLERANCE:
-                    return False
-        return True
+            return nan
+        x = q.tolist()
+        for i, j, k, m in self._unit_entries:
+            rest = x[k] * x[k] + x[m] * x[m] if m > j else 0.0
+            if not abs(x[i] * x[i] + x[j] * x[j] + rest - 1) <= UNIT_TOLERANCE:
+                return nan
+        total: float = sum(x)
+        for y in others:
+            if type(y) is not np.ndarray or y.shape != self._v_shape or y.dtype is not _FLOAT:
+                return nan
+            total += sum(y.tolist())
+        return total
 
 
-def _total(x: Array) -> float:
-    """The sum of the entries by plain floats, without NumPy's overhead: not finite if any entry is not.
-
-    It may overflow where no entry does (above 1e307); the caller then takes the path that looks at each entry.
-    """
-    return float(sum(x.tolist()))
+def _square(matrix: Array) -> float:
+    """The sum of the squared entries, in the order of the memory."""
+    flat = matrix.ravel("K")
+    return float(flat.dot(flat))
 
 
 def _axes(axes: str) -> str:
