@@ -1,19 +1,22 @@
 """Batches of dynamics queries, side by side in one run on the same states: Pinocchio, MuJoCo, twolink.
 
     python scripts/bench_queries.py [--states 100000] [--rounds 9] [--quick]
+    python scripts/bench_queries.py --engines    # what the rule of twolink/dynamics/engine.py is rounded from
+    python scripts/bench_queries.py --sine       # the sine of twolink/algorithms/sincos.py against heyoka's
 
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
-(n, nv) arrays are in its time. The contestants
-take turns, a warm-up and five calls each, in every round; the table has medians of all calls.
-Agreement is the largest difference of accelerations from pin.aba, relative to the largest acceleration of the batch.
-Writes out/bench_queries.csv and out/bench_queries.png.
+(n, nv) arrays are in its time. The contestants take turns, a warm-up and five calls each, in every round; the table has
+medians of all calls. Agreement is the largest difference of the results from Pinocchio's, relative to the largest
+entry of the batch. Writes out/bench_queries.csv and out/bench_queries.png.
 """
 
 import argparse
 import csv
+import os
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -22,8 +25,11 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from twolink.algorithms import functions
+from twolink.algorithms.functions import function
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import kernels
+from twolink.dynamics.engine import compiled_from
 from twolink.dynamics.threads import thread_count
 
 OUT = Path(__file__).parents[1] / "out"
@@ -49,18 +55,17 @@ def chain(n: int) -> tl.Robot:
 
 
 def robots(quick: bool) -> dict[str, tl.Robot]:
-    found = {"arm": tl.load_robot("arm"), "ur5": tl.load_robot("ur5"), "panda": tl.load_robot("panda", lock=FINGERS)}
+    chosen = {"arm": tl.load_robot("arm"), "ur5": tl.load_robot("ur5"), "panda": tl.load_robot("panda", lock=FINGERS)}
     if quick:
-        return found | {"chain30": chain(30)}
-    found |= {"anymal": tl.load_robot("anymal", root="free"), "talos": tl.load_robot("talos", root="free")}
-    return found | {f"chain{n}": chain(n) for n in CHAINS}
+        return chosen | {"chain30": chain(30)}
+    chosen |= {"anymal": tl.load_robot("anymal", root="free"), "talos": tl.load_robot("talos", root="free")}
+    return chosen | {f"chain{n}": chain(n) for n in CHAINS}
 
 
-def draw(robot: tl.Robot, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    few = [pin.integrate(robot.model, robot.neutral, s) for s in rng.uniform(-2, 2, (min(n, 2_000), robot.nv))]
-    q = robot.normalize(np.resize(np.array(few), (n, robot.nq)))
-    return q, rng.uniform(-2, 2, (n, robot.nv)), rng.uniform(-20, 20, (n, robot.nv))
+def draw(robot: tl.Robot, n: int) -> list[np.ndarray]:
+    """n states (q, v, w) of which 2,000 differ."""
+    q, v = robot.random_state(min(n, 2_000))
+    return [np.resize(x, (n, x.shape[1])) for x in (q, 2 * v, 20 * v[::-1])]
 
 
 def mujoco_model(robot: tl.Robot) -> mujoco.MjModel | None:
@@ -84,40 +89,32 @@ def mujoco_model(robot: tl.Robot) -> mujoco.MjModel | None:
     return model if model.nv == robot.nv else None
 
 
-def forward_contest(robot: tl.Robot, q: np.ndarray, v: np.ndarray, w: np.ndarray) -> Contest:
-    """Everyone's forward dynamics of the batch; the loops take a hundredth of it."""
-    model, data, threads, n = robot.model, robot.model.createData(), thread_count(), len(q)
-    pool, out = pin.ModelPool(model, threads), np.empty((robot.nv, n), order="F")
-    columns = [np.ascontiguousarray(x.T).T for x in (q, v, w)]
+def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
+    """Everyone's answer to forward or inverse dynamics of the batch; the loops take a hundredth of it."""
+    model, data, threads = robot.model, robot.model.createData(), thread_count()
+    pool, out = pin.ModelPool(model, threads), np.empty((robot.nv, len(states[0])), order="F")
+    one, many = {"forward": (pin.aba, pin.abaInParallel), "inverse": (pin.rnea, pin.rneaInParallel)}[query]
+    ask = getattr(robot, f"{query}_dynamics")
+    few = [x[: len(x) // 100] for x in states]
+    columns = [np.ascontiguousarray(x.T).T for x in states]
 
     def parallel() -> np.ndarray:
-        pin.abaInParallel(threads, pool, q.T, v.T, w.T, out)
+        many(threads, pool, *(x.T for x in states), out)
         return out.T
 
-    contest: Contest = {
-        "pin.aba, loop": lambda: np.array([pin.aba(model, data, *s) for s in zip(*(x[: n // 100] for x in (q, v, w)))]),  # noqa: B905
-        "pin.abaInParallel": parallel,
+    who: Contest = {
+        f"pin.{one.__name__}, loop": lambda: np.array([one(model, data, *s) for s in zip(*few, strict=True)]),
+        f"pin.{one.__name__}InParallel": parallel,
     }
-    other = mujoco_model(robot)
+    other = mujoco_model(robot) if query == "forward" else None
     if other is not None:
-        contest |= mujoco_contest(other, q, v, w, threads)
-    contest["twolink, rows"] = lambda: robot.forward_dynamics(q, v, w, engine="compiled")
-    contest["twolink, columns"] = lambda: robot.forward_dynamics(*columns, engine="compiled")
-    return contest
+        who |= mujoco_contest(other, *states, threads)
+    who["twolink, rows"] = lambda: ask(*states, engine="compiled")
+    who["twolink, columns"] = lambda: ask(*columns, engine="compiled")
+    return who
 
 
 def mujoco_contest(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, w: np.ndarray, threads: int) -> Contest:
-    data = mujoco.MjData(model)
-    few = max(1, len(q) // 100)
-
-    def forward() -> np.ndarray:
-        a = np.empty((few, model.nv))
-        for i in range(few):
-            data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q[i], v[i], w[i]
-            mujoco.mj_forward(model, data)
-            a[i] = data.qacc
-        return a
-
     spec = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
     control = mujoco.mjtState.mjSTATE_QFRC_APPLIED.value
     initial = np.zeros((len(q), mujoco.mj_stateSize(model, spec)))
@@ -130,32 +127,16 @@ def mujoco_contest(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, w: np.nd
         after, _ = pool.rollout(many, workers, initial, w[:, None, :], control_spec=control, nstep=1)
         return (after[:, 0, 1 + model.nq : 1 + 2 * model.nq] - v) / model.opt.timestep
 
-    return {"mj_forward, loop": forward, "mujoco rollout, one step": rollout}
+    return {"mujoco rollout, one step": rollout}
 
 
-def inverse_contest(robot: tl.Robot, q: np.ndarray, v: np.ndarray, w: np.ndarray) -> Contest:
-    threads = thread_count()
-    pool, out = pin.ModelPool(robot.model, threads), np.empty((robot.nv, len(q)), order="F")
-    columns = [np.ascontiguousarray(x.T).T for x in (q, v, w)]
-
-    def parallel() -> np.ndarray:
-        pin.rneaInParallel(threads, pool, q.T, v.T, w.T, out)
-        return out.T
-
-    return {
-        "pin.rneaInParallel": parallel,
-        "twolink, rows": lambda: robot.inverse_dynamics(q, v, w, engine="compiled"),
-        "twolink, columns": lambda: robot.inverse_dynamics(*columns, engine="compiled"),
-    }
-
-
-def run(contest: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+def run(who: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.ndarray]]:
     """Median nanoseconds a state, and the answers; in every round everybody has TURN calls in a row."""
-    answers = {name: call() for name, call in contest.items()}
+    answers = {name: call() for name, call in who.items()}
     answers = {name: np.array(a) for name, a in answers.items()}
-    times: dict[str, list[float]] = {name: [] for name in contest}
+    times: dict[str, list[float]] = {name: [] for name in who}
     for _ in range(rounds):
-        for name, call in contest.items():
+        for name, call in who.items():
             call()
             for _ in range(TURN):
                 start = time.perf_counter()
@@ -164,76 +145,78 @@ def run(contest: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.n
     return {name: statistics.median(t) for name, t in times.items()}, answers
 
 
-def peak_flops(n: int = 200_000) -> float:
-    """Operations a second of fused multiply-adds in independent chains, compiled the same way, all CPUs."""
-    heyoka = kernels.heyoka()
-    x = heyoka.expression("x")
-    chains = [x + float(k) for k in range(8)]
-    depth = 60
-    for _ in range(depth):
-        chains = [c * x + 0.25 for c in chains]
-    compiled = heyoka.cfunc(chains, vars=[x])
-    inputs, out = np.full((1, n), 0.5), np.empty((8, n))
+def fastest(call: Callable[[], object], repeats: int) -> float:
+    """Seconds of the fastest call."""
     times = []
-    for _ in range(15):
+    for _ in range(repeats):
         start = time.perf_counter()
-        compiled(inputs, outputs=out)
+        call()
         times.append(time.perf_counter() - start)
-    return 2 * depth * 8 * n / statistics.median(times)
+    return min(times)
 
 
-def single_state(robots_: dict[str, tl.Robot]) -> None:
-    print(f"\n{'one state, us':<12}{'pin.aba':>10}{'twolink':>10}{'compiled':>10}")
-    for name, robot in robots_.items():
-        q, v, w = (x[0] for x in draw(robot, 1))
-        model, data = robot.model, robot.model.createData()
-        calls = (lambda m=model, d=data, s=(q, v, w): pin.aba(m, d, *s),
-                 lambda r=robot, s=(q, v, w): r.forward_dynamics(*s),
-                 lambda r=robot, s=(q, v, w): r.forward_dynamics(*s, engine="compiled"))  # fmt: skip
-        medians = []
-        for call in calls:
-            times = []
-            for _ in range(25):
-                start = time.perf_counter()
-                for _ in range(400):
-                    call()
-                times.append((time.perf_counter() - start) / 400 * 1e6)
-            medians.append(statistics.median(times))
-        print(f"{name:<12}" + "".join(f"{m:>10.2f}" for m in medians))
+def engines(chosen: dict[str, tl.Robot], n: int = 2_000) -> None:
+    """Seconds of compiling, and of a state by Pinocchio and by the kernel, next to the rule."""
+    os.environ["TWOLINK_CACHE"] = "off"
+    takes = {"mass_matrix": 1, "gravity_torque": 1, "bias": 2, "energy": 2, "forward_dynamics": 3,
+             "inverse_dynamics": 3, "forward_dynamics_derivatives": 3, "inverse_dynamics_derivatives": 3}  # fmt: skip
+    print(f"{'robot':<10}{'nv':>4} {'query':<30}{'compiling s':>12}{'Pinocchio us':>14}{'kernel us':>11}{'rule':>9}")
+    for name, robot in chosen.items():
+        states = draw(robot, n)
+        for query, count in takes.items():
+            if robot.nv > 20 and "derivatives" in query:
+                continue
+            start = time.perf_counter()
+            robot.compiled().certificate(query)
+            compiling = time.perf_counter() - start
+            calls = [partial(getattr(robot, query), *states[:count], engine=e) for e in ("pinocchio", "compiled")]
+            theirs, ours = (fastest(call, 5) / n * 1e6 for call in calls)
+            print(f"{name:<10}{robot.nv:>4} {query:<30}{compiling:>12.2f}{theirs:>14.2f}{ours:>11.3f}"
+                  f"{compiled_from(query, robot.nv):>9}", flush=True)  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--states", type=int, default=100_000)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--quick", action="store_true", help="arm, UR5, Panda and one chain only")
-    options = parser.parse_args()
-    peak, found, rows = peak_flops(), robots(options.quick), []
-    print(f"{options.states} states, {thread_count()} threads, medians of {options.rounds} rounds; "
-          f"fused multiply-adds run at {peak / 1e9:.1f} GFlop/s")  # fmt: skip
-    for name, robot in found.items():
-        q, v, w = draw(robot, options.states if robot.nv < 20 else options.states // 4)
-        for query, contest in (("forward", forward_contest), ("inverse", inverse_contest)):
+def sines(chosen: dict[str, tl.Robot], n: int = 20_000) -> None:
+    """Forward dynamics of columns of states with either sine, in turns on one thread."""
+    heyoka = kernels.heyoka()
+    for name in ("arm", "panda"):
+        model = chosen[name].model
+        made_of = function(model, "forward_dynamics")
+        counts = [sum(count.values()) for count in kernels.count_operations(model, made_of)]
+        formula = made_of.variants[counts.index(min(counts))]
+        columns = np.ascontiguousarray(np.hstack(draw(chosen[name], n)).T)
+        made = []
+        for own in (True, False):
+            x = [heyoka.expression(f"x{i}") for i in range(len(columns))]
+            q, v, tau = x[: model.nq], x[model.nq : -model.nv], x[-model.nv :]
+            entries = formula(mechanism(model), {"q": q, "v": v, "tau": tau}, Expressions(heyoka, own_sine=own))
+            made.append(heyoka.cfunc(entries, vars=x))
+        out = np.empty((model.nv, n))
+        times = [[fastest(partial(f, columns, outputs=out), TURN) for f in made] for _ in range(40)]
+        own, theirs = (min(t) / n * 1e9 for t in zip(*times, strict=True))
+        print(f"{name}: own {own:.1f} ns a state, heyoka's {theirs:.1f} ns, {100 * (theirs / own - 1):.0f} % slower")
+
+
+def compare(chosen: dict[str, tl.Robot], states: int, rounds: int) -> None:
+    rows = []
+    print(f"{states} states, {thread_count()} threads, medians of {rounds} rounds")
+    for name, robot in chosen.items():
+        drawn = draw(robot, states if robot.nv < 20 else states // 4)
+        for query in ("forward", "inverse"):
             robot.compiled().certificate(f"{query}_dynamics")
-            times, answers = run(contest(robot, q, v, w), options.rounds)
-            counts = kernels.count_operations(robot.model, functions.function(robot.model, f"{query}_dynamics"))
+            times, answers = run(contest(robot, query, drawn), rounds)
+            counts = kernels.count_operations(robot.model, function(robot.model, f"{query}_dynamics"))
             operations = min(sum(c.values()) for c in counts)
-            base = next(t for n, t in times.items() if n.endswith("InParallel"))
-            truth = next(a for n, a in answers.items() if n.endswith("InParallel"))
+            reference = next(name for name in times if name.endswith("InParallel"))
+            base, truth = times[reference], answers[reference]
             print(f"\n{name}, {query} dynamics: nv = {robot.nv}, {operations} operations")
-            for contestant, ns in times.items():
-                answer = answers[contestant]
-                error = np.abs(answer - truth[: len(answer)]).max() / np.abs(truth).max()
-                share = operations / ns / peak * 1e9 if contestant.startswith("twolink") else float("nan")
-                shown = f"{100 * share:6.1f} % of peak" if share == share else ""
-                print(f"  {contestant:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x  agrees to {error:.0e} {shown}")
-                rows.append([name, query, robot.nv, operations, contestant, ns, base / ns, error, share])
-    single_state(found)
+            for who, ns in times.items():
+                error = np.abs(answers[who] - truth[: len(answers[who])]).max() / np.abs(truth).max()
+                print(f"  {who:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x  agrees to {error:.0e}")
+                rows.append([name, query, robot.nv, operations, who, ns, base / ns, error])
     OUT.mkdir(exist_ok=True)
     with (OUT / "bench_queries.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error", "share"]
-        writer.writerows([header, *rows])
+        header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error"]
+        csv.writer(file).writerows([header, *rows])
     picture(rows)
     print(f"\nwrote {OUT / 'bench_queries.csv'} and {OUT / 'bench_queries.png'}")
 
@@ -245,8 +228,9 @@ def picture(rows: list[list]) -> None:
     from twolink.show.figure import COLOURS, new_figure, save_figure
 
     colour_of = {
-        "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0], "pin.rneaInParallel": COLOURS[0],
-        "mj_forward, loop": "#BBBBBB", "mujoco rollout, one step": COLOURS[3],
+        "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0],
+        "pin.rnea, loop": COLOURS[4], "pin.rneaInParallel": COLOURS[0],
+        "mujoco rollout, one step": COLOURS[3],
         "twolink, rows": COLOURS[1], "twolink, columns": COLOURS[5],
     }  # fmt: skip
     figure, axes = new_figure(1, 2, size=(11, 4.8), sharey=True)
@@ -267,6 +251,23 @@ def picture(rows: list[list]) -> None:
     axes[0, 0].set_ylim(top=6e5)
     figure.suptitle("Batches of states: chains as lines; arm, UR5, Panda, ANYmal and Talos as dots", fontsize=11)
     save_figure(figure, OUT / "bench_queries.png")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--states", type=int, default=100_000)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--quick", action="store_true", help="arm, UR5, Panda and one chain only")
+    parser.add_argument("--engines", action="store_true", help="compiling against Pinocchio, query by query")
+    parser.add_argument("--sine", action="store_true", help="our sine against heyoka's")
+    options = parser.parse_args()
+    chosen = robots(options.quick)
+    if options.engines:
+        engines(chosen)
+    elif options.sine:
+        sines(chosen)
+    else:
+        compare(chosen, options.states, options.rounds)
 
 
 if __name__ == "__main__":
