@@ -52,7 +52,7 @@ def test_other_programs_read_them(run: tl.Trajectory, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "part"),
     [
-        ("x.csv", b"", "empty"),
+        ("x.csv", b"", "expected a header"),
         ("x.csv", b"t,q.shoulder\n0,0\n", "column 'q.elbow'"),
         ("x.csv", HEADER + b",z\n0,0,0,0,0,0,0\n", "column 'z' is unknown"),
         ("x.csv", HEADER + b"\n0,0,0,0,0,0\n0,0,0,0,0,0\n", "t does not increase at sample 1"),

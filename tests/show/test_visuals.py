@@ -70,8 +70,11 @@ def test_a_file_that_is_no_mesh_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "x.html").exists()
 
 
-def test_playing_prints_the_address_and_the_missing_pieces_unless_callbacks_take_them(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_playing_logs_the_address_and_the_missing_pieces_unless_callbacks_take_them(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path,
 ) -> None:
     def play(*_: Any, on_url: Any, on_skipped: Any, **__: Any) -> None:
         on_url("http://here")
@@ -79,8 +82,9 @@ def test_playing_prints_the_address_and_the_missing_pieces_unless_callbacks_take
 
     monkeypatch.setattr(live, "play_live", play)
     run, said = motion(tl.load_robot("two_link")), []
-    run.play()
-    assert capsys.readouterr().out == "playing at http://here (Ctrl-C ends it)\nnot drawn: a, b\n"
+    with caplog.at_level("INFO", logger="twolink"):
+        run.play()
+    assert caplog.messages == ["playing at http://here", "not drawn: a, b"]
     run.play(on_url=said.append, on_skipped=said.extend)
     assert said == ["http://here", "a", "b"]
     assert capsys.readouterr().out == ""

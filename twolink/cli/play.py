@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from twolink.cli.options import ROBOT_HELP, Folders, Gravity, Lock, Mimic, Root, Unphysical, robot_from
-from twolink.cli.printing import print_not_drawn
+from twolink.cli.printing import print_address, print_not_drawn
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 
@@ -39,6 +39,6 @@ def play(
     loaded = None if robot is None else robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     run = Trajectory.load(file, loaded)
     if html is None:
-        run.play(speed=speed, open_browser=not no_browser, on_skipped=print_not_drawn)
+        run.play(speed=speed, open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
     else:
         typer.echo(f"wrote {run.playback(html, speed=speed, on_skipped=print_not_drawn)}")

@@ -27,6 +27,11 @@ def _plain(value: Any) -> Any:
     raise TypeError(type(value).__name__)
 
 
+def print_address(url: str) -> None:
+    """Say where a live playback is."""
+    typer.echo(f"playing at {url} (Ctrl-C ends it)")
+
+
 def print_not_drawn(names: Sequence[str]) -> None:
     """Name the shapes that cannot be drawn, on stderr."""
     typer.echo(f"twolink: not drawn: {', '.join(names)}", err=True)

@@ -1,8 +1,8 @@
 """Which method, at which setting, for an accuracy: from what studies measured here, else from a built-in calibration.
 
-The built-in figures were measured with scripts/bench_methods.py on the paper's arm: attempts for its 10 s at a
-tolerance of 1e-3, by what power of the tolerance they grow, and seconds a call and an operation. How long a scene is
-multiplies them all alike, so that they tell which method is cheapest, not what a run will take.
+The built-in figures were measured on the paper's arm over 10 s: attempted steps at a tolerance of 1e-3, the power of
+the tolerance by which they grow, and seconds a call and an operation. The duration of a scene multiplies them all
+alike, so that they say which method is cheapest, not how long a run takes.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,22 +24,22 @@ from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.stiffness import fastest
 
-# How much smaller than the accuracy the first tolerance is: errors of steps add up, and estimates of low order are
-# of the worse solution. Measured on the arm, UR5 and Panda: a run's error over its tolerance is below a third of it.
+# How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low
+# order is that of the less accurate solution. On the arm, UR5 and Panda a run's error is below a third of the margin
+# times its tolerance.
 MARGINS = {"taylor": 3.0, "dop853": 30.0}
 MARGIN = 100.0
-SAFETY = 2.0  # an error bar over the distance of two solutions: the second has errors of its own
-ROUGHEST = 1e-4  # a larger tolerance saves little, and what a run's error has to do with it is chance
+MAX_TOLERANCE = 1e-4  # a larger one saves little, and does not predict a run's error
 CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
 ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
-STIFF = 1e6  # decay times in a run, of which an explicit method would follow each
+STIFF = 1e6  # decay times in a run: an explicit method takes a step in each
 TAYLOR_STEPS, TAYLOR_OPERATION = 370, 1.5e-10  # times the order squared, and twice that when compiled compactly
 
 
 @dataclass(frozen=True)
-class Choice:
-    """A method, its setting (tolerance, or step [s]), and why it was chosen."""
+class MethodChoice:
+    """A method, its setting (the tolerance of an adaptive method, or the step of another, s), and why it was chosen."""
 
     method: Method
     setting: float
@@ -48,58 +49,60 @@ class Choice:
 
 def choose(
     equations: Equations, accuracy: float, duration: float, name: str, precision: taylor.Precision = "double"
-) -> Choice:
+) -> MethodChoice:
     """The method called `name` with the setting for an accuracy; of "auto", the cheapest method."""
     if precision == "quad":
         if name not in ("auto", "taylor"):
             raise SceneError(f"{name} works in double precision", argument="method", remedy='method="taylor" or "auto"')
-        return Choice(METHODS["taylor"], accuracy / MARGINS["taylor"], "quadruple precision", "quad")
+        return MethodChoice(METHODS["taylor"], accuracy / MARGINS["taylor"], "quadruple precision", "quad")
     if precision != "double":
         raise SceneError(f"{precision!r} is unknown", argument="precision", remedy='"double" or "quad"')
     if name != "auto":
         method = method_named(name)
-        return Choice(method, first_setting(equations, method, accuracy), "asked for")
+        return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")
     if heyoka() is None:
         method = METHODS["scipy-dop853"]
-        return Choice(method, first_setting(equations, method, accuracy), "heyoka is not installed")
+        return MethodChoice(method, first_setting(equations, method, accuracy), "heyoka is not installed")
     decay = _decay(equations)
     if decay * duration > STIFF:
         method = METHODS["esdirk43"]
-        why = f"stiff: a mode dies at {decay:.1g} 1/s, and explicit steps would have to be as short"
-        return Choice(method, first_setting(equations, method, accuracy), why)
-    seen = calibration.cheapest(equations, duration, accuracy)
-    if seen is not None:
-        return Choice(METHODS[seen.method], seen.setting, "measured on this scene by an accuracy study")
+        why = f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps would have to be as short"
+        return MethodChoice(method, first_setting(equations, method, accuracy), why)
+    entry = calibration.cheapest(equations, duration, accuracy)
+    if entry is not None:
+        return MethodChoice(METHODS[entry.method], entry.setting, "measured on this scene by an accuracy study")
     return _by_calibration(
         equations.operations, equations.space.nv >= taylor.COMPACT_FROM, equations.analytic, accuracy
     )
 
 
 @functools.lru_cache(1024)
-def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: float) -> Choice:
+def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: float) -> MethodChoice:
     """The cheapest method for equations of so many operations an evaluation."""
     if compiling_seconds(operations * METHODS["dop853"].evaluations) > MAX_COMPILING:
         method = METHODS["scipy-dop853"]
         why = f"compiling steps of {operations:,} operations an evaluation would take over {MAX_COMPILING:.0f} s"
-        return Choice(method, first_tolerance(method, accuracy), why)
+        return MethodChoice(method, first_tolerance(method, accuracy), why)
     tolerances = {
         name: first_tolerance(METHODS[name], accuracy) for name in ((*ATTEMPTS, "taylor") if analytic else ATTEMPTS)
     }
     costs = {name: expected_seconds(METHODS[name], t, operations, compact) for name, t in tolerances.items()}
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
-    return Choice(METHODS[best], tolerances[best], f"cheapest by the built-in calibration ({others})")
+    return MethodChoice(METHODS[best], tolerances[best], f"cheapest by the built-in calibration ({others})")
+
+
+_decays: WeakKeyDictionary[Equations, float] = WeakKeyDictionary()
 
 
 def _decay(equations: Equations) -> float:
-    """The fastest decay at the start, 1/s; 0 where what is fastest oscillates or grows. Found once for equations."""
+    """The fastest decay at the start, 1/s, kept as long as the equations; 0 where the fastest mode does not decay."""
     if equations.space.size == 0:
         return 0.0
-    known: float | None = vars(equations).get("_decay")
-    if known is None:
-        rates, dying = fastest(equations, equations.start[:, None])
-        known = vars(equations)["_decay"] = float(rates[0]) if dying[0] else 0.0
-    return known
+    if equations not in _decays:
+        rates, decays = fastest(equations, equations.start[:, None])
+        _decays[equations] = float(rates[0]) if decays[0] else 0.0
+    return _decays[equations]
 
 
 def expected_seconds(method: Method, tolerance: float, operations: int, compact: bool) -> float:
@@ -113,12 +116,11 @@ def expected_seconds(method: Method, tolerance: float, operations: int, compact:
 
 def first_tolerance(method: Method, accuracy: float) -> float:
     """The tolerance to try first."""
-    wanted = min(accuracy / MARGINS.get(method.name, MARGIN), ROUGHEST)
-    return max(wanted, smallest_tolerance(method))
+    return max(min(accuracy / MARGINS.get(method.name, MARGIN), MAX_TOLERANCE), smallest_tolerance(method))
 
 
 def second_tolerance(method: Method, first: float) -> float:
-    """The tolerance that tells the error of a first: a sure step smaller, but of low order no dear one."""
+    """The tolerance of the second solution behind an error bar: clearly smaller, but not costly at low order."""
     return first / (30.0 if method.order >= 5 else 10.0)
 
 

@@ -1,4 +1,4 @@
-"""Stiffness: the fastest rate of equations at a state, and whether what it drives dies away."""
+"""Stiffness: the fastest rate of change of equations at a state, and whether that mode decays."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from twolink.integrate.state import Array
 
 ITERATIONS = 4
 STEP = 1e-7  # relative, of differences
-DEAD = -0.99  # the cosine between a direction and what the Jacobian makes of it: below, the mode only decays
+DECAYING = -0.99  # the cosine between a direction and what the Jacobian makes of it: below, the mode only decays
 
 
 def fastest(equations: Equations, x: Array) -> tuple[Array, Array]:
-    """(rates [1/s] (n,), whether they only decay (n,)) at states x (size, n), by the power method on differences."""
+    """(rates [1/s] (n,), whether that mode decays (n,)) at states x (size, n), by the power method on differences."""
     start = rate(equations, 0.0, x)
-    found, cosine = np.zeros(x.shape[1]), np.zeros(x.shape[1])
+    largest, cosine = np.zeros(x.shape[1]), np.zeros(x.shape[1])
     direction = np.where(np.isfinite(start), start, 0.0) + 1e-3
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS):
@@ -27,6 +27,6 @@ def fastest(equations: Equations, x: Array) -> tuple[Array, Array]:
             image = np.where(np.isfinite(image), image, 0.0)
             length = np.sqrt((image**2).sum(axis=0))
             cosine = (image * direction).sum(axis=0) / np.where(length > 0.0, length, 1.0)
-            found = np.fmax(found, length)
+            largest = np.fmax(largest, length)
             direction = image
-    return found, cosine < DEAD
+    return largest, cosine < DECAYING

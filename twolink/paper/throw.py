@@ -22,9 +22,9 @@ from twolink.effects.release import Release
 from twolink.effects.torque import Torque
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError, nearest
-from twolink.integrate.method_choice import SAFETY
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.scene import accuracy_of
+from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
 

@@ -161,7 +161,7 @@ def _stretches(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[_St
     if run.cost is None:
         raise SceneError("the run does not say how it was solved", where="run", remedy="simulate it again",
                          code="no-equations", argument="run")  # fmt: skip
-    solution = solve(equations_of(scene), METHODS[run.cost.method], times, run.cost.tolerance)
+    solution = solve(equations_of(scene), METHODS[run.cost.method], times, run.cost.setting)
     first = 0
     for piece in solution.pieces:
         equations, count = piece.equations, piece.samples

@@ -10,7 +10,7 @@ import numpy as np
 from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import Choice, choose
+from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
@@ -125,7 +125,7 @@ def _described(effect: Effect) -> str:
     return repr(effect)
 
 
-def _nanoseconds(equations: Equations, choice: Choice) -> tuple[float, float] | None:
+def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
     """One evaluation in a batch and alone, ns, from steps of an explicit method."""
     method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
     if choice.method.kind == "scipy":
@@ -150,7 +150,7 @@ def _nanoseconds(equations: Equations, choice: Choice) -> tuple[float, float] | 
     return found[0], found[1]
 
 
-def _expected(equations: Equations, choice: Choice, duration: float) -> float:
+def _expected(equations: Equations, choice: MethodChoice, duration: float) -> float:
     """Seconds of solving once: two first parts of the run tell what a call costs, and what simulated time costs."""
 
     def solved(part: float) -> Solution:

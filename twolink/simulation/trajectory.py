@@ -1,54 +1,70 @@
-"""Trajectory: what simulating a scene gives. Times, states, energy, error bar and cost; saving and loading."""
+"""Trajectory: the result of simulating a scene."""
 
 from __future__ import annotations
 
 import functools
+import logging
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.named_queries import joint_columns
-from twolink.dynamics.saved_robot import find_robot, require_same, robot_notes
+from twolink.dynamics.saved_robot import robot_notes
 from twolink.errors import SceneError, ShowError
-from twolink.io.tables import read_table, write_table
+from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.event import Event
+from twolink.io.tables import write_table
+from twolink.simulation.cost import Cost
+from twolink.simulation.text import as_html
+from twolink.simulation.trajectory_tables import (
+    Samples,
+    as_dataset,
+    as_frame,
+    columns,
+    coordinate_names,
+    read_samples,
+)
+
+log = logging.getLogger("twolink")
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
-
-    tolerance: of the method, or the step [s] of one with fixed steps. seconds: solving alone; verify_seconds: the more
-    accurate solutions behind the error bar; compile_seconds: compiling or loading. rejected: steps that were tried in
-    vain. compiled: whether the steps were compiled ones. why: the reason for the method.
-    """
-
-    method: str
-    tolerance: float
-    steps: int
-    evaluations: int
-    seconds: float
-    verify_seconds: float = 0.0
-    compile_seconds: float = 0.0
-    rejected: int = 0
-    compiled: bool = False
-    why: str = ""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A motion: t (n,) [s], q (n, nq), v (n, nv), energy (n,) [J], and how far it can be trusted.
+    """A motion and how far it can be trusted.
 
-    error: the estimated global error at each sample, max |difference(q, q_exact)|, rad or m, (n,); None when the run
-    was not verified. accuracy: what was asked for. events: what happened on the way. interrupted: Ctrl-C ended it
-    early, samples so far are kept. precise: (q, v) at each sample (n, nq + nv) with more digits than a double has, of
-    runs in higher precision. robots: the robot of each piece of a motion in which payloads are let go, and how many
-    samples the piece has.
+    Parameters
+    ----------
+    robot : Robot
+    t : ndarray (n,)
+        Times of the samples, s.
+    q : ndarray (n, nq)
+        Configurations, rad or m.
+    v : ndarray (n, nv)
+        Velocities, rad/s or m/s.
+    error : ndarray (n,) or None
+        Bound on the global error at each sample, max |difference(q, q_exact)|, rad or m; None: not verified.
+    cost : Cost or None
+        What it took; None for a loaded trajectory.
+    events : sequence of Event
+        What happened on the way, by time.
+    interrupted : bool
+        Ctrl-C ended it early; the samples so far are kept.
+    accuracy : float or None
+        The accuracy asked for, rad or m.
+    precise : ndarray (n, nq + nv) or None
+        The states with more digits than a double has, of runs in higher precision.
+    robots : sequence of (Robot, int)
+        The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
+    solution : DenseOutput or None
+        The solution between the samples; None for a loaded trajectory.
+    recorded_energy : ndarray (n,) or None
+        The energy as it was saved, J; None: it is computed.
     """
 
     robot: Robot
@@ -57,48 +73,134 @@ class Trajectory:
     v: np.ndarray
     error: np.ndarray | None
     cost: Cost | None
-    events: Sequence[Any] = field(default=())
+    events: Sequence[Event] = ()
     interrupted: bool = False
     accuracy: float | None = None
     precise: Any = None
     robots: Sequence[tuple[Robot, int]] = ()
+    solution: DenseOutput | None = None
+    recorded_energy: np.ndarray | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
-        """Kinetic and potential energy at each sample (n,), J: of a payload too, until it is let go."""
-        found, first = [np.empty(0)], 0
+        """Kinetic and potential energy at each sample (n,), J; that of a payload counts until it is released."""
+        if self.recorded_energy is not None:
+            return self.recorded_energy
+        parts, first = [np.empty(0)], 0
         for robot, count in self.robots or ((self.robot, len(self.t)),):
             kinetic, potential = robot.energy(self.q[first : first + count], self.v[first : first + count])
-            found.append(kinetic + potential)
+            parts.append(kinetic + potential)
             first += count
-        return np.concatenate(found)
+        return np.concatenate(parts)
 
     @property
     def trusted_until(self) -> float | None:
-        """The last sample's time [s] up to which the error bar is below the accuracy asked for; None: not known."""
+        """The last sample's time [s] up to which the error bar is below the accuracy asked for; None: unknown."""
         if self.error is None or self.accuracy is None:
             return None
         beyond = self.error > self.accuracy
         return float(self.t[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else self.t[-1])
 
+    def at(self, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """The state at any time of the run, as exact as at the samples.
+
+        Parameters
+        ----------
+        t : float or array_like (...)
+            Times from the first sample to the last, s. At an event the state after it is returned.
+
+        Returns
+        -------
+        q : ndarray (nq,) or (..., nq)
+            Configurations, rad or m.
+        v : ndarray (nv,) or (..., nv)
+            Velocities, rad/s or m/s.
+
+        Raises
+        ------
+        SceneError
+            A time is outside the run (code "outside-run"), or the trajectory was loaded (code "no-equations").
+
+        Notes
+        -----
+        The state is computed from the last sample before t, by steps of the run's own method and setting.
+        """
+        solution = self._solution("at")
+        times = np.asarray(t, dtype=float)
+        flat = times.ravel()
+        outside = ~((flat >= self.t[0]) & (flat <= self.t[-1]))
+        if outside.any():
+            raise SceneError(f"{flat[outside][0]:g} s is not within {self.t[0]:g} and {self.t[-1]:g} s", argument="t",
+                             remedy="ask for times of the run, or simulate for longer", code="outside-run",
+                             start=float(self.t[0]), end=float(self.t[-1]))  # fmt: skip
+        q, v = solution.pieces[0].equations.space.rows(solution.states(flat))
+        return q.reshape(*times.shape, self.robot.nq), v.reshape(*times.shape, self.robot.nv)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Accelerations at the samples (n, nv), rad/s^2 or m/s^2; at an event those after it.
+
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        return self._accelerations_and_torques[0]
+
+    @property
+    def tau(self) -> np.ndarray:
+        """Joint torques and forces that effects apply, at the samples (n, nv), N m or N; at an event those after it.
+
+        Controllers, friction, springs and stops count. Without external wrenches and loops tau = RNEA(q, v, a).
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        return self._accelerations_and_torques[1]
+
+    @functools.cached_property
+    def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
+        solution = self._solution("tau")
+        a, tau = solution.accelerations_and_torques()
+        kept = np.searchsorted(solution.t, self.t)
+        return a[kept], tau[kept]
+
+    def _solution(self, name: str) -> DenseOutput:
+        if self.solution is None:
+            raise SceneError("a loaded trajectory has no equations of motion", where=f"Trajectory.{name}",
+                             remedy="simulate it again with its scene", code="no-equations")  # fmt: skip
+        return self.solution
+
+    @property
+    def _samples(self) -> Samples:
+        return Samples(self.robot, self.t, self.q, self.v, self.energy, self.error)
+
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), energy, error."""
-        table = {"t": self.t}
-        for name, values in (("q", self.q), ("v", self.v)):
-            for (column, joint), numbers in zip(joint_columns(self.robot.joints, name), values.T, strict=True):
-                if column in table:
-                    what = f"two columns are named {column!r}"
-                    raise SceneError(what, where=f"joint {joint!r}", remedy="rename the joint in the URDF")
-                table[column] = numbers
-        table["energy"] = self.energy
-        if self.error is not None:
-            table["error"] = self.error
-        return table
+        return columns(self._samples)
 
-    def _named(self, letter: str) -> dict[str, np.ndarray]:
-        """The columns of q or v by the joint's name, without the letter."""
-        columns = self.columns().items()
-        return {name.removeprefix(f"{letter}."): x for name, x in columns if name.startswith(f"{letter}.")}
+    def to_xarray(self) -> Any:
+        """The samples as an xarray.Dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables q, v, energy and error over time; the coordinates q_name and v_name are joint names. Each has its
+            units as an attribute.
+
+        Raises
+        ------
+        MissingExtraError
+            xarray is not installed.
+        """
+        attributes: dict[str, Any] = {"robot": self.robot.name}
+        if self.accuracy is not None:
+            attributes["accuracy"] = self.accuracy
+        if self.cost is not None:
+            attributes |= {"method": self.cost.method, "setting": self.cost.setting}
+        return as_dataset(self._samples, attributes)
+
+    def to_pandas(self) -> Any:
+        """The samples as a pandas.DataFrame: the columns of `columns()`, with t as the index.
+
+        Raises MissingExtraError where pandas is not installed.
+        """
+        return as_frame(self._samples)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
@@ -108,42 +210,34 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
         """Read a saved trajectory.
 
-        .npz and .parquet files say which robot it is of: one from the catalogue is loaded again as it was then; any
-        other must be given, and must be the same. A .csv holds the samples alone, so give its robot. Raises
-        SceneError for another robot, and for what is not a trajectory.
-        """
-        label = str(path)
-        columns, notes = read_table(Path(path))
-        same = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
-        return cls._from_columns(columns, same, label)
+        Parameters
+        ----------
+        path : path-like
+            A .npz, .parquet or .csv file.
+        robot : Robot, optional
+            Its robot. A .csv needs it. A .npz or .parquet file names its robot: one of the catalogue is loaded again
+            as it was then; any other one must be passed.
 
-    @classmethod
-    def _from_columns(cls, columns: Mapping[str, np.ndarray], robot: Robot, label: str) -> Trajectory:
-        table = _numbers(columns, label)
-        n = len(table["t"]) if "t" in table else 0
-        empty = cls(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), None, None)
-        vars(empty)["energy"] = np.empty(n)  # as it was saved
-        wanted = empty.columns()
-        lacking = [name for name in wanted if name not in table]
-        unknown = [name for name in table if name not in wanted and name != "error"]
-        if lacking or unknown:
-            what = f"column {lacking[0]!r} is not in it" if lacking else f"column {unknown[0]!r} is unknown"
-            raise SceneError(what, where=label, remedy=f"it is not a trajectory of robot {robot.name!r}")
-        for name, place in wanted.items():
-            place[:] = table[name]
-        if np.any(np.diff(empty.t) <= 0):
-            row = int(np.argmax(np.diff(empty.t) <= 0)) + 1
-            raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")
-        run = cls(robot, empty.t, empty.q, empty.v, table.get("error"), None)
-        vars(run)["energy"] = empty.energy
-        return run
+        Returns
+        -------
+        Trajectory
+            Without cost, events and solution.
+
+        Raises
+        ------
+        SceneError
+            The robot is another one, or the file is not a trajectory.
+        """
+        samples = read_samples(Path(path), robot)
+        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy)
 
     def plot(self, path: str | os.PathLike[str]) -> Path:
         """Draw q, v, energy and the error bar over time into a .png, .svg or .pdf."""
         from twolink.show.trajectory_plot import plot_trajectory
 
         title = f"{self.robot.name}: {self.t[-1]:g} s"
-        q, v = self._named("q"), self._named("v")
+        q, v = (dict(zip(coordinate_names(self.robot, letter), values.T, strict=True))
+                for letter, values in (("q", self.q), ("v", self.v)))  # fmt: skip
         return plot_trajectory(Path(path), title, self.t, q, v, self.energy, self.error)
 
     def playback(
@@ -155,8 +249,7 @@ class Trajectory:
         """
         from twolink.show.playback import write_playback
 
-        visuals = self._visuals()
-        model, title = self.robot.model, self.robot.name
+        model, visuals, title = self.robot.model, self._visuals(), self.robot.name
         return write_playback(
             model, visuals, self.t, self.q, Path(path), title=title, speed=speed, on_skipped=on_skipped
         )
@@ -172,7 +265,7 @@ class Trajectory:
         """Play the motion live in the browser, at true speed times `speed`; returns when it has ended.
 
         on_url, on_skipped: called with the page's address, and with the names of the shapes that cannot be drawn, if
-        any; both are printed unless given.
+        any; both are logged (logger "twolink") unless given.
         """
         from twolink.show.live import play_live
 
@@ -183,8 +276,8 @@ class Trajectory:
             self.q,
             speed=speed,
             open_browser=open_browser,
-            on_url=on_url or _print_url,
-            on_skipped=on_skipped or _print_skipped,
+            on_url=on_url or _log_url,
+            on_skipped=on_skipped or _log_skipped,
         )
 
     def _visuals(self) -> Any:
@@ -199,29 +292,17 @@ class Trajectory:
 
     def __repr__(self) -> str:
         error = "not verified" if self.error is None else f"error <= {self.error.max():.1e}"
-        return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples, {error}>"
+        events = f", {len(self.events)} events" if self.events else ""
+        ended = ", interrupted" if self.interrupted else ""
+        return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples{events}, {error}{ended}>"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self) if self.cost is None else f"{self!r}\n{self.cost}")
 
 
-def _print_url(url: str) -> None:
-    print(f"playing at {url} (Ctrl-C ends it)", flush=True)
+def _log_url(url: str) -> None:
+    log.info("playing at %s", url)
 
 
-def _print_skipped(names: list[str]) -> None:
-    print(f"not drawn: {', '.join(names)}", flush=True)
-
-
-def _numbers(columns: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndarray]:
-    """The columns as finite floats (n,), equally long, n > 0."""
-    table = {}
-    for name, values in columns.items():
-        if np.ndim(values) != 1 or np.asarray(values).dtype.kind not in "fiu":
-            raise SceneError(f"column {name!r} is not a row of numbers", where=label, remedy="save it again")
-        table[name] = np.asarray(values, dtype=float)
-    lengths = {name: len(values) for name, values in table.items()}
-    odd = next((name for name in lengths if lengths[name] != lengths.get("t", lengths[name])), None)
-    if odd is not None:
-        what = f"column {odd!r} has {lengths[odd]} samples, t has {lengths['t']}"
-        raise SceneError(what, where=label, remedy="save it again")
-    if not any(lengths.values()) or not all(np.isfinite(values).all() for values in table.values()):
-        raise SceneError("it has no samples, or some that are not finite", where=label, remedy="save it again")
-    return table
+def _log_skipped(names: list[str]) -> None:
+    log.warning("not drawn: %s", ", ".join(names))

@@ -1,0 +1,134 @@
+"""Runs between their samples: states, accelerations and torques; tables; pickling."""
+
+import pickle
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.errors import AccuracyError, MissingExtraError, SceneError
+
+BALL_G, BALL_HEIGHT = 9.81, 1.0
+
+
+def finely(scene: tl.Scene, end: float) -> tl.Trajectory:
+    """A more accurate run with many samples, to compare with."""
+    return tl.simulate(scene, end, accuracy=1e-11, samples=1000)
+
+
+@pytest.mark.parametrize("method", ["dop853", "rk45", "taylor", "esdirk43", "rk4", "scipy-dop853"])
+def test_states_between_samples_are_as_exact_as_at_samples(method: str) -> None:
+    scene = tl.load_scene("arm-swing")
+    run, truth = tl.simulate(scene, 1.0, 1e-6, method=method, samples=7), finely(scene, 1.0)
+    times = truth.t[[3, 501, 999, 250, 1]]
+    q, v = run.at(times)
+    assert run.error is not None
+    assert q.shape == (5, 2)
+    assert np.abs(q - truth.q[[3, 501, 999, 250, 1]]).max() <= run.error[-1]
+    assert np.abs(v - truth.v[[3, 501, 999, 250, 1]]).max() <= 100 * run.error[-1]
+
+
+def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
+    run = tl.simulate(tl.load_scene("spinning-top"), 0.5, samples=20)
+    q, v = run.at(0.2)
+    assert q.shape == (run.robot.nq,)
+    assert v.shape == (run.robot.nv,)
+    q, v = run.at([[0.1, 0.2], [0.3, 0.5]])
+    assert q.shape == (2, 2, run.robot.nq)
+    np.testing.assert_array_equal(run.at(run.t)[0], run.q)
+    np.testing.assert_array_equal(run.at(run.t)[1], run.v)
+    np.testing.assert_allclose(np.linalg.norm(q[..., run.robot.joints[0].unit], axis=-1), 1, atol=1e-14)
+
+
+@pytest.mark.parametrize("t", [-1e-9, 0.5 + 1e-9, np.nan])
+def test_times_outside_the_run_are_refused(t: float) -> None:
+    with pytest.raises(SceneError, match="is not within 0 and") as caught:
+        tl.simulate(tl.load_scene("arm-swing"), 0.5, samples=10).at([0.1, t])
+    assert (caught.value.code, caught.value.argument) == ("outside-run", "t")
+    assert caught.value.data == {"start": 0, "end": 0.5}
+
+
+def test_a_time_between_samples_and_after_an_event_uses_the_piece_after_it() -> None:
+    """The ball of the bundled scene, sampled so rarely that impacts lie between samples: against a dense run."""
+    scene = tl.load_scene("bouncing-ball")
+    sparse, dense = tl.simulate(scene, 1.0, 1e-9, samples=2), tl.simulate(scene, 1.0, 1e-9, samples=1000)
+    impacts = [event.t for event in sparse.events if event.kind == "impact"]
+    assert impacts
+    q, v = sparse.at(dense.t)
+    np.testing.assert_allclose(q, dense.q, atol=1e-7)
+    np.testing.assert_allclose(v, dense.v, atol=1e-6)
+    before, after = sparse.at(impacts[0] - 1e-9)[1], sparse.at(impacts[0])[1]
+    assert np.abs(after - before).max() > 0.5  # at the instant the state after it
+
+
+def test_torques_and_accelerations_are_those_of_inverse_dynamics() -> None:
+    effects = [tl.effects.Gravity(), tl.effects.JointDamping({"elbow": 0.3}), tl.effects.DryFriction({"shoulder": 2.0})]
+    scene = tl.Scene(tl.load_robot("two_link"), [0.5, 0.3], effects=effects)
+    run = tl.simulate(scene, 1.0, samples=50)
+    model, data = run.robot.model, run.robot.model.createData()
+    for q, v, a, tau in zip(run.q, run.v, run.acceleration, run.tau, strict=True):
+        np.testing.assert_allclose(pin.rnea(model, data, q, v, a), tau, atol=1e-9)
+    assert run.tau.shape == run.acceleration.shape == (51, 2)
+    np.testing.assert_allclose(run.tau[:, 1], -0.3 * run.v[:, 1], atol=1e-12)
+
+
+def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    loaded = tl.Trajectory.load(run.save(tmp_path / "run.npz"))
+    for ask in (lambda: loaded.at(0.05), lambda: loaded.tau, lambda: loaded.acceleration):
+        with pytest.raises(SceneError, match="simulate it again with its scene") as caught:
+            ask()
+        assert caught.value.code == "no-equations"
+    np.testing.assert_array_equal(loaded.energy, run.energy)
+
+
+def test_tables_of_other_libraries() -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    data, frame = run.to_xarray(), run.to_pandas()
+    assert dict(data.sizes) == {"time": 21, "q_name": 2, "v_name": 2}
+    np.testing.assert_array_equal(data.q.sel(q_name="elbow"), run.q[:, 1])
+    assert (data.q.attrs["units"], data.time.attrs["units"], data.energy.attrs["units"]) == ("rad or m", "s", "J")
+    assert data.attrs["robot"] == "two_link"
+    assert [frame.index.name, *frame.columns] == list(run.columns())
+    np.testing.assert_array_equal(frame["v.elbow"], run.v[:, 1])
+
+
+def test_a_missing_library_is_named_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(MissingExtraError, match="pip install"):
+        run.to_xarray()
+
+
+@pytest.mark.parametrize("name", ["arm-swing", "bouncing-ball", "four-bar", "pitch"])
+def test_runs_survive_pickling(name: str) -> None:
+    run = tl.simulate(tl.load_scene(name), 0.3, 1e-5)
+    again = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(again.q, run.q)
+    assert again.events == run.events
+    assert again.cost == run.cost
+    times = 0.5 * (run.t[1:4] + run.t[:3])
+    np.testing.assert_array_equal(again.at(times)[0], run.at(times)[0])
+
+
+def test_an_accuracy_limit_has_a_code_and_its_run_and_survives_pickling() -> None:
+    scene = tl.Scene(tl.load_scene("arm-swing").robot, [2.0, 1.0], effects=[tl.effects.Gravity()])
+    with pytest.raises(AccuracyError) as caught:
+        tl.simulate(scene, 200.0, 1e-9, samples=5)
+    error = pickle.loads(pickle.dumps(caught.value))
+    assert error.code == "accuracy-limit"
+    assert error.data["precision"] == "quad"
+    assert 0 < error.data["trusted_until"] == error.run.trusted_until < 200
+    assert str(error) == str(caught.value)
+
+
+def test_what_notebooks_show_is_short() -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5)
+    assert "error <= " in repr(run)
+    assert run.cost is not None
+    assert "tolerance" in repr(run.cost)
+    for shown in (run._repr_html_(), run.cost._repr_html_()):
+        assert shown.startswith("<pre>")
+        assert shown.count("\n") <= 5

@@ -1,0 +1,139 @@
+"""Dense output: a solution at any time, as exact as at its samples, and the accelerations and torques at samples.
+
+The state at a time t is computed from the last stored state before t within the same smooth piece, by the method and
+setting of the solution. At an event, t belongs to the piece after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twolink.errors import AccuracyError
+from twolink.integrate.equations import Equations
+from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.methods import METHODS
+from twolink.integrate.perturbation import Perturbation
+from twolink.integrate.solution import Piece
+from twolink.integrate.solver import solve
+from twolink.integrate.state import Array
+from twolink.integrate.step_map import LANES, step_map
+from twolink.integrate.stepping import FINE, advance, start_state
+from twolink.integrate.taylor import Precision
+
+ONE_STEP = Perturbation(min_steps=1.0)  # between two samples no more steps are needed
+
+
+class _Group(NamedTuple):
+    """Asked times (k,) of one piece: their places, and the stored states (nq + nv, k) before them with their times."""
+
+    equations: Equations
+    places: Array
+    t: Array
+    stored_t: Array
+    stored_x: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DenseOutput:
+    """A solution between its samples.
+
+    Parameters
+    ----------
+    pieces : tuple of Piece
+        The smooth parts of the solution.
+    t : ndarray (n,)
+        Times of the stored states, s.
+    x : ndarray (nq + nv, n)
+        The stored states.
+    method : str
+        Name of the method.
+    setting : float
+        The tolerance of the method, or its step, s.
+    precision : {"double", "extended", "quad"}
+        Of the numbers.
+    """
+
+    pieces: tuple[Piece, ...]
+    t: Array
+    x: Array
+    method: str
+    setting: float
+    precision: Precision = "double"
+
+    def states(self, times: Array) -> Array:
+        """The states at times within the solution.
+
+        Parameters
+        ----------
+        times : ndarray (m,)
+            From the first to the last stored time, in any order, s.
+
+        Returns
+        -------
+        x : ndarray (nq + nv, m)
+
+        Raises
+        ------
+        AccuracyError
+            The method cannot reach a time; code "no-dense-output".
+        """
+        out = np.empty((len(self.x), len(times)))
+        stepping = METHODS[self.method].kind not in ("taylor", "scipy")
+        for group in self._groups(times):
+            out[:, group.places] = group.stored_x
+            late = group.t > group.stored_t
+            if late.any():
+                group = _Group(group.equations, *(values[..., late] for values in group[1:]))
+                out[:, group.places] = self._stepped(group) if stepping else self._solved(group)
+        return out
+
+    def accelerations_and_torques(self) -> tuple[Array, Array]:
+        """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
+        nv = self.pieces[0].equations.space.nv
+        a, tau = np.empty((len(self.t), nv)), np.empty((len(self.t), nv))
+        for group in self._groups(self.t):
+            at_group = accelerations_and_joint_torques(group.equations, group.t, group.stored_x)
+            a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
+        return a, tau
+
+    def _groups(self, times: Array) -> Iterator[_Group]:
+        """The times by pieces; a time at which a piece begins belongs to that piece."""
+        number = np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
+        ends = np.cumsum([piece.samples for piece in self.pieces])
+        for i in np.unique(number):
+            piece, places = self.pieces[i], np.flatnonzero(number == i)
+            inside = slice(ends[i] - piece.samples, ends[i])
+            stored_t = np.append(piece.begin, self.t[inside])
+            start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
+            stored_x = np.concatenate([start[:, None], self.x[:, inside]], axis=1)
+            before = np.searchsorted(stored_t, times[places], side="right") - 1
+            yield _Group(piece.equations, places, times[places], stored_t[before], stored_x[:, before])
+
+    def _stepped(self, group: _Group) -> Array:
+        """By a step map: all times as one batch of worlds, each with its own end."""
+        steps = step_map(group.equations, METHODS[self.method])
+        rows = np.asarray(group.equations.start[len(self.x) :], dtype=float)
+        x0 = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
+        state, limit = start_state(steps, x0, group.stored_t, group.t, self.setting)
+        for block in advance(steps, state, limit, lanes=LANES):
+            if (block.outcome != FINE).any():
+                t = float(group.t[block.worlds[block.outcome != FINE][0]])
+                raise AccuracyError("the state between two samples cannot be computed", where=f"t = {t:.6g} s",
+                                    remedy="simulate with more samples a second", code="no-dense-output")  # fmt: skip
+        return state[: len(self.x)]
+
+    def _solved(self, group: _Group) -> Array:
+        """By a solver of single worlds: the times after each stored state at once."""
+        out = np.empty((len(self.x), len(group.t)))
+        for begin in np.unique(group.stored_t):
+            chosen = np.flatnonzero(group.stored_t == begin)
+            grid, places = np.unique(group.t[chosen], return_inverse=True)
+            start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(self.x) :]])
+            solution = solve(replace(group.equations, start=start), METHODS[self.method], np.append(begin, grid),
+                             self.setting, None, self.precision, ONE_STEP)  # fmt: skip
+            out[:, chosen] = solution.x[: len(self.x), 1 + places]
+        return out

@@ -1,0 +1,60 @@
+"""Cost: what a run took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from twolink.simulation.text import as_html
+
+
+@dataclass(frozen=True, repr=False)
+class Cost:
+    """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
+
+    Parameters
+    ----------
+    method : str
+        Name of the method.
+    tolerance : float or None
+        Of a method that adapts its steps; None for steps of one size.
+    steps, evaluations, rejected : int
+        Steps taken, evaluations of the dynamics, and steps that were tried in vain.
+    seconds, verify_seconds, compile_seconds : float
+        Of solving, of the more accurate solutions behind the error bar, and of compiling or loading.
+    compiled : bool
+        Whether the steps were compiled ones.
+    why : str
+        The reason for the method.
+    step : float or None
+        The step size of a method with steps of one size, s; None for one that adapts them.
+    """
+
+    method: str
+    tolerance: float | None
+    steps: int
+    evaluations: int
+    seconds: float
+    verify_seconds: float = 0.0
+    compile_seconds: float = 0.0
+    rejected: int = 0
+    compiled: bool = False
+    why: str = ""
+    step: float | None = None
+
+    @property
+    def setting(self) -> float:
+        """The tolerance, or the step, s."""
+        return float(self.tolerance or self.step or 0.0)
+
+    def __repr__(self) -> str:
+        setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
+        kind = "compiled" if self.compiled else "not compiled"
+        seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, compiling {self.compile_seconds:.3g} s"
+        return (
+            f"{self.method}, {setting} ({self.why or 'as asked'})\n"
+            f"{self.steps} steps ({kind}), {self.rejected} rejected, {self.evaluations} evaluations\n"
+            f"solved in {seconds}"
+        )
+
+    def _repr_html_(self) -> str:
+        return as_html(self)

@@ -1,0 +1,77 @@
+"""Error bars: a bound on the global error from the distance of two solutions, for one world or for many.
+
+The second solution is more accurate than the first, and perturbed (`integrate.perturbation`): it starts some roundings
+away and takes other steps, so that the two do not have the same errors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twolink.integrate.methods import Method
+from twolink.integrate.solution import Solution
+from twolink.integrate.state import Array, StateSpace
+
+SAFETY = 2.0  # the second solution has errors of its own
+ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in both solutions
+
+
+def error_bar(distance: Array, rounding: Array) -> Array:
+    """A bound on the error at each sample that does not decrease in time.
+
+    Parameters
+    ----------
+    distance : ndarray (n, ...)
+        Distance of two solutions at each sample, rad or m.
+    rounding : ndarray (n, ...)
+        Bound on errors that both have, rad or m. The start has none.
+
+    Returns
+    -------
+    bar : ndarray (n, ...)
+        2 distance + rounding, the largest so far and at a few samples later: one distance may be small by chance.
+    """
+    bar = SAFETY * np.asarray(distance, dtype=float)
+    bar[1:] += rounding[1:]
+    later = bar.copy()
+    for shift in range(1, min(len(bar) - 1, 2 + len(bar) // 40)):
+        later[1:-shift] = np.fmax(later[1:-shift], bar[1 + shift :])
+    return np.asarray(np.maximum.accumulate(later))
+
+
+def distance_of_runs(space: StateSpace, method: Method, coarse: Solution, fine: Solution) -> Array:
+    """Error of the coarse solution's q at each sample (n,), by the fine one, rad or m."""
+    q, v = space.rows(coarse.x)
+    largest = np.abs(q).max(axis=1, initial=0.0)
+    if fine.precise is not None:
+        ours = coarse.x.T if coarse.precise is None else coarse.precise
+        off = np.abs(ours[:, : space.nq].astype(fine.precise.dtype) - fine.precise[:, : space.nq])
+        rounded = largest * np.finfo(float).eps if coarse.precise is None else 0.0
+        # A rotation turns by twice what its quaternion differs by.
+        return np.asarray((2.0 if space.curved else 1.0) * off.max(axis=1, initial=0.0).astype(float) + rounded)
+    # An event that ends both solutions ends each at a time of its own.
+    same = np.minimum(np.arange(len(coarse.t)), len(fine.t) - 1)
+    late = np.abs(coarse.t - fine.t[same]) * np.abs(v).max(axis=1, initial=0.0)
+    distance = space.distance(q, space.rows(fine.x)[0][same]) + late
+    return np.asarray(distance if method.adaptive else distance / (1.0 - 0.5**method.order))  # fine: half the step
+
+
+def bar_of_run(space: StateSpace, method: Method, coarse: Solution, fine: Solution) -> Array:
+    """The error bar of the coarse solution at each sample (n,), rad or m."""
+    size = np.abs(coarse.x[: space.nq]).max(axis=0, initial=0.0)
+    rounding = ROUNDING * size if coarse.precise is None else 0.0 * size
+    return error_bar(distance_of_runs(space, method, coarse, fine), rounding)
+
+
+def bar_of_worlds(space: StateSpace, coarse: Array, fine: Array) -> Array:
+    """The error bar of each world at the end (n,), from states (m, size, n) at m times; NaN for a lost world."""
+    moments, _, worlds = coarse.shape
+    finite = np.asarray(np.isfinite(coarse).all(axis=1) & np.isfinite(fine).all(axis=1))
+    distance = np.zeros((moments, worlds))
+    for i in range(1, moments):
+        good = finite[i]
+        distance[i, good] = space.distance(space.rows(coarse[i][:, good])[0], space.rows(fine[i][:, good])[0])
+    size = np.abs(np.nan_to_num(coarse[:, : space.nq])).max(axis=1, initial=0.0)
+    bar: Array = error_bar(distance, ROUNDING * size)[-1]
+    bar[~finite[-1]] = np.nan
+    return bar

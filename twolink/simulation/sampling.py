@@ -1,0 +1,33 @@
+"""Sample times, and the times at which errors are looked at."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from twolink.dynamics.arguments import positive
+from twolink.errors import SceneError
+
+
+def sample_times(duration: float, samples: float, limit: float) -> np.ndarray:
+    """The times 0, 1 / samples, 2 / samples, ... below the duration [s], and the duration itself.
+
+    Raises SceneError for more than `limit` of them (code "too-many-samples").
+    """
+    rate = positive(samples, "samples", SceneError, "such as 200 a second")
+    if duration * rate > limit:
+        raise SceneError(
+            f"{duration * rate:.3g} samples, the limit is {limit:.0e}",
+            argument="samples",
+            remedy="ask for fewer a second, or a shorter duration",
+            code="too-many-samples",
+        )
+    times = np.arange(max(1, math.ceil(duration * rate - 1e-9)) + 1) / rate
+    times[-1] = duration
+    return times if times[-2] < duration else np.append(times[times < duration], duration)
+
+
+def with_looks(times: np.ndarray, count: int) -> np.ndarray:
+    """The times (n,), and others between them where n < count: one difference of two solutions may vanish by chance."""
+    return times if len(times) >= count else np.union1d(times, np.linspace(times[0], times[-1], count))

@@ -1,0 +1,119 @@
+"""The samples of a trajectory as named columns; saved files; xarray and pandas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.dynamics.named_queries import joint_columns
+from twolink.dynamics.saved_robot import find_robot, require_same
+from twolink.errors import SceneError, import_extra
+from twolink.io.tables import read_table
+
+EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
+UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error": "rad or m"}
+
+
+class Samples(NamedTuple):
+    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot."""
+
+    robot: Robot
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    energy: np.ndarray
+    error: np.ndarray | None
+
+
+def coordinate_names(robot: Robot, letter: str) -> list[str]:
+    """The joint names of the coordinates "q" or "v", numbered where a joint has several."""
+    return [column.removeprefix(f"{letter}.") for column, _ in joint_columns(robot.joints, letter)]
+
+
+def columns(samples: Samples) -> dict[str, np.ndarray]:
+    """The samples by name: t, q.JOINT, v.JOINT, energy, error.
+
+    Raises
+    ------
+    SceneError
+        Two columns have the same name; code "column-twice".
+    """
+    table = {"t": samples.t}
+    for letter, values in (("q", samples.q), ("v", samples.v)):
+        for (column, joint), numbers in zip(joint_columns(samples.robot.joints, letter), values.T, strict=True):
+            if column in table:
+                raise SceneError(f"two columns are named {column!r}", where=f"joint {joint!r}",
+                                 remedy="rename the joint in the URDF", code="column-twice")  # fmt: skip
+            table[column] = numbers
+    table["energy"] = samples.energy
+    if samples.error is not None:
+        table["error"] = samples.error
+    return table
+
+
+def read_samples(path: Path, robot: Robot | None) -> Samples:
+    """The samples of a saved trajectory, of the robot that the file names, or of the one passed. Raises SceneError."""
+    label = str(path)
+    content, notes = read_table(path)
+    robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
+    table = _numbers(content, label)
+    n = len(table["t"]) if "t" in table else 0
+    error = np.empty(n) if "error" in table else None
+    samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error)
+    wanted = columns(samples)
+    missing = [name for name in wanted if name not in table]
+    unknown = [name for name in table if name not in wanted]
+    if missing or unknown:
+        what = f"column {missing[0]!r} is not in it" if missing else f"column {unknown[0]!r} is unknown"
+        raise SceneError(what, where=label, remedy=f"it is not a trajectory of robot {robot.name!r}")
+    for name, place in wanted.items():
+        place[:] = table[name]
+    if np.any(np.diff(samples.t) <= 0):
+        row = int(np.argmax(np.diff(samples.t) <= 0)) + 1
+        raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")
+    return samples
+
+
+def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndarray]:
+    """The columns as finite floats (n,), equally long, n > 0."""
+    table = {}
+    for name, values in content.items():
+        if np.ndim(values) != 1 or np.asarray(values).dtype.kind not in "fiu":
+            raise SceneError(f"column {name!r} is not a row of numbers", where=label, remedy="save it again")
+        table[name] = np.asarray(values, dtype=float)
+    lengths = {name: len(values) for name, values in table.items()}
+    odd = next((name for name in lengths if lengths[name] != lengths.get("t", lengths[name])), None)
+    if odd is not None:
+        what = f"column {odd!r} has {lengths[odd]} samples, t has {lengths['t']}"
+        raise SceneError(what, where=label, remedy="save it again")
+    if not any(lengths.values()) or not all(np.isfinite(values).all() for values in table.values()):
+        raise SceneError("it has no samples, or some that are not finite", where=label, remedy="save it again")
+    return table
+
+
+def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
+    """An xarray.Dataset with dimensions time, q_name and v_name. Raises MissingExtraError."""
+    xarray = import_extra("xarray", EXTRA)
+    variables = {
+        "q": (("time", "q_name"), samples.q, {"units": UNITS["q"]}),
+        "v": (("time", "v_name"), samples.v, {"units": UNITS["v"]}),
+        "energy": ("time", samples.energy, {"units": UNITS["energy"]}),
+    }
+    if samples.error is not None:
+        variables["error"] = ("time", samples.error, {"units": UNITS["error"]})
+    coordinates = {
+        "time": ("time", samples.t, {"units": UNITS["t"]}),
+        "q_name": coordinate_names(samples.robot, "q"),
+        "v_name": coordinate_names(samples.robot, "v"),
+    }
+    return xarray.Dataset(variables, coordinates, dict(attributes))
+
+
+def as_frame(samples: Samples) -> Any:
+    """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
+    pandas = import_extra("pandas", EXTRA)
+    return pandas.DataFrame(columns(samples)).set_index("t")
