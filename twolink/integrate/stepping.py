@@ -36,8 +36,7 @@ PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to
 BLOCK = 256  # steps between two looks at what they gave
 FIRST_BLOCK = 4  # after an event, where the next one may be near; then twice as many each time
 BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
-RESOLVED = 16 * np.finfo(float).eps  # relative to t: a step that is smaller does not change the time
-SMALLEST_STEP = 1e-60  # s: of steps at t = 0
+SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
 
 
@@ -276,7 +275,7 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     left = t < end
     slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
     outcome[left & (slow | (tried > limit))] = TOO_MANY
-    outcome[left & (state[rows.step] <= RESOLVED * np.abs(t) + SMALLEST_STEP)] = COLLAPSED
+    outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
         outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
     outcome[~np.isfinite(state[: space.size]).all(axis=0)] = NOT_FINITE
