@@ -65,7 +65,7 @@ def test_without_air_it_lands_where_the_parabola_does() -> None:
     run = tl.simulate(tl.Scene(scene.base, first.q[-1], first.v[-1], effects, scene.duration), accuracy=1e-9)
     (x, _, z), (vx, _, vz) = one.joints[2], one.velocity
     exact = x + vx * (vz + np.sqrt(vz**2 + 2 * G * (z - RADIUS))) / G
-    assert ball_state(run, run.q[-1], run.v[-1])[0][0] == pytest.approx(exact, abs=3e-9)
+    assert ball_state(run.robot, run.q[-1], run.v[-1])[0][0] == pytest.approx(exact, abs=3e-9)
     assert exact > one.end + 1.0  # the air takes 1.5 m
 
 
@@ -74,7 +74,7 @@ def test_nothing_jumps_at_the_release() -> None:
     one, scene = pitched(), tl.load_scene("pitch")
     states = [tl.simulate(scene, t, accuracy=1e-9) for t in (PITCHED["ball"], PITCHED["ball"] + 1e-6)]
     before, after = ((run.q[-1], run.v[-1]) for run in states)
-    np.testing.assert_allclose(ball_state(one.run, *before)[1], one.velocity, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ball_state(one.run.robot, *before)[1], one.velocity, rtol=0, atol=1e-9)
     model, data = scene.robot.model, scene.robot.model.createData()
     pin.forwardKinematics(model, data, *before)
     hand, held = (pin.getFrameVelocity(model, data, model.getFrameId(name), pin.LOCAL_WORLD_ALIGNED)
@@ -101,9 +101,9 @@ def test_a_bowled_ball_slides_and_rolls_by_the_laws() -> None:
     assert kinds.index("impact") < kinds.index("slide") < kinds.index("roll")
     slid, rolled = (next(event.t for event in run.events if event.kind == kind) for kind in ("slide", "roll"))
     k = int(np.argmax(run.t > slid + 0.1))
-    v, w = ball_state(run, run.q[k], run.v[k])[1][0], run.v[k, 4]
+    v, w = ball_state(run.robot, run.q[k], run.v[k])[1][0], run.v[k, 4]
     assert rolled == pytest.approx(run.t[k] + 2 * (v - BALL * w) / (7 * LANE * G), abs=1e-8)
-    later = ball_state(run, run.q[k + 20], run.v[k + 20])[1][0]
+    later = ball_state(run.robot, run.q[k + 20], run.v[k + 20])[1][0]
     assert later - v == pytest.approx(-LANE * G * (run.t[k + 20] - run.t[k]), abs=1e-9)
     rolling = run.t > rolled
     np.testing.assert_allclose(run.v[rolling, 4] * BALL, one.end, rtol=0, atol=1e-8)

@@ -127,16 +127,12 @@ def angle_claims(motion: ArmMotion, period: float) -> list[Claim]:
     at_change = first[_sign_changes(second)]
     per_cycle = len(at_change) / (motion.t[-1] / period)
     changes = np.abs(at_change + np.pi / 2).max() < 0.1 and abs(per_cycle - 2) < 0.2
-    where = f"at theta1 between {at_change.min():.3f} and {at_change.max():.3f} rad"
+    where = f"{per_cycle:.2f} times a cycle, at theta1 between {at_change.min():.3f} and {at_change.max():.3f} rad"
     extremes = f"from {bottom:.4f} (-pi is {-np.pi:.4f}) to {top:.2e} rad"
     return [
         Claim("theta1 swings between 0 and -pi", bool(swings), extremes),
         Claim("theta1 stays below zero", bool(top <= 1e-9), f"highest {top:.2e} rad, the start itself"),
-        Claim(
-            "theta2 changes sign when theta1 = -pi/2, twice a cycle",
-            bool(changes),
-            f"{per_cycle:.2f} times a cycle, {where}",
-        ),
+        Claim("theta2 changes sign when theta1 = -pi/2, twice a cycle", bool(changes), where),
     ]
 
 
@@ -144,7 +140,8 @@ def speed_claims(motion: ArmMotion) -> list[Claim]:
     """The claims about the speeds."""
     w1, w2 = motion.dtheta.T
     fastest = float(motion.theta[np.argmax(np.abs(w2)), 0])
-    at_turning = np.abs(w2[_sign_changes(w1)]).max() / np.abs(w2).max()
+    at_turning = float(np.abs(w2[_sign_changes(w1)]).max() / np.abs(w2).max())
+    turning = f"where theta1 turns, at most {100 * at_turning:.1f} % of its largest"
     moving = (np.abs(w1) > 0.01 * np.abs(w1).max()) & (np.abs(w2) > 0.01 * np.abs(w2).max())
     opposed = float(np.mean(w1[moving] * w2[moving] < 0))
     share = f"they have opposite signs {100 * opposed:.0f} % of the time"
@@ -152,11 +149,7 @@ def speed_claims(motion: ArmMotion) -> list[Claim]:
     return [
         Claim("the links' velocities oppose each other", opposed > 0.95, share),
         Claim("theta2's speed is largest at theta1 = -pi/2", abs(fastest + np.pi / 2) < 0.1, place),
-        Claim(
-            "theta2's speed is small at theta1 = 0 and -pi (below 10 % of its largest)",
-            bool(at_turning < 0.1),
-            f"where theta1 turns, at most {100 * at_turning:.1f} % of its largest",
-        ),
+        Claim("theta2's speed is small at theta1 = 0 and -pi (below 10 % of its largest)", at_turning < 0.1, turning),
     ]
 
 
@@ -177,20 +170,12 @@ def mass_claims(hand: ArmMotion) -> list[Claim]:
     near, far = recurrence(hand), recurrence(equal)
     right, wrong = (float(np.ptp(motion.theta[:, 1])) for motion in (hand, printed))
     back = "angles and speeds come back to within"
+    sweep = f"the elbow then sweeps {wrong:.1f} rad instead of {right:.1f}: the figures come from the right matrix"
+    unequal, even = "the motion nearly repeats with m1 : m2 = 3 : 1", "the motion nearly repeats with m1 : m2 = 1 : 1"
     return [
-        Claim(
-            "the motion nearly repeats with m1 : m2 = 3 : 1", near < 0.05, f"{back} {100 * near:.0f} % of their sweep"
-        ),
-        Claim(
-            "the motion nearly repeats with m1 : m2 = 1 : 1",
-            far < 0.05,
-            f"{back} {100 * far:.0f} % of their sweep at best",
-        ),
-        Claim(
-            "the C matrix as printed gives this motion",
-            abs(wrong / right - 1) < 0.1,
-            f"the elbow then sweeps {wrong:.1f} rad instead of {right:.1f}: the figures come from the right matrix",
-        ),
+        Claim(unequal, near < 0.05, f"{back} {100 * near:.0f} % of their sweep"),
+        Claim(even, far < 0.05, f"{back} {100 * far:.0f} % of their sweep at best"),
+        Claim("the C matrix as printed gives this motion", abs(wrong / right - 1) < 0.1, sweep),
     ]
 
 

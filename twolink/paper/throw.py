@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 from scipy.optimize import minimize, minimize_scalar
 
+from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
 from twolink.effects.release import Release
 from twolink.effects.torque import Torque
@@ -94,9 +94,7 @@ class Throw:
     def flight(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times (n,), positions (n, 3) and velocities (n, 3) of the ball at the run's samples after the release."""
         late = self.run.t >= self.times["ball"]
-        states = [ball_state(self.run, q, v) for q, v in zip(self.run.q[late], self.run.v[late], strict=True)]
-        positions, velocities = (np.array(part).reshape(-1, 3) for part in zip(*states, strict=True))
-        return self.run.t[late], positions, velocities
+        return self.run.t[late], *ball_state(self.run.robot, self.run.q[late], self.run.v[late])
 
 
 @dataclass(frozen=True)
@@ -177,14 +175,14 @@ def _refine(aim: Aim, best: Mapping[str, float], loss: Callable[[Mapping[str, fl
         options = {"xatol": RESOLUTION, "maxiter": MAX_THROWS}
         minimize_scalar(lambda t: loss({"ball": float(t)}), bounds=bounds, method="bounded", options=options)
         return
+
+    def scaled_loss(x: np.ndarray) -> float:
+        return loss({what: FIRST_STEP * float(t) for what, t in zip(best, x, strict=True)})
+
+    start = [t / FIRST_STEP for t in best.values()]
     scaled_bounds = [tuple(t / FIRST_STEP for t in aim.windows[what]) for what in best]
-    minimize(
-        lambda x: loss({what: FIRST_STEP * float(t) for what, t in zip(best, x, strict=True)}),
-        [t / FIRST_STEP for t in best.values()],
-        method="COBYQA",
-        bounds=scaled_bounds,
-        options={"final_tr_radius": RESOLUTION / FIRST_STEP, "maxfev": MAX_THROWS},
-    )
+    options = {"final_tr_radius": RESOLUTION / FIRST_STEP, "maxfev": MAX_THROWS}
+    minimize(scaled_loss, start, method="COBYQA", bounds=scaled_bounds, options=options)
 
 
 def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *, verify: bool = False) -> Throw:
@@ -206,10 +204,8 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
         return _throw_from(aim, times, run, released[-1], ended[-1] if ended else None)
     # A verified run is solved twice; the last solution is the more accurate one.
     result, finer = (_throw_from(aim, times, run, released[i], ended[i] if ended else None) for i in (-2, -1))
-    errors = {
-        what: SAFETY * abs(value - finer.quantities[what]) + accuracy / 1000
-        for what, value in result.quantities.items()
-    }
+    pairs = zip(result.quantities.items(), finer.quantities.values(), strict=True)
+    errors = {what: SAFETY * abs(value - other) + accuracy / 1000 for (what, value), other in pairs}
     return dataclasses.replace(result, errors=errors)
 
 
@@ -231,21 +227,18 @@ def _recorder(states: list[State]) -> Callable[[np.ndarray, np.ndarray], State]:
 
 def _throw_from(aim: Aim, times: Mapping[str, float], run: Trajectory, released: State, ended: State | None) -> Throw:
     """A throw from its states at the release and at the end."""
-    model, data = run.robot.model, run.robot.model.createData()
-    pin.framesForwardKinematics(model, data, released[0])
-    joints = np.array([data.oMi[model.getJointId(joint)].translation for joint in ("shoulder", "elbow", "flight")])
-    entries = {joint.name: joint.q.start for joint in run.robot.joints}
-    shoulder, elbow = (float(released[0][entries[joint]]) for joint in ("shoulder", "elbow"))
+    robot, q = run.robot, run.robot.normalize(released[0])
+    joints = np.array([robot.frame_pose(q, link)[1] for link in ("upper_arm", "forearm", "ball")])
+    entries = {joint.name: joint.q.start for joint in robot.joints}
+    shoulder, elbow = (float(q[entries[joint]]) for joint in ("shoulder", "elbow"))
     end = 0.0
     if ended is not None:
-        position, velocity = ball_state(run, *ended)
+        position, velocity = ball_state(robot, *ended)
         end = float(position[0] if aim.unit == "m" else velocity[0])
-    return Throw(dict(times), (shoulder, elbow), ball_state(run, *released)[1], end, joints, run)
+    return Throw(dict(times), (shoulder, elbow), ball_state(robot, *released)[1], end, joints, run)
 
 
-def ball_state(run: Trajectory, q: np.ndarray, v: np.ndarray) -> State:
-    """The ball's position [m] and velocity [m/s] in world axes. Its floating joint has the velocity in local axes."""
-    joint = next(joint for joint in run.robot.joints if joint.name == "flight")
-    x, y, z, *quaternion = q[joint.q]
-    rotation = pin.Quaternion(np.array(quaternion)).toRotationMatrix()
-    return np.array([x, y, z]), rotation @ v[joint.v][:3]
+def ball_state(robot: Robot, q: np.ndarray, v: np.ndarray) -> State:
+    """The ball's position [m] and velocity [m/s] in the world's axes, (..., 3) each."""
+    q = robot.normalize(q)
+    return robot.frame_pose(q, "ball")[1], robot.frame_velocity(q, v, "ball")[..., :3]
