@@ -102,11 +102,14 @@ class Page:
         left, top, width, height = (round(x) for x in self.box("#pane"))
         return self.browser.screenshot()[max(top, 0) : top + height, left : left + width]
 
-    def plays(self) -> bool:
-        """Whether the picture of the robot changes."""
-        first = self.robot()
-        time.sleep(0.4)
-        return bool((self.robot() != first).any(axis=-1).sum() > 200)
+    def moves(self, before: np.ndarray | None = None, seconds: float = 1.0) -> bool:
+        """Whether the picture of the robot changes from what it was before, or is now, within some seconds."""
+        first = self.robot() if before is None else before
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if (self.robot() != first).any(axis=-1).sum() > 200:
+                return True
+        return False
 
     def outside(self) -> list[str]:
         """What was asked of others than the service."""

@@ -1,4 +1,4 @@
-"""tl.connect: a robot from far away answers as one that is here, and refuses as one."""
+"""tl.connect: a robot of a service gives the answers and the errors of a local one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def client(served: Served) -> Iterator[Client]:
     made.close()
 
 
-def test_the_same_methods_the_same_answers(client: Client) -> None:
+def test_answers_are_those_of_a_local_robot(client: Client) -> None:
     here, there = tl.load_robot("ur5"), client.robot("ur5")
     assert (there.nq, there.nv, there.joint_names) == (here.nq, here.nv, here.joint_names)
     for batch in ((), (5,), (2, 3)):
@@ -57,7 +57,7 @@ def test_frames_momentum_and_derivatives_are_those_of_the_robot(client: Client, 
             assert one.shape == other.shape
 
 
-def test_the_same_errors(client: Client) -> None:
+def test_errors_are_those_of_a_local_robot(client: Client) -> None:
     robot = client.robot("two_link")
     with pytest.raises(QueryError, match=r"expected shape \(..., 2\)"):
         robot.bias([0, 0, 0], [0, 0])
@@ -75,7 +75,7 @@ def test_the_same_errors(client: Client) -> None:
         tl.connect("ftp://x")
 
 
-def test_simulating_there_is_simulating_here(client: Client) -> None:
+def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:
     run, local = client.simulate("arm-swing", 1.0, 1e-8), tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8)
     np.testing.assert_allclose(run.q, local.q, atol=2e-8)
     scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
@@ -83,7 +83,7 @@ def test_simulating_there_is_simulating_here(client: Client) -> None:
     np.testing.assert_allclose(run.q[-1], tl.simulate(scene).q[-1], atol=3e-6)
 
 
-def test_many_threads(client: Client) -> None:
+def test_many_threads_share_a_client(client: Client) -> None:
     robot = client.robot("two_link")
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda x: robot.bias([x, 0.0], [1.0, 1.0]), np.linspace(0, 1, 100)))

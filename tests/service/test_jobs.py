@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +21,8 @@ SWING = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-8, "wait": 30}
 SLOW = {"scene": "arm-swing", "duration": 1000.0, "samples": 1, "method": "rk4", "step": 1e-4, "wait": 0}
 
 
-def ended(http: httpx.Client, path: str, seconds: float = 60.0) -> dict[str, Any]:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        job = http.get(path).json()
-        if job["state"] not in ("queued", "running"):
-            return job
-        time.sleep(0.1)
-    raise TimeoutError(job)
-
-
-def events(http: httpx.Client, path: str) -> list[tuple[str, dict[str, Any]]]:
-    found = []
+def events(http: httpx.Client, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The events of a job, as they come, until it ends."""
     with http.stream("GET", f"{path}/events") as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
         name = ""
@@ -40,8 +30,18 @@ def events(http: httpx.Client, path: str) -> list[tuple[str, dict[str, Any]]]:
             if line.startswith("event: "):
                 name = line.removeprefix("event: ")
             elif line.startswith("data: "):
-                found.append((name, json.loads(line.removeprefix("data: "))))
-    return found
+                yield name, json.loads(line.removeprefix("data: "))
+
+
+def ended(http: httpx.Client, path: str) -> dict[str, Any]:
+    """The job at its end."""
+    assert [name for name, _ in events(http, path)][-1] == "end"
+    return http.get(path).json()
+
+
+def started(http: httpx.Client, path: str) -> None:
+    """Wait until a worker has reported progress of the job."""
+    assert any((job["progress"] or {}).get("fraction", 0) > 0 for _, job in events(http, path))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def swing(served: Any) -> dict[str, Any]:
         return answer.json()
 
 
-def test_a_short_one_is_answered_at_once(swing: dict[str, Any]) -> None:
+def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8)
     assert swing["state"] == "done"
     assert swing["result"]["error"] <= 1e-8
@@ -109,22 +109,20 @@ def test_uploaded_robots_in_scenes(http: httpx.Client) -> None:
     assert http.get(f"/v1/simulations/{job['id']}/result?format=csv").status_code == 200
 
 
-def test_explain_tells_the_price(http: httpx.Client) -> None:
-    told = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
-    assert told["operations"] == tl.explain(tl.load_scene("arm-swing"), 1e-9).operations
-    assert told["expected_seconds"] > 0
+def test_explain_counts_operations_and_seconds(http: httpx.Client) -> None:
+    explained = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
+    assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), 1e-9).operations
+    assert explained["expected_seconds"] > 0
 
 
-def test_a_long_one_is_a_job_with_progress_that_can_be_cancelled(http: httpx.Client) -> None:
+def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: httpx.Client) -> None:
     answer = http.post("/v1/simulations", json=SLOW)
     assert answer.status_code == 202
     path = answer.headers["location"]
     assert http.get(f"{path}/result").status_code == 409
-    until = time.monotonic() + 60
-    while (http.get(path).json()["progress"] or {}).get("fraction", 0) == 0 and time.monotonic() < until:
-        time.sleep(0.1)
+    started(http, path)
     assert http.post(f"{path}/cancel").status_code == 202
-    seen = events(http, path)
+    seen = list(events(http, path))
     assert seen[-1][0] == "end"
     assert seen[-1][1]["state"] == "cancelled"
     again = http.post(f"{path}/run").json()
@@ -133,17 +131,17 @@ def test_a_long_one_is_a_job_with_progress_that_can_be_cancelled(http: httpx.Cli
     assert http.get(path).status_code == 404
 
 
-def test_events_of_a_job_rise_to_its_end(http: httpx.Client) -> None:
+def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
     asked = {"scene": "arm-swing", "duration": 40.0, "samples": 1, "method": "rk4", "step": 1e-4, "wait": 0}
     path = http.post("/v1/simulations", json=asked).headers["location"]
-    seen = events(http, path)
+    seen = list(events(http, path))
     fractions = [job["progress"]["fraction"] for _, job in seen if job["progress"]]
     assert fractions == sorted(fractions)
     assert [name for name, _ in seen[:-1]] == ["progress"] * (len(seen) - 1)
     assert (seen[-1][0], seen[-1][1]["state"], fractions[-1]) == ("end", "done", 1.0)
 
 
-def test_a_study(http: httpx.Client) -> None:
+def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
     asked = {"scene": "arm-swing", "duration": 0.5, "methods": ["rk4", "dop853"], "tolerances": [1e-3, 1e-6],
              "repeats": 1, "wait": 30}  # fmt: skip
     answer = http.post("/v1/studies", json=asked)
@@ -181,7 +179,7 @@ def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], statu
     assert answer.json()["where"].startswith(where), answer.text
 
 
-def test_quotas_of_results(tmp_path: Path) -> None:
+def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
     quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03"]
     with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
         keys = []

@@ -56,7 +56,7 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
             assert found[key].shape == value.shape
 
 
-def test_what_is_left_out_is_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
+def test_arguments_left_out_are_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
     robot = tl.load_robot("two_link")
     answer = http.post("/v1/robots/two_link/forward-dynamics", json={"q": [[0, 0], [1, 1]], "tau": [1, 0]}).json()
     expected = robot.forward_dynamics([[0, 0], [1, 1]], [0, 0], [1, 0])
@@ -77,7 +77,7 @@ def test_wrenches_and_methods(http: httpx.Client) -> None:
     )
 
 
-def test_json_for_npz_when_asked(http: httpx.Client) -> None:
+def test_npz_is_answered_by_json_when_accepted(http: httpx.Client) -> None:
     headers = {**NPZ, "Accept": "application/json"}
     answer = http.post("/v1/robots/two_link/bias", content=packed(q=np.zeros((2, 2))), headers=headers)
     assert np.shape(answer.json()["h"]) == (2, 2)
@@ -132,7 +132,7 @@ def test_derivatives_are_those_of_the_answers(http: httpx.Client, third: str) ->
         ("mass-matrix", b'{"q": [0, 0], "v": [0, 0]}', 400, "body"),
     ],
 )
-def test_problems_say_where(http: httpx.Client, what: str, body: bytes, status: int, where: str) -> None:
+def test_problems_name_the_place(http: httpx.Client, what: str, body: bytes, status: int, where: str) -> None:
     answer = http.post(f"/v1/robots/two_link/{what}", content=body)
     problem = answer.json()
     assert answer.headers["content-type"] == "application/problem+json"

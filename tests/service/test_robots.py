@@ -64,7 +64,7 @@ def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
     assert base64.b64decode(data["base64"]) == stl()
 
 
-def test_meshes_that_were_not_sent_are_said_to_be_missing(http: httpx.Client) -> None:
+def test_missing_meshes_are_in_the_load_report(http: httpx.Client) -> None:
     about = http.post("/v1/robots", content=pendulum(mesh("package://elsewhere/a.stl")), headers=XML).json()
     assert any("not found" in finding["what"] for finding in about["report"]["ignored"])
 
@@ -87,7 +87,7 @@ def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx
         assert at.isApprox(expected[piece["name"]], 1e-6)
 
 
-def test_deleting(http: httpx.Client) -> None:
+def test_an_upload_is_deleted_and_the_catalogue_is_not(http: httpx.Client) -> None:
     key = http.post("/v1/robots", content=pendulum(name="gone"), headers=XML).json()["id"]
     assert http.delete(f"/v1/robots/{key}").status_code == 204
     assert http.get(f"/v1/robots/{key}").status_code == 404

@@ -1,4 +1,4 @@
-"""Worker processes may die, hang, hoard and chatter; the service gets a problem, and goes on."""
+"""Worker processes may crash, hang, take all memory and print; the service gets a problem, and goes on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from twolink.service.worker_pool import Workers
 
 def run(work: Callable[[Workers], Awaitable[Any]], most: int = 1) -> Any:
     async def whole() -> Any:
-        workers = Workers(most, 3000, tasks="tests.service.slow_tasks")
+        workers = Workers(most, 3000, tasks="tests.service.bad_tasks")
         try:
             return await work(workers)
         finally:
@@ -36,7 +36,7 @@ def run(work: Callable[[Workers], Awaitable[Any]], most: int = 1) -> Any:
         ("fail", "internal-error", "its log"),
     ],
 )
-def test_failures_are_told_and_the_next_task_is_done(task: str, kind: str, part: str) -> None:
+def test_a_failure_is_reported_and_the_next_task_is_done(task: str, kind: str, part: str) -> None:
     async def work(workers: Workers) -> str:
         with pytest.raises(TwolinkError) as caught:
             await workers.run(task, 60)
@@ -49,7 +49,7 @@ def test_failures_are_told_and_the_next_task_is_done(task: str, kind: str, part:
     assert run(work) == "heard"
 
 
-def test_what_takes_too_long_is_ended() -> None:
+def test_a_task_that_takes_too_long_is_killed() -> None:
     async def work(workers: Workers) -> None:
         seen: list[int] = []
         await workers.run("chatter", 60)

@@ -1,4 +1,4 @@
-// The service over fetch: JSON in and out, problems as exceptions, streams of events, downloads.
+// Requests to the service with fetch: JSON, problems as exceptions, streams of events, downloads.
 
 export class Problem extends Error {
   constructor(content) {
@@ -12,7 +12,7 @@ let token = sessionStorage.getItem(KEY) || "";
 let asking = null; // one question for a token at a time
 let ask = async () => null;
 
-/** Say how a person is asked for a token: an async function that gives one, or null. */
+/** Set how the user is asked for a token: an async function that returns one, or null. */
 export function onTokenWanted(question) {
   ask = question;
 }
@@ -30,12 +30,12 @@ async function wantToken() {
   asking ??= ask().finally(() => {
     asking = null;
   });
-  const given = await asking;
-  if (given) setToken(given);
-  return Boolean(given);
+  const answer = await asking;
+  if (answer) setToken(answer);
+  return Boolean(answer);
 }
 
-/** The answer to a request. Raises Problem for all but 2xx; asks for a token where one is wanted. */
+/** The answer to a request. Throws Problem unless its status is 2xx; asks for a token when the service needs one. */
 export async function request(path, { method = "GET", body, headers = {}, signal } = {}) {
   for (let attempt = 0; ; attempt++) {
     const all = token ? { ...headers, Authorization: `Bearer ${token}` } : headers;
@@ -104,7 +104,7 @@ export async function* events(path, signal) {
   }
 }
 
-/** Save what a path answers as a file. */
+/** Save the answer of a path as a file. */
 export async function download(path, name) {
   const address = URL.createObjectURL(await (await request(path)).blob());
   const link = document.createElement("a");

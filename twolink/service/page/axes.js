@@ -1,16 +1,16 @@
-// What axes need: round numbers, places in increasing ones, ranges.
+// Helpers for axes: round numbers, search in increasing numbers, ranges.
 
-/** About `most` round numbers in [from, to]. */
-export function ticks(from, to, most) {
+/** At most about `count` round numbers in [from, to]. */
+export function ticks(from, to, count) {
   const span = to - from;
   if (!(span > 0) || !Number.isFinite(span)) return [from];
-  const decade = 10 ** Math.floor(Math.log10(span / most));
-  const step = [1, 2, 5, 10].map(x => x * decade).find(x => span / x <= most);
+  const decade = 10 ** Math.floor(Math.log10(span / count));
+  const step = [1, 2, 5, 10].map(x => x * decade).find(x => span / x <= count);
   const first = Math.ceil(from / step - 1e-9);
   return Array.from({ length: Math.floor(to / step + 1e-9) - first + 1 }, (_, i) => (first + i) * step);
 }
 
-/** The place of t in increasing numbers: the index before it, and the part of the way to the next. */
+/** Where t is in increasing numbers: the index before it, and the fraction of the way to the next. */
 export function locate(times, t) {
   let low = 0,
     high = times.length - 1;

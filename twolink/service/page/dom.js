@@ -1,4 +1,4 @@
-// Small helpers: elements, problems in words, numbers as people read them.
+// Small helpers: elements, problems as text, numbers as text.
 
 export const byId = id => document.getElementById(id);
 
@@ -14,7 +14,7 @@ export function el(kind, properties = {}, ...children) {
   return element;
 }
 
-/** Say something to people who do not see the page. */
+/** Announce a text to screen readers. */
 export function announce(text) {
   byId("announce").textContent = text;
 }
@@ -23,7 +23,7 @@ export function clearProblem(host) {
   host.replaceChildren();
 }
 
-/** Show what went wrong where it belongs: what, where, what to do. */
+/** Show a problem in an element: what is wrong, where, and what to do. */
 export function showProblem(host, problem) {
   if (problem.name === "AbortError") return;
   if (!("remedy" in problem)) console.warn(problem); // a fault of this page, not an answer of the service
@@ -82,9 +82,9 @@ export function count(number, one, many = `${one}s`) {
 /** Call `act` at most once in `wait` ms, after the last call. */
 export function debounce(act, wait) {
   let timer = 0;
-  return (...given) => {
+  return (...values) => {
     clearTimeout(timer);
-    timer = setTimeout(() => act(...given), wait);
+    timer = setTimeout(() => act(...values), wait);
   };
 }
 

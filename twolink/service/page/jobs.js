@@ -1,4 +1,4 @@
-// One job at a time: asked for, followed as it goes, cancelled on request.
+// A job of the service: start it, follow its progress, cancel it. One at a time.
 
 import { events, get, post, Problem } from "./api.js";
 import { clearProblem, seconds, showProblem } from "./dom.js";
@@ -54,7 +54,7 @@ export class Job {
     }
   }
 
-  /** The job's next states by its stream; by asking where the stream breaks off. */
+  /** The job's next states from its stream of events; when the stream breaks off, by another request. */
   async #follow(job) {
     try {
       for await (const { event, data } of events(`${this.path}/events`, this.abort.signal)) {

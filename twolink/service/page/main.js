@@ -1,4 +1,4 @@
-// The page: one robot, one scene, one run, and what ties them together.
+// The page: connects the robot, the scene, the run and the view.
 
 import { get, onTokenWanted, post, setToken } from "./api.js";
 import { locate } from "./axes.js";
@@ -15,7 +15,7 @@ import { View } from "./view3d.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
-const OWN = "own";
+const OWN = "own"; // id of the scene that is in no file
 
 const view = new View(byId("pane"), byId("view-note"));
 const robots = new Robots(robot => useRobot(robot));
@@ -54,7 +54,7 @@ new Study(() => editor.current());
 let motion = null; // of the run that is shown
 let drawn = null; // id of the robot in the 3D view
 let start = []; // q at the scene's start
-let turn = 0; // of picking; a later pick overtakes an earlier one
+let turn = 0; // counts picks: an answer to an earlier pick is dropped
 
 // Picking ---------------------------------------------------------------------------------------------------------
 
@@ -64,9 +64,9 @@ async function useRobot(robot) {
   await arrange(editor.own(robot), robot, OWN);
 }
 
-/** A scene by its id, or as someone wrote it. */
+/** Show a bundled scene by its id, or a scene that the user wrote. */
 async function useScene(id, written = null) {
-  const mine = ++turn;
+  const thisTurn = ++turn;
   const problem = byId("scene-problem");
   clearProblem(problem);
   try {
@@ -77,11 +77,11 @@ async function useScene(id, written = null) {
     const content = written ?? (await get(`/v1/scenes/${encodeURIComponent(id)}`));
     const checked = written === null ? null : await post("/v1/scenes/validate", { scene: content });
     const robot = await robots.ofScene(content.robot);
-    if (robot === null || mine !== turn) return;
+    if (robot === null || thisTurn !== turn) return;
     editor.offer(robots.source, id ?? OWN);
     await arrange(content, robot, id ?? OWN, checked);
   } catch (failure) {
-    if (mine === turn) showProblem(problem, failure);
+    if (thisTurn === turn) showProblem(problem, failure);
   }
 }
 
@@ -125,19 +125,19 @@ async function draw(robot, q) {
 
 // The 3D robot ----------------------------------------------------------------------------------------------------
 
-let wanted = null,
+let nextQ = null,
   asking = false;
 
-/** Pose the robot at q. While an answer is under way only the newest question waits. */
+/** Pose the robot at q. While a request is under way only the newest q waits. */
 async function poseAt(q) {
-  wanted = [...q];
+  nextQ = [...q];
   if (asking) return;
   asking = true;
   try {
-    while (wanted) {
-      const [id, asked] = [robots.robot.id, wanted];
-      wanted = null;
-      const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: asked });
+    while (nextQ) {
+      const [id, sentQ] = [robots.robot.id, nextQ];
+      nextQ = null;
+      const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: sentQ });
       if (id === robots.robot.id && !playback.playing) view.pose(frames, poses);
     }
   } catch (failure) {
@@ -163,7 +163,7 @@ byId("sliders-reset").addEventListener("click", () => {
   poseAt(start);
 });
 
-/** Some moments of the motion, and the one shown now at the end. */
+/** Functions that show some times of the motion, and at last the time shown now. */
 function moments() {
   const step = Math.max(1, Math.ceil(motion.t.length / 40));
   const some = motion.t.filter((_, i) => i % step === 0).map(t => () => moveTo(t));
@@ -173,7 +173,7 @@ function moments() {
 // Running ---------------------------------------------------------------------------------------------------------
 
 byId("run-button").addEventListener("click", () => {
-  asked = robots.robot.id;
+  runRobot = robots.robot.id;
   run.run({ scene: editor.current(), accuracy: editor.accuracy, ...editor.how });
 });
 
@@ -200,22 +200,22 @@ run.onProblem = problem => {
   byId("run-problem").firstChild.append(el("p", { className: "buttons" }, ...buttons));
 };
 
-let asked = null; // id of the robot that was to run
+let runRobot = null; // id of the robot of the run
 
 async function showRun(job) {
-  if (asked !== robots.robot.id) {
+  if (runRobot !== robots.robot.id) {
     byId("run-status").textContent = "Done, but another robot was picked meanwhile: see Earlier runs.";
     return;
   }
-  const found = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
+  const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
   await results.show(job, robots.robot.joints);
-  motion = found;
+  motion = loaded;
   view.fit(motion.t.length > 1 ? moments() : undefined);
   playback.load(motion.t[0], motion.t.at(-1));
   if (matchMedia("(max-width: 899px)").matches) byId("results-title").scrollIntoView({ block: "start" });
 }
 
-/** The controls come back when someone points at a moment after moving the sliders. */
+/** Show the playback controls again, after the sliders have hidden them. */
 function showPlayback() {
   if (motion) byId("playback").hidden = false;
 }
@@ -223,7 +223,7 @@ function showPlayback() {
 async function openPast(job) {
   const { scene } = job.request;
   await useScene(typeof scene === "string" ? scene : null, typeof scene === "string" ? null : scene);
-  asked = robots.robot.id;
+  runRobot = robots.robot.id;
   await showRun(job);
   byId("results-title").scrollIntoView({ block: "start" });
 }
@@ -232,7 +232,7 @@ wireTabs(document.querySelector("[role=tablist]"), id => {
   if (id === "tab-past") listPast(openPast);
 });
 
-// The service: a token where it wants one, and word when it is gone --------------------------------------------------
+// The service: ask for a token when it needs one, and say when it is gone --------------------------------------------------
 
 onTokenWanted(
   () =>
@@ -278,9 +278,9 @@ addEventListener("service-gone", async () => {
 async function begin() {
   try {
     await Promise.all([robots.list(), editor.list()]);
-    const asked = new URLSearchParams(location.hash.slice(1));
-    if (asked.get("robot")) await robots.pick(asked.get("robot"));
-    else await useScene(asked.get("scene") ?? FIRST);
+    const address = new URLSearchParams(location.hash.slice(1));
+    if (address.get("robot")) await robots.pick(address.get("robot"));
+    else await useScene(address.get("scene") ?? FIRST);
     if (!robots.robot) await useScene(FIRST);
   } catch (failure) {
     showProblem(byId("robot-problem"), failure);

@@ -1,4 +1,4 @@
-// Time: a clock that plays, pauses and is scrubbed; who listens is told each moment.
+// A clock that plays, pauses and can be set; a listener gets each time shown.
 
 import { byId, el } from "./dom.js";
 
@@ -7,7 +7,7 @@ const SHORTEST = 2,
   LONGEST = 20; // seconds that playing should take
 
 export class Playback {
-  /** onTime(t) is called for each new moment shown. */
+  /** onTime(t) is called for each time shown. */
   constructor(onTime) {
     this.onTime = onTime;
     this.playing = false;
@@ -29,7 +29,7 @@ export class Playback {
     this.frame = now => this.#tick(now);
   }
 
-  /** A motion from `begin` to `end` s; it plays at once unless motion is unwelcome. */
+  /** A motion from `begin` to `end` s; it plays at once unless the user prefers reduced motion. */
   load(begin, end) {
     Object.assign(this, { begin, end });
     byId("playback").hidden = false;
@@ -44,7 +44,7 @@ export class Playback {
     if (!matchMedia("(prefers-reduced-motion: reduce)").matches) this.play();
   }
 
-  /** Nothing to play: another robot is shown. */
+  /** Stop and hide the controls, because another robot is shown. */
   unload() {
     this.pause();
     byId("playback").hidden = true;

@@ -1,4 +1,4 @@
-// Curves over time on a canvas: zoom, cursor, legend, events. A plot knows nothing of where its numbers come from.
+// Curves over time on a canvas: zoom, cursor, legend, events. A plot does not know where its numbers come from.
 
 import { locate, range, tickText, ticks } from "./axes.js";
 import { el, short } from "./dom.js";
@@ -107,7 +107,7 @@ export class Plot {
     this.legend.replaceChildren(...entries);
   }
 
-  /** Lowest and highest value to show, with some air; decades on a logarithmic axis. */
+  /** Lowest and highest value to show, with a margin; decades on a logarithmic axis. */
   #heights() {
     const begin = locate(this.t, this.from)[0],
       end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
@@ -115,9 +115,9 @@ export class Plot {
       high = -Infinity;
     for (const line of this.series) {
       if (this.hidden.has(line.name)) continue;
-      const [least, most] = range(line.values, begin, end, this.log);
-      low = Math.min(low, least);
-      high = Math.max(high, most);
+      const [lowest, highest] = range(line.values, begin, end, this.log);
+      low = Math.min(low, lowest);
+      high = Math.max(high, highest);
     }
     if (!(low <= high)) return this.log ? [-16, 0] : [-1, 1];
     if (this.log)
@@ -155,7 +155,7 @@ export class Plot {
     c.textBaseline = "middle";
     const rows = this.log ? ticks(low, high, 6).filter(Number.isInteger) : ticks(low, high, 5);
     const step = rows.length > 1 ? rows[1] - rows[0] : 1;
-    const base = !this.log && Math.max(Math.abs(low), Math.abs(high)) > 1e4 * step ? rows[0] : 0; // told once, not at each line
+    const base = !this.log && Math.max(Math.abs(low), Math.abs(high)) > 1e4 * step ? rows[0] : 0; // shown once, not at each line
     for (const row of rows) {
       const at = Math.round(y(row)) + 0.5;
       stroke(c, LEFT, at, right, at);

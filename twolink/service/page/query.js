@@ -3,7 +3,7 @@
 import { hasToken, post } from "./api.js";
 import { byId, clearProblem, el, short, showProblem } from "./dom.js";
 
-// inputs after q; Python: the client's method, or null where it has none
+// inputs: after q. python: the client's method, or null when it has none. about: shown to the user.
 const QUERIES = {
   "forward-dynamics": {
     inputs: ["v", "tau"],
@@ -17,17 +17,21 @@ const QUERIES = {
     python: "inverse_dynamics",
     about: "Torques tau = M(q) a + h(q, v).",
   },
-  "mass-matrix": { inputs: [], python: "mass_matrix", about: "The inertia M(q) as the joints feel it." },
+  "mass-matrix": { inputs: [], python: "mass_matrix", about: "The joint-space inertia matrix M(q)." },
   bias: { inputs: ["v"], python: "bias", about: "h(q, v): Coriolis, centrifugal and gravity torques." },
   coriolis: {
     inputs: ["v"],
     python: "coriolis",
     about: "A matrix C(q, v) with C v the Coriolis and centrifugal torques.",
   },
-  "gravity-torque": { inputs: [], python: "gravity_torque", about: "The torques that hold the robot still." },
+  "gravity-torque": { inputs: [], python: "gravity_torque", about: "The torques that hold the robot at rest against gravity." },
   energy: { inputs: ["v"], python: "energy", about: "Kinetic and potential energy, J." },
   kinematics: { inputs: [], python: "link_poses", about: "Where each link is: position in m, quaternion x y z w." },
-  derivatives: { inputs: ["v", "tau"], python: null, about: "Of the accelerations to q, v and tau." },
+  derivatives: {
+    inputs: ["v", "tau"],
+    python: "forward_dynamics_derivatives",
+    about: "Derivatives of the accelerations with respect to q, v and tau.",
+  },
 };
 
 export class QueryForm {
@@ -129,7 +133,7 @@ export class QueryForm {
     byId(`in-${name}`).value = this.values[name];
   }
 
-  /** The body as typed. Raises an Error that says which field is no list of numbers. */
+  /** The body as typed. Throws an Error that names the field that is no list of numbers. */
   #body() {
     const body = {};
     const read = (name, id) => {
@@ -169,11 +173,11 @@ export class QueryForm {
       ? `tl.connect("${location.origin}", token=os.environ["TWOLINK_TOKEN"])`
       : `tl.connect("${location.origin}")`;
     const head = `${hasToken() ? "import os\n\n" : ""}import twolink as tl\n\n`;
-    const given = Object.entries(body)
+    const inputs = Object.entries(body)
       .map(([name, value]) => `${name}=${JSON.stringify(value)}`)
       .join(", ");
     byId("python").textContent = python
-      ? `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${python}(${given}))`
+      ? `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${python}(${inputs}))`
       : `import httpx\n\nbody = ${JSON.stringify(body)}\nprint(httpx.post("${address}", json=body).json())`;
   }
 

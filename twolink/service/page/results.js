@@ -1,4 +1,4 @@
-// What a run gave: a summary in words, four plots that share time, events, downloads.
+// The results of a run: a summary, four plots with one time axis, events, downloads.
 
 import { download, get } from "./api.js";
 import { announce, byId, count, el, seconds, short, showProblem } from "./dom.js";
@@ -18,7 +18,7 @@ const FILES = [
 ];
 
 export class Results {
-  /** onPoint(t, kind): someone pointed at a moment in a plot. */
+  /** onPoint(t, kind) is called when the user points at a time in a plot. */
   constructor(onPoint) {
     this.onPoint = onPoint;
     this.plots = [];
@@ -173,14 +173,14 @@ const PARTS = {
   "q cos-sin": ["cos", "sin"],
 };
 
-/** Columns with what the parts of a joint's q and v are in their names: q.base.0 -> q.base x. */
+/** The columns under names that say what the parts of q and v are: q.base.0 -> q.base x. */
 function renamed(columns, joints) {
   const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
   return Object.fromEntries(
     Object.entries(columns).map(([name, values]) => {
-      const found = /^([qv])\.(.*)\.(\d+)$/.exec(name);
-      const part = found && PARTS[`${found[1]} ${layouts.get(found[2])}`]?.[Number(found[3])];
-      return [part ? `${found[1]}.${found[2]} ${part}` : name, values];
+      const match = /^([qv])\.(.*)\.(\d+)$/.exec(name);
+      const part = match && PARTS[`${match[1]} ${layouts.get(match[2])}`]?.[Number(match[3])];
+      return [part ? `${match[1]}.${match[2]} ${part}` : name, values];
     }),
   );
 }

@@ -1,4 +1,4 @@
-// Which robot: the list, uploads with their options, and the load report in words.
+// The choice of the robot: the list, uploads with their options, and the load report.
 
 import { get, post, request } from "./api.js";
 import { announce, byId, clearProblem, count, el, short, showProblem } from "./dom.js";
@@ -6,12 +6,12 @@ import { announce, byId, clearProblem, count, el, short, showProblem } from "./d
 const TITLES = {
   read: ["Read", "what the file says"],
   ignored: ["Ignored", "in the file, but not in the answers"],
-  repaired: ["Repaired", "changed, because it could not be meant so"],
+  repaired: ["Repaired", "changed, because it cannot be right"],
   assumed: ["Assumed", "not in the file"],
 };
 
 export class Robots {
-  /** onRobot(robot) is called when someone has picked or uploaded another. */
+  /** onRobot(robot) is called when the user has picked or uploaded another. */
   constructor(onRobot) {
     this.onRobot = onRobot;
     this.visuals = new Map();
@@ -50,12 +50,12 @@ export class Robots {
           return el("option", { value: robot.id }, robot.name + about);
         }),
       );
-    const own = robots.filter(robot => robot.origin === "uploaded");
+    const uploaded = robots.filter(robot => robot.origin === "uploaded");
     const shipped = robots.filter(robot => robot.from === "twolink");
     const others = robots.filter(robot => robot.origin === "catalogue" && robot.from !== "twolink");
     this.select.replaceChildren(
       ...[
-        ["Uploaded", own],
+        ["Uploaded", uploaded],
         ["twolink", shipped],
         ["example-robot-data", others],
       ]
@@ -77,7 +77,7 @@ export class Robots {
     );
   }
 
-  /** A robot as a scene names it. Raises Problem. */
+  /** The robot that a scene names. Throws Problem. */
   async ofScene(entry) {
     const turn = ++this.turn;
     const robot =

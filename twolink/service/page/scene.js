@@ -1,9 +1,9 @@
-// The scene: which one, its effects and their switches, its start, and what a run of it will take.
+// The scene: its choice, its effects and their switches, its start, and the estimated cost of a run.
 
 import { get, post } from "./api.js";
 import { byId, clearProblem, debounce, el, seconds, sentence, short, showProblem } from "./dom.js";
 
-const OWN = "own"; // the scene that belongs to no file: the robot let go
+const OWN = "own"; // id of the scene that is in no file: the robot released at rest
 const G = -9.81;
 
 /** Effects that can be added to any robot, with values to start from. */
@@ -35,7 +35,7 @@ function templates(robot) {
 }
 
 export class SceneEditor {
-  /** onPick(content, id): someone chose a scene. onChange(): what current() gives has changed. */
+  /** onPick(content, id): the user chose a scene. onChange(): what current() gives has changed. */
   constructor({ onPick, onChange }) {
     Object.assign(this, { onPick, onChange });
     this.effects = []; // [{content, on}]
@@ -98,7 +98,7 @@ export class SceneEditor {
     this.changed();
   }
 
-  /** The robot let go: what any robot can do. */
+  /** A scene for any robot: it is released at rest, under gravity. */
   own(robot) {
     const gravity = robot.gravity ?? [0, 0, G];
     return {
@@ -110,7 +110,7 @@ export class SceneEditor {
     };
   }
 
-  /** The scene as the service takes it; an unchanged bundled one by its content too. */
+  /** The scene as the service takes it, always with its content. */
   current() {
     const duration = Number(byId("duration").value);
     const effects = this.effects.filter(effect => effect.on).map(effect => effect.content);
@@ -121,13 +121,13 @@ export class SceneEditor {
     return Number(`1e-${byId("accuracy").value}`);
   }
 
-  /** How it is to be computed, beside accuracy. Short motions are sampled more often than 200 times a second. */
+  /** Options of the run beside the accuracy. Short motions are sampled more often than 200 times a second. */
   get how() {
     const samples = Math.max(200, Math.ceil(1000 / this.current().duration));
     return { method: byId("method").value, precision: byId("precision").value, samples };
   }
 
-  /** Set the seconds or the precision, as if by hand. */
+  /** Set a control as the user does. */
   alter(id, value) {
     byId(id).value = value;
     byId(id).dispatchEvent(new Event("change"));
@@ -162,7 +162,7 @@ export class SceneEditor {
     await this.onPick(null, content);
   }
 
-  /** Have the scene checked and counted; a newer question overtakes an older one. */
+  /** Have the service check the scene and estimate its cost; a newer request aborts an older one. */
   async explain() {
     this.abort?.abort();
     const abort = (this.abort = new AbortController());
@@ -170,13 +170,13 @@ export class SceneEditor {
     byId("price").textContent = "Counting…";
     try {
       const { method } = this.how;
-      const found = await post(
+      const explanation = await post(
         "/v1/scenes/explain",
         { scene, accuracy: this.accuracy, method },
         { signal: abort.signal },
       );
       clearProblem(byId("scene-problem"));
-      this.#counted(found);
+      this.#showCost(explanation);
     } catch (failure) {
       if (failure.name === "AbortError") return;
       byId("price").textContent = "";
@@ -191,23 +191,23 @@ export class SceneEditor {
     if (row) row.classList.add("wrong");
   }
 
-  #counted(found) {
-    const most = Math.max(1, ...found.shares.map(share => share.operations));
-    const left = [...found.shares];
+  #showCost(explanation) {
+    const largest = Math.max(1, ...explanation.shares.map(share => share.operations));
+    const left = [...explanation.shares];
     for (const effect of this.effects) {
       effect.row.classList.remove("wrong");
       const at = effect.on ? left.findIndex(share => share.effect === effect.content.type) : -1;
       const share = at < 0 ? null : left.splice(at, 1)[0];
       effect.price.textContent = share ? share.operations.toLocaleString("en") : "";
-      effect.bar.style.width = share ? `${Math.max(2, (100 * share.operations) / most)}%` : "0";
+      effect.bar.style.width = share ? `${Math.max(2, (100 * share.operations) / largest)}%` : "0";
     }
     byId("operations").textContent =
-      `${found.operations.toLocaleString("en")} operations an evaluation, robot included. ${sentence(found.formulation)}`;
+      `${explanation.operations.toLocaleString("en")} operations an evaluation, robot included. ${sentence(explanation.formulation)}`;
     byId("price").replaceChildren(
-      el("b", { id: "expected" }, `≈ ${seconds(found.expected_seconds)}`),
-      ` by ${found.method}, plus error bar and compiling`,
+      el("b", { id: "expected" }, `≈ ${seconds(explanation.expected_seconds)}`),
+      ` by ${explanation.method}, plus error bar and compiling`,
     );
-    byId("price").title = found.why;
+    byId("price").title = explanation.why;
   }
 
   #effects() {
@@ -251,7 +251,7 @@ export class SceneEditor {
   }
 }
 
-/** An effect's values in a line. */
+/** The values of an effect in one line. */
 function wordsOf(content) {
   const say = value => {
     if (typeof value === "number") return short(value);

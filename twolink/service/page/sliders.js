@@ -9,8 +9,8 @@ function knobs(joint, part) {
   const turns = !/^P|Prismatic/.test(joint.kind);
   const limit = (k, fallback) => {
     const [low, high] = [joint.lower[k], joint.upper[k]];
-    const known = low !== null && high !== null && low < high && high - low <= (turns ? 8 * TURN : 20);
-    return known ? [low, high] : fallback;
+    const bounded = low !== null && high !== null && low < high && high - low <= (turns ? 8 * TURN : 20);
+    return bounded ? [low, high] : fallback;
   };
   const angle = (name, value) => ({ name, unit: "rad", range: [-TURN, TURN], value });
   const length = (name, value, k) => ({ name, unit: "m", range: limit(k, [-2, 2]), value });
@@ -72,7 +72,7 @@ function euler([x, y, z, w]) {
   ];
 }
 
-/** How many letters all names begin with, up to a separator: "panda_" is no news. */
+/** How many letters all names begin with, up to a separator, such as "panda_". They are left out. */
 function commonPrefix(names) {
   if (names.length < 2) return 0;
   const [first, last] = [[...names].sort()[0], [...names].sort().at(-1)];
@@ -82,7 +82,7 @@ function commonPrefix(names) {
 }
 
 export class Sliders {
-  /** onChange(q, joint) is called when someone moves one. */
+  /** onChange(q, joint) is called when the user moves one. */
   constructor(host, onChange) {
     this.host = host;
     this.onChange = onChange;

@@ -1,4 +1,4 @@
-// The accuracy study: a job, its figure and the price of each digit. And the list of earlier runs.
+// The accuracy study: its job, its figure and the cost of each digit; and the list of earlier runs.
 
 import { download, get, request } from "./api.js";
 import { byId, clearProblem, count, el, seconds, short, showProblem } from "./dom.js";
@@ -7,7 +7,7 @@ import { Job } from "./jobs.js";
 const FEW = { methods: ["rk4", "rk45", "dop853", "taylor"], tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11] };
 
 export class Study {
-  /** getScene(): the scene as it stands. */
+  /** getScene(): the current scene. */
   constructor(getScene) {
     const parts = Object.fromEntries(
       ["cancel", "progress", "status", "problem"].map(name => [name, byId(`study-${name}`)]),
@@ -86,7 +86,7 @@ export class Study {
   }
 }
 
-/** The list of what was run before; onOpen(job) when someone wants one again. */
+/** List earlier runs; onOpen(job) is called when the user wants to see one. */
 export async function listPast(onOpen) {
   clearProblem(byId("past-problem"));
   try {

@@ -1,4 +1,4 @@
-// The robot in 3D: meshcat's viewer (three.js inside) from the service, with its own controls put away.
+// The robot in 3D: meshcat's viewer (three.js inside) from the service, without its controls.
 
 const FIELD_OF_VIEW = 32; // degrees; narrow, so that parallel rods look parallel
 const DIRECTION = [0.3, -1, 0.24]; // from the robot to the eye; z is up
@@ -47,7 +47,7 @@ export class View {
     this.swept = null; // the corners that the camera keeps in the picture
   }
 
-  /** Start drawing. Where that is impossible the page says so and goes on without. */
+  /** Start drawing. The page says so when that is impossible, and works without it. */
   async start() {
     try {
       await loadMeshcat();
@@ -114,7 +114,7 @@ export class View {
     this.viewer.set_dirty();
   }
 
-  /** Draw a robot: visuals as the service gives them. */
+  /** Draw a robot. visuals: as the service sends them. */
   load(visuals) {
     if (!this.viewer) return;
     this.viewer.delete_path(["robot"]);
@@ -126,7 +126,7 @@ export class View {
       try {
         this.viewer.set_object_from_json(path, revive(piece.object));
       } catch (failure) {
-        // one mesh that cannot be read must not keep the rest from being seen
+        // one mesh that cannot be read must not hide the others
         console.warn(`${piece.name} cannot be drawn:`, failure);
         unread += 1;
       }
@@ -173,7 +173,7 @@ export class View {
     this.viewer.set_dirty();
   }
 
-  /** Aim at all that the robot takes up now, or at each of some moments (functions that pose it). */
+  /** Aim the camera at all that the robot covers now, or at several times (functions that pose it). */
   fit(moments = [() => {}]) {
     if (!this.viewer) return;
     const all = [];
@@ -201,7 +201,7 @@ export class View {
     this.#aim();
   }
 
-  /** The links' boxes at all moments, but for what flies far off: it would leave the rest a dot. */
+  /** The links' boxes at all times, without links that fly far away: the others would be too small to see. */
   #near(all) {
     const first = all[0].reduce((whole, part) => whole.union(part), new this.three.Box3());
     const [centre, size] = [
@@ -215,7 +215,7 @@ export class View {
     return parts.filter(part => far(part) <= reach);
   }
 
-  /** The camera, so that all corners are seen. The scene is turned: z up is three.js's y. */
+  /** Place the camera so that all corners are visible. The scene is turned: z up is three.js's y. */
   #aim() {
     if (!this.swept) return;
     const { camera, controls } = this.viewer;

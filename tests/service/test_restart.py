@@ -1,4 +1,4 @@
-"""kill -9: of a worker in mid-load, and of the service in mid-job. Nothing finished is lost."""
+"""Workers and services that are killed or end: nothing that was done is lost, and no process is left."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import threading
 import time
 from pathlib import Path
 
-from tests.service.serving import TOP, Served, serving
-from tests.service.test_jobs import SLOW, SWING, ended
+from tests.service.serving import TOP, Served, serving, wait_until
+from tests.service.test_jobs import SLOW, SWING, ended, started
 from tests.service.urdfs import INERTIAL, pendulum
 
 
@@ -28,14 +28,15 @@ def large_robot(count: int, name: str) -> str:
     return f'<robot name="{name}">{links}{joints}</robot>'
 
 
-def test_a_worker_killed_in_mid_load_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
+def test_a_killed_worker_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served, served.client() as http:
         deadline, answers = time.monotonic() + 60, []
         while not any(answer.status_code == 422 for answer in answers) and time.monotonic() < deadline:
             text = large_robot(3000, f"r{len(answers)}")
             request = threading.Thread(target=lambda text=text: answers.append(http.post("/v1/robots", content=text)))
             request.start()
-            time.sleep(0.15)
+            staging = tmp_path / "data" / "staging"
+            wait_until(lambda: any(staging.iterdir()) or not request.is_alive())  # noqa: B023
             kill_workers(served)
             request.join()
         died = next(answer for answer in answers if answer.status_code == 422)
@@ -50,14 +51,13 @@ def kill_workers(served: Served) -> None:
         os.kill(process, signal.SIGKILL)
 
 
-def test_the_service_killed_in_mid_job_loses_nothing_that_was_done(tmp_path: Path) -> None:
+def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as first, first.client() as http:
         done = http.post("/v1/simulations", json=SWING).json()
         assert done["state"] == "done"
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
-        while http.get(path).json()["state"] != "running":
-            time.sleep(0.05)
+        started(http, path)
         left = first.workers()
         first.kill()
     with serving(folder) as second, second.client() as http:
@@ -74,13 +74,10 @@ def test_the_service_killed_in_mid_job_loses_nothing_that_was_done(tmp_path: Pat
 
 def assert_gone(processes: list[int]) -> None:
     """Orphaned workers end by themselves."""
-    until = time.monotonic() + 30
-    while time.monotonic() < until and any(Path(f"/proc/{process}").exists() for process in processes):
-        time.sleep(0.1)
-    assert not [process for process in processes if Path(f"/proc/{process}").exists()]
+    wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in processes))
 
 
-def test_ending_in_mid_job_marks_it_and_leaves_no_process(tmp_path: Path) -> None:
+def test_a_service_that_ends_marks_its_job_interrupted_and_leaves_no_process(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as first, first.client() as http:
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
