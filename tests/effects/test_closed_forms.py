@@ -1,4 +1,4 @@
-"""Motions that have a formula, and MuJoCo's: the whole way from a scene to a trajectory."""
+"""Simulated motions against closed forms, against MuJoCo, and against planned motions."""
 
 import mujoco
 import numpy as np
@@ -26,13 +26,13 @@ def wheel(d: float = 0.0, f: float = 0.0) -> tl.Robot:
     return tl.load_robot(WHEEL.format(d=d, f=f))
 
 
-@pytest.mark.parametrize("source", ["given", "urdf"])
+@pytest.mark.parametrize("source", ["argument", "urdf"])
 def test_damped_oscillator(source: str) -> None:
     """I q'' = -k (q - q0) - d q': q0 + A e^(-d t / 2 I) cos(w t + phase)."""
     inertia, k, d, rest = 0.5, 20.0, 0.6, 0.3
-    damping = E.JointDamping({"axle": d}) if source == "given" else E.JointDamping()
+    damping = E.JointDamping({"axle": d}) if source == "argument" else E.JointDamping()
     effects = [E.JointSpring({"axle": k}, {"axle": rest}), damping]
-    run = tl.simulate(tl.Scene(wheel(0.0 if source == "given" else d), [1.0], effects=effects), 5.0, accuracy=1e-10)
+    run = tl.simulate(tl.Scene(wheel(0.0 if source == "argument" else d), [1.0], effects=effects), 5.0, accuracy=1e-10)
     rate, w = d / (2 * inertia), np.sqrt(k / inertia - (d / (2 * inertia)) ** 2)
     expected = rest + (1 - rest) * np.exp(-rate * run.t) * (np.cos(w * run.t) + rate / w * np.sin(w * run.t))
     assert np.abs(run.q[:, 0] - expected).max() < 1e-10
@@ -48,7 +48,7 @@ def test_driven_oscillator_at_resonance() -> None:
 
 @pytest.mark.parametrize("method", ["auto", "dop853", "taylor", "esdirk43", "scipy-radau"])
 def test_falling_with_drag_from_rest(method: str) -> None:
-    """v = vt tanh(g t / vt), from |u| = 0 exactly: the smoothing and its derivatives are fine there."""
+    """v = vt tanh(g t / vt), from |u| = 0 exactly, where the smoothing and its derivatives matter."""
     m, area, g = 2.0, 0.3, 9.81
     vt = np.sqrt(2 * m * g / (1.225 * area))
     scene = tl.Scene(tl.load_robot(BALL.format(m=m), root="free"), effects=[E.Gravity(), E.AirDrag("ball", area)])
@@ -59,7 +59,7 @@ def test_falling_with_drag_from_rest(method: str) -> None:
     assert run.cost.method != "taylor" or method == "taylor"
 
 
-def test_wind_carries_and_still_air_never_feeds() -> None:
+def test_drag_in_wind_and_energy_in_still_air() -> None:
     """A body in wind w: w - u obeys 1 / (1 / u0 + c t); in still air the energy only falls, also below SLOW."""
     k = 0.5 * 1.225 * 0.5 / 2.0
     robot = tl.load_robot(BALL.format(m=2), root="free")
@@ -79,7 +79,7 @@ def test_spring_between_two_bodies() -> None:
     assert np.abs(2 * run.q[:, 0] + 3 * run.q[:, 1] - 5.4).max() < 1e-9
 
 
-def test_damper_and_force_between_two_bodies_pull_together_when_positive() -> None:
+def test_positive_force_between_two_bodies_pulls_them_together() -> None:
     """l' = -F / c (1 - e^(-c t / m)): F > 0 pulls."""
     effect = E.SpringBetween("one", "two", damping=2.4, force=1.2)
     run = tl.simulate(tl.Scene(tl.load_robot(SLIDERS), [0.0, 3.0], effects=[effect]), 3.0, accuracy=1e-10)
@@ -98,8 +98,8 @@ def test_points_that_meet_are_singular_unless_the_spring_has_no_length() -> None
             tl.simulate(singular, 1.0, method=method)
 
 
-def test_smooth_friction_slows_like_its_formula() -> None:
-    """I v' = -f tanh(v / s): s log sinh(v / s) falls as f t / I. Coulomb's stop is nearly there."""
+def test_smooth_friction_against_its_closed_form() -> None:
+    """I v' = -f tanh(v / s): s log sinh(v / s) falls as f t / I; v is small when Coulomb's stops the wheel."""
     s, f, inertia, v0 = 0.05, 0.7, 0.5, 1.0
     for effect, body in ((E.SmoothFriction({"axle": f}, s), wheel()), (E.SmoothFriction(scale=s), wheel(f=f))):
         run = tl.simulate(tl.Scene(body, v=[v0], effects=[effect]), 1.0, accuracy=1e-9)
@@ -109,7 +109,7 @@ def test_smooth_friction_slows_like_its_formula() -> None:
     assert np.abs(run.v[early, 0] - (v0 - f * run.t[early] / inertia)).max() < 1e-3  # Coulomb's, above 3 s
 
 
-def test_rotor_and_payload_are_the_inertias_they_say() -> None:
+def test_rotor_and_payload_add_their_inertia() -> None:
     """A torque of 1 N m on I = 0.5 + N^2 J + m r^2 + J_payload."""
     effects = [E.Rotor({"axle": 0.02}, {"axle": -5.0}), E.Torque({"axle": 1.0}),
                E.Payload("wheel", 3.0, (0.5, 0.0, 0.2), (0.1, 0.0, 0.0, 0.1, 0.0, 0.15))]  # fmt: skip
@@ -162,7 +162,7 @@ def planned(joints: int) -> tuple:
 
 @pytest.mark.parametrize("name", ["ur5", "arm"])
 def test_manufactured_motion(name: str) -> None:
-    """Pinocchio's inverse dynamics along a planned motion, less the effects': with them all, the plan comes true."""
+    """Inverse dynamics of a planned motion, less the effects' torques, drives the robot along the plan."""
     body = robot(name)
     at = planned(body.nv)
     chosen = ["spring", "friction", "drag", "wrench, world", "between", "zero length"] if name == "ur5" else []
@@ -175,10 +175,10 @@ def test_manufactured_motion(name: str) -> None:
 
     def needed(t: float) -> np.ndarray:
         q, v, a = at(t)
-        own = sum((CASES[case].torque(model, q, v, t) for case in chosen), np.zeros(model.nv))
+        effects = sum((CASES[case].torque(model, q, v, t) for case in chosen), np.zeros(model.nv))
         if name == "arm":
-            own += [-3.0 * q[0], -0.4 * v[1]]
-        return np.asarray(pin.rnea(model, data, q, v, a) - own)
+            effects += [-3.0 * q[0], -0.4 * v[1]]
+        return np.asarray(pin.rnea(model, data, q, v, a) - effects)
 
     knots = np.linspace(0, 1.0, 201)
     values = np.array([needed(t) for t in knots])

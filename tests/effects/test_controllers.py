@@ -1,4 +1,4 @@
-"""Controllers: the tracking errors that theory promises, limits, and what they refuse."""
+"""Controllers: tracking errors as in theory, limits of effort, and refused arguments."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ def test_pd_is_a_spring_and_damper_about_its_target() -> None:
 
 
 @pytest.mark.parametrize("effort", ["urdf", {"axle": 3.0}])
-def test_limits_hold_the_torque(effort: object) -> None:
-    """Far from the target the wheel turns under its 3 N m: q = 3 t^2 until the torque falls below."""
+def test_torques_stay_within_their_limits(effort: object) -> None:
+    """Far from the target the torque is at its limit of 3 N m: q = 3 t^2 until it falls below."""
     pd = E.JointPD({"axle": 50.0}, {"axle": 1.0}, effort=effort)
     scene = tl.Scene(wheel(), effects=[pd])
     run = tl.simulate(scene, 2.0, accuracy=1e-9)
@@ -36,8 +36,8 @@ def test_limits_hold_the_torque(effort: object) -> None:
     assert np.array_equal(loads.tau[0], np.full(len(run.t), 3.0))
 
 
-def test_gravity_compensation_holds_still_and_lets_drift() -> None:
-    """At rest it stays at rest; pushed off, the energy of motion is kept. On the UR5 with a payload too."""
+def test_gravity_compensation_keeps_rest_and_kinetic_energy() -> None:
+    """A robot at rest stays at rest; a robot in motion keeps its kinetic energy. On the UR5 with a payload too."""
     effects = [E.Gravity(), E.Payload("tool0", 2.0, (0.0, 0.0, 0.1)), E.GravityCompensation()]
     still = tl.Scene(robot("ur5"), [0.3, -0.8, 1.0, 0.2, 0.5, 0.1], effects=effects)
     assert np.abs(rate(equations_of(still), 0.0, equations_of(still).start[:, None])).max() < 1e-11
@@ -57,17 +57,17 @@ PATHS = {
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_computed_torque_follows_and_errors_fall_as_promised(path: str) -> None:
+def test_computed_torque_errors_fall_as_in_theory(path: str) -> None:
     """e'' + kd e' + kp e = 0 with critical damping: e = (e0 + (e0' + w e0) t) e^(-w t), gravity or not."""
     from twolink.effects.inputs import derivatives_at
 
     w = 4.0
     e0, de0 = np.array([0.2, -0.1]), np.array([-0.3, 0.4])
-    begin = [derivatives_at(given, 0.0, Numbers) for given in PATHS[path].values()]
+    begin = [derivatives_at(one, 0.0, Numbers) for one in PATHS[path].values()]
     q0, v0 = np.array([x[0] for x in begin], dtype=float) - e0, np.array([x[1] for x in begin], dtype=float) - de0
     control = E.ComputedTorque(PATHS[path], w * w, 2 * w)
     run = tl.simulate(tl.Scene(robot("arm"), q0, v0, effects=[E.Gravity(), control]), 2.9, accuracy=1e-9, samples=30)
-    reference = np.stack([derivatives_at(given, run.t, np)[0] * np.ones(len(run.t)) for given in PATHS[path].values()])
+    reference = np.stack([derivatives_at(one, run.t, np)[0] * np.ones(len(run.t)) for one in PATHS[path].values()])
     t = run.t[:, None]
     expected = (e0 + (de0 + w * e0) * t) * np.exp(-w * t)
     assert np.abs(reference.T - run.q - expected).max() < 2e-9

@@ -1,4 +1,4 @@
-"""Every effect against a second implementation, compiled against portable, its operations, and its imports."""
+"""Every effect: against a second implementation, compiled against portable, its operations, and its imports."""
 
 import subprocess
 import sys
@@ -22,9 +22,9 @@ GRAVITY = E.Gravity()
 
 
 def equations_with(case: str, seed: int = 0) -> Equations:
-    found = CASES[case]
-    q, v = state(robot(found.robot), seed)
-    return equations_of(tl.Scene(robot(found.robot), q, v, effects=[GRAVITY, found.effect]))
+    chosen = CASES[case]
+    q, v = state(robot(chosen.robot), seed)
+    return equations_of(tl.Scene(robot(chosen.robot), q, v, effects=[GRAVITY, chosen.effect]))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -36,30 +36,30 @@ def test_torques_against_a_second_implementation(case: str) -> None:
         tau = CASES[case].torque(model, q, v, t)
         expected = pin.aba(model, model.createData(), q, v, tau)
         x = np.concatenate([q, v, equations.layout.numbers_at(t)])
-        found = rate(equations, t, x[:, None])[nq : equations.moving, 0]
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        acceleration = rate(equations, t, x[:, None])[nq : equations.moving, 0]
+        np.testing.assert_allclose(acceleration, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_compiled_is_portable(case: str) -> None:
+def test_compiled_steps_agree_with_portable_ones(case: str) -> None:
     equations = equations_with(case, seed=3)
     method = METHODS["midpoint"] if equations.robot.joints[0].kind == "vector" else METHODS["semi-implicit-euler"]
     compiled, portable = (step_map(equations, method, portable=p) for p in (False, True))
     x = np.repeat(equations.start[:, None], 8, axis=1)
     x[:, 1:] *= np.random.default_rng(0).uniform(0.5, 1.5, (len(x), 7))
     x = equations.space.normalized(x, Numbers)
-    given = initial_state(x, 0.31, 1e-3, 5.0, np.inf)
-    ours, theirs = np.empty_like(given), np.empty_like(given)
-    compiled(given, ours)
-    portable(given, theirs)
+    start = initial_state(x, 0.31, 1e-3, 5.0, np.inf)
+    ours, theirs = np.empty_like(start), np.empty_like(start)
+    compiled(start, ours)
+    portable(start, theirs)
     assert compiled.compiled
     size = equations.space.size
     np.testing.assert_allclose(ours[:size], theirs[:size], rtol=0, atol=1e-12 * (1 + np.abs(theirs[:size]).max()))
     assert np.array_equal(ours[control_rows(size).time], theirs[control_rows(size).time])
 
 
-def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:
-    """The work of damping and of a table, from loads of arrays of times, is what the energy lost."""
+def test_work_of_single_effects_along_a_run_is_the_energy_lost() -> None:
+    """The work of damping and of a table of torques, computed from their loads at all samples at once."""
     effects = [E.JointDamping({"elbow": 0.4}), E.Torque({"shoulder": E.Sampled((0.0, 1.0, 2.0), (3.0, -1.0, 2.0))})]
     scene = tl.Scene(robot("arm"), [0.3, -0.5], effects=[GRAVITY, *effects])
     run = tl.simulate(scene, 2.0, accuracy=1e-9, samples=2000)
@@ -73,7 +73,7 @@ def test_one_effects_loads_can_be_asked_for_along_a_run() -> None:
     assert abs(run.energy[-1] - run.energy[0] - work) < 1e-5
 
 
-def test_absent_effects_cost_nothing_and_shares_are_counted() -> None:
+def test_operations_of_absent_and_present_effects() -> None:
     bare = equations_of(tl.Scene(robot("arm"), effects=[GRAVITY])).operations
     damped = tl.Scene(robot("arm"), effects=[GRAVITY, E.JointDamping({"shoulder": 0.3})])
     assert equations_of(damped).operations == bare + 2

@@ -1,4 +1,4 @@
-"""What effects refuse: the field's path, the value, and the nearest right name."""
+"""Refused arguments of effects: the error names the field, the value, and the nearest right name."""
 
 import numpy as np
 import pytest
@@ -102,7 +102,7 @@ def test_gains_that_are_not_by_joint_are_refused() -> None:
 
 
 def test_locked_joints_and_free_roots() -> None:
-    """A locked joint is said to be locked; frames on it still move with the rest."""
+    """The error says that a joint is locked; frames on a locked joint move with the other joints."""
     floating = robot("floating")
     for effect in (E.JointSpring({"wrist_1_joint": 1.0}), E.JointDamping({"wrist_1_joint": 1.0})):
         with pytest.raises(SceneError, match="joint 'wrist_1_joint' is locked"):
@@ -114,7 +114,7 @@ def test_locked_joints_and_free_roots() -> None:
     tl.Scene(held, effects=[E.SpringBetween("base", "forearm", 10.0), E.AirDrag("tip", 1.0)])
 
 
-def test_a_payload_counts_in_the_robots_mass_and_leaves_the_first_robot_alone() -> None:
+def test_a_payload_adds_to_the_mass_of_the_scenes_robot_only() -> None:
     arm = robot("arm")
     scene = tl.Scene(arm, effects=[E.Payload("tip", 2.5)])
     assert scene.robot.mass == arm.mass + 2.5

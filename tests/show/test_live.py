@@ -61,7 +61,7 @@ def motion(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     return t, np.column_stack([-1.5 * t / seconds, 0.8 * t / seconds])
 
 
-def test_without_a_browser_it_gives_up_in_time(arm: tuple[Any, Any]) -> None:
+def test_without_a_browser_playing_ends_in_an_error(arm: tuple[Any, Any]) -> None:
     urls: list[str] = []
     begun = time.monotonic()
     with pytest.raises(ShowError, match="no browser opened http://127") as failure:
@@ -76,7 +76,7 @@ def test_nothing_is_printed(arm: tuple[Any, Any], capfd: pytest.CaptureFixture[s
     assert capfd.readouterr() == ("", "")
 
 
-def test_the_server_goes_when_the_caller_is_interrupted(arm: tuple[Any, Any]) -> None:
+def test_the_server_ends_when_the_caller_is_interrupted(arm: tuple[Any, Any]) -> None:
     def interrupt(_: str) -> None:
         assert servers()
         raise KeyboardInterrupt
@@ -86,7 +86,7 @@ def test_the_server_goes_when_the_caller_is_interrupted(arm: tuple[Any, Any]) ->
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
-def test_the_server_goes_when_the_caller_is_killed() -> None:
+def test_the_server_ends_when_the_caller_is_killed() -> None:
     script = f"""
         import pinocchio as pin
         from twolink.show.live import play_live
@@ -119,7 +119,7 @@ def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], n
 
 
 @pytest.mark.browser
-def test_a_browser_sees_it_move_though_the_usual_ports_are_taken(
+def test_a_browser_shows_the_motion_with_the_usual_ports_taken(
     arm: tuple[Any, Any],
     browser: Browser,  # noqa: F811
 ) -> None:

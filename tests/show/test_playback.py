@@ -1,4 +1,4 @@
-"""A playback page: complete in itself, in order, within its limits, and what a browser shows of it."""
+"""Playback pages: their animation, limits and refusals, and what a browser shows."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def tracks(page: Path) -> dict[str, dict[str, np.ndarray]]:
     return columns_by_path
 
 
-def test_only_what_moves_is_animated_and_keys_are_the_true_poses(
+def test_moving_bodies_are_animated_with_their_poses(
     arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:
     page = write_playback(*arm, *swing, tmp_path / "a.html", fps=50)
@@ -152,7 +152,7 @@ def test_colour_and_alpha_are_those_of_the_urdf(arm: Robot) -> None:
 HOSTILE = "</script><script>window.hacked=1</script>%%VIEWER%%<img src=x onerror=hacked=1>"
 
 
-def test_hostile_names_stay_text(tmp_path: Path) -> None:
+def test_names_cannot_inject_markup(tmp_path: Path) -> None:
     names = [HOSTILE, "a/b", "__proto__", "constructor"]
     items = [geometry(name, coal.Sphere(0.1)) for name in names]
     nodes, _ = scene_nodes(fixed(*items)[1])
@@ -205,7 +205,7 @@ def test_a_plane_motion_is_seen_from_the_side_and_fits(arm: Robot, swing: tuple[
 
 
 def near(picture: np.ndarray, rgb: tuple[float, float, float]) -> int:
-    """How many pixels have that hue, whatever the light on them."""
+    """The number of pixels of that hue, at any brightness."""
     colour = picture.astype(float)
     bright = np.linalg.norm(colour, axis=-1)
     along = colour @ (np.array(rgb) / np.linalg.norm(rgb))

@@ -46,10 +46,10 @@ def motion(robot: tl.Robot) -> tl.Trajectory:
         ((sphere(BLUE), mesh("gone.stl", RED), sphere()), [0, 0, 1, 1]),
     ],
 )
-def test_a_colour_outlives_the_shape_that_defined_it(
+def test_a_colour_does_not_depend_on_the_mesh_that_defined_it(
     visuals: tuple[str, ...], colour: list[float], tmp_path: Path
 ) -> None:
-    """As when the mesh is there: the first definition counts, for all shapes after it."""
+    """With the mesh or without it, the first definition counts for all later shapes."""
     corners = "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0"
     facet = f"facet normal 0 0 1\nouter loop\n{corners}\nendloop\nendfacet"
     (tmp_path / "a.stl").write_text(f"solid a\n{facet}\nendsolid a\n")

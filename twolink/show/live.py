@@ -12,6 +12,7 @@ import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 import umsgpack
 import zmq
@@ -120,7 +121,7 @@ def _play(
     while now < t[-1]:
         frame_begin = time.monotonic()
         now = min(t[0] + (frame_begin - begin) * speed, t[-1])
-        placed = poses(model, visuals, resample(model, t, q, t[:1] * 0.0 + now), nodes)[0]
+        placed = poses(model, visuals, resample(model, t, q, np.array([now])), nodes)[0]
         for node, pose in zip(nodes, placed, strict=True):
             command = set_pose(node.path, pose)
             if sent.get(node.path) != command:  # the pose of a body at rest is sent once

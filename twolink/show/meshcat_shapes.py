@@ -106,17 +106,11 @@ def _box(sides: Floats) -> Json:
 
 
 def _capsule(radius: float, half_length: float) -> Json:
-    """A capsule along z, which the viewer's three.js does not have: rings round z, from pole to pole."""
-    lift = np.linspace(-np.pi / 2, np.pi / 2, 2 * (_SEGMENTS // 4))
-    turn = np.linspace(0.0, 2 * np.pi, _SEGMENTS, endpoint=False)
-    height = radius * np.sin(lift) + np.sign(lift) * half_length
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
-    vertices = radius * np.cos(lift)[:, None, None] * ring + height[:, None, None] * np.array([0.0, 0.0, 1.0])
-    low = np.arange(len(lift) - 1)[:, None] * _SEGMENTS
-    here, there = low + np.arange(_SEGMENTS), low + (np.arange(_SEGMENTS) + 1) % _SEGMENTS
-    lower = np.stack([here, there, here + _SEGMENTS], -1)
-    upper = np.stack([there, there + _SEGMENTS, here + _SEGMENTS], -1)
-    return triangle_geometry(vertices.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
+    """A capsule along z as triangles: the viewer's three.js has none."""
+    from trimesh.creation import capsule
+
+    made = capsule(height=2.0 * half_length, radius=radius, count=(_SEGMENTS, _SEGMENTS))
+    return triangle_geometry(made.vertices, made.faces)
 
 
 # By the coal class's name: its three.js geometry, and the matrix that puts it as coal has it (along z).
