@@ -36,20 +36,20 @@ def test_any_name_and_every_digit_survive(suffix: str, tmp_path: Path) -> None:
         ("x.json", json.dumps({}).encode(), "'.json' is not a format we know"),
     ],
 )
-def test_damaged_files_are_one_line(name: str, content: bytes, part: str, tmp_path: Path) -> None:
+def test_damaged_files_give_one_error_of_one_line(name: str, content: bytes, part: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(TwolinkError, match=part) as failure:
         read_table(tmp_path / name)
     assert "\n" not in str(failure.value)
 
 
-def test_a_lone_array_is_no_archive(tmp_path: Path) -> None:
+def test_a_single_array_is_no_archive(tmp_path: Path) -> None:
     np.save(tmp_path / "x.npy", np.zeros(3))
     (tmp_path / "x.npy").rename(tmp_path / "x.npz")
     with pytest.raises(TwolinkError, match="one array"):
         read_table(tmp_path / "x.npz")
 
 
-def test_spreadsheets_put_a_mark_first(tmp_path: Path) -> None:
+def test_the_byte_order_mark_of_spreadsheets_is_skipped(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_bytes(b"\xef\xbb\xbft\r\n\r\n1\r\n")
     assert read_table(tmp_path / "x.csv")[0] == {"t": [1.0]}

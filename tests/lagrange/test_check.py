@@ -1,4 +1,4 @@
-"""The check passes on the equations as they are, and fails on each planted error."""
+"""The check passes on the equations as they are, and fails on each error that is put in."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def report() -> CheckReport:
     return check(n=300, seed=1, horizon=10.0)
 
 
-def test_it_passes_and_names_the_two_misprints(report: CheckReport) -> None:
+def test_the_check_passes_and_names_the_two_misprints(report: CheckReport) -> None:
     assert report.passed
     assert report.misprints == ("C21", "C22")
     assert [row.quantity for row in report.rows[:12]] == list(derive.ENTRIES)
@@ -38,7 +38,7 @@ def test_it_passes_and_names_the_two_misprints(report: CheckReport) -> None:
     assert report.largest_condition > 1000
 
 
-def test_the_misprint_makes_energy_out_of_nothing(report: CheckReport) -> None:
+def test_the_misprinted_equations_change_the_energy(report: CheckReport) -> None:
     energies = {energy.model: energy for energy in report.energies}
     assert energies["printed"].final == pytest.approx(305, abs=1)
     assert energies["corrected"].largest < 1e-9
@@ -71,7 +71,7 @@ class Drifting(TwoLink):
 
 
 @pytest.mark.parametrize(("altered", "quantity"), [(HeavierByABillionth, "A11"), (Drifting, "acceleration, ABA")])
-def test_a_hand_made_arm_off_by_a_billionth_fails(
+def test_an_arm_that_is_wrong_by_1e_9_fails(
     monkeypatch: pytest.MonkeyPatch, altered: type[TwoLink], quantity: str
 ) -> None:
     def plant(*arguments: Any) -> TwoLink:
@@ -116,7 +116,7 @@ def test_a_reference_with_another_inertia_fails(monkeypatch: pytest.MonkeyPatch)
     assert not report.rows[0].right
 
 
-def test_a_paper_without_its_misprint_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_fails_when_the_printed_equations_are_right(monkeypatch: pytest.MonkeyPatch) -> None:
     def corrected(lengths: Any, masses: Any, g: Any, _: str) -> TwoLink:
         return two_link(lengths, masses, g, "corrected")
 

@@ -1,4 +1,4 @@
-"""The machine derivation: complete, equal to the corrected arm, and different from the printed one."""
+"""The derivation by SymPy: complete, equal to the corrected arm, and different from the printed one."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_refused_with_place_and_reason(case: str) -> None:
+def test_bad_urdfs_are_refused_with_place_and_reason(case: str) -> None:
     text, parts = BAD[case]
     with pytest.raises(RobotError) as caught:
         tl.load_robot(text)
@@ -126,7 +126,7 @@ def test_refused_with_place_and_reason(case: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_the_good_one_is_good() -> None:
+def test_the_urdf_that_the_bad_ones_are_made_from_loads() -> None:
     assert tl.load_robot(GOOD).joint_names == ("hinge",)
 
 
@@ -145,7 +145,7 @@ def test_chains_too_long_are_refused_not_fatal(n: int, kind: str) -> None:
 
 
 @pytest.mark.parametrize(("n", "kind", "nv"), [(300, "revolute", 300), (1_000, "fixed", 0)])
-def test_the_longest_chains_let_through_load_on_a_small_stack(n: int, kind: str, nv: int, tmp_path: Path) -> None:
+def test_the_longest_accepted_chains_load_on_a_small_stack(n: int, kind: str, nv: int, tmp_path: Path) -> None:
     """Pinocchio's reader recurses: on the caller's stack of 256 kB, 500 links end the process."""
     code = f"""
 import sys, threading
@@ -165,7 +165,7 @@ print(loaded)
     assert done.stdout.strip() == f"[{nv}]"
 
 
-def test_too_many_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_urdfs_with_too_many_bytes_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for module in ("xml", "source"):
         monkeypatch.setattr(f"twolink.robots.{module}.MAX_BYTES", 100)
     with pytest.raises(RobotError, match="the limit is 100"):
@@ -189,7 +189,7 @@ def test_too_many_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         ("/dev/zero", "the limit is"),
     ],
 )
-def test_sources_that_are_none(source: str, part: str) -> None:
+def test_sources_that_name_no_robot(source: str, part: str) -> None:
     with pytest.raises(RobotError, match=part):
         tl.load_robot(source)
 
@@ -223,19 +223,19 @@ def test_binary_files_are_refused(tmp_path: Path) -> None:
         ({"package_dirs": 5}, "expected folders"),
     ],
 )
-def test_bad_options(options: dict[str, object], part: str) -> None:
+def test_bad_options_are_refused(options: dict[str, object], part: str) -> None:
     with pytest.raises(RobotError, match=part):
         tl.load_robot(GOOD, **options)  # type: ignore[arg-type]
 
 
-def test_mimic_of_nothing_is_refused_when_it_is_asked_for() -> None:
+def test_mimic_of_a_missing_joint_is_reported_and_refused_with_mimic_true() -> None:
     text = swapped("</joint>", '<mimic joint="other"/></joint>')
     assert any("does not exist" in str(f) for f in tl.load_robot(text).report.ignored)
     with pytest.raises(RobotError, match="mimics 'other'"):
         tl.load_robot(text, mimic=True)
 
 
-def test_unphysical_robots_load_when_asked_and_say_so() -> None:
+def test_unphysical_robots_load_with_report_and_are_reported() -> None:
     text = BAD["triangle inequality"][0]
     report = tl.load_robot(text, unphysical="report").report
     assert any("no real body has" in str(f) and "arm" in f.names for f in report.assumed)

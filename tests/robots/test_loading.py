@@ -1,4 +1,4 @@
-"""Loading: names, paths, text; the report; locale; a second reading; drawing and locking."""
+"""Loading: names, paths, text; the report; locale; comparison with yourdfpy; drawing and locking."""
 
 import pickle
 import shutil
@@ -45,7 +45,7 @@ def test_every_file_of_example_robot_data_has_a_name() -> None:
     assert unnamed == {"ur3.urdf", "iris.urdf", "talos_reduced_corrected.urdf"}
 
 
-def test_all_robots_load_with_a_report_or_are_refused_rightly(everything: dict[str, object]) -> None:
+def test_all_robots_load_with_a_report_or_are_refused_for_a_known_reason(everything: dict[str, object]) -> None:
     assert len(everything) >= 64
     refused = {name: str(r) for name, r in everything.items() if isinstance(r, Exception)}
     assert refused.keys() == REFUSED.keys()
@@ -66,13 +66,13 @@ def test_refused_robots_load_with_the_remedy_their_error_names() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "talos", "kinova", "pr2", "tiago_pro", "two_link", "arm"])
-def test_a_second_parser_reads_the_same(name: str) -> None:
+def test_yourdfpy_reads_the_same_robot(name: str) -> None:
     second = compare(tl.load_robot(name))
     assert second["frames"] < 1e-12
     assert second["mass"] < 1e-9
 
 
-def test_sources_are_equivalent() -> None:
+def test_name_path_and_text_give_the_same_robot() -> None:
     path = TOP / "urdf" / "two_link.urdf"
     models = [tl.load_robot(s).model for s in ("two_link", path, str(path), path.read_text())]
     assert all(m == models[0] for m in models)
@@ -108,7 +108,7 @@ def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
     assert report.to_dict()["source"] == "URDF text"
 
 
-def test_what_the_report_says_is_ignored_is_ignored() -> None:
+def test_ignored_damping_has_no_effect_on_accelerations() -> None:
     """Damping of the double pendulum, 0.05 N m s/rad, takes no part in its accelerations."""
     robot = tl.load_robot("double_pendulum")
     assert np.all(robot.model.damping > 0)
@@ -191,7 +191,7 @@ def test_gravity_and_mass() -> None:
     assert np.array_equal(pin.neutral(earth.model), earth.neutral)
 
 
-def test_numbers_with_blanks_around_them_are_read_as_they_stand() -> None:
+def test_blanks_around_numbers_do_not_matter() -> None:
     """Pinocchio's own parser drops the inertia of a link that has one."""
     text = (TOP / "urdf" / "two_link.urdf").read_text()
     padded = text.replace('mass value="3"', 'mass value=" 3 "').replace('iyy="0.25"', 'iyy=" 0.25 "')
@@ -205,12 +205,30 @@ def test_inertia_without_mass_counts() -> None:
     assert tl.load_robot(rotor).mass_matrix([1.0, 0.0])[0, 0] == 2.0
 
 
-def test_text_in_memory_is_unicode_whatever_it_declares() -> None:
+@pytest.mark.parametrize(("axis", "movable"), [("1 0 0", True), ("0 0 1", False)])
+def test_what_a_mimic_joint_moves_counts_for_the_joint_it_follows(axis: str, movable: bool) -> None:
+    """J1 moves no mass; J3 mimics it and turns L3 on the planar joint J2, which can turn L3 about z itself."""
+    limit = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
+    text = f"""<robot name="r"><link name="L0"/><link name="L1"/><link name="L2"/><link name="L3"><inertial>
+    <origin xyz="0.3 0.1 0.2"/><mass value="1"/><inertia ixx="0.1" iyy="0.12" izz="0.15" ixy="0" ixz="0" iyz="0"/>
+    </inertial></link>
+    <joint name="J1" type="revolute"><parent link="L0"/><child link="L1"/><axis xyz="1 0 0"/>{limit}</joint>
+    <joint name="J2" type="planar"><parent link="L0"/><child link="L2"/><axis xyz="0 0 1"/></joint>
+    <joint name="J3" type="revolute"><parent link="L2"/><child link="L3"/><axis xyz="{axis}"/>{limit}
+    <mimic joint="J1" multiplier="1.5"/></joint></robot>"""
+    if movable:
+        assert tl.load_robot(text, mimic=True).nv == 4
+    else:
+        with pytest.raises(tl.errors.RobotError, match="'J1' cannot be accelerated"):
+            tl.load_robot(text, mimic=True)
+
+
+def test_text_is_unicode_whatever_encoding_it_declares() -> None:
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + (TOP / "urdf" / "two_link.urdf").read_text()[21:]
     assert tl.load_robot(text.replace('"elbow"', '"coudé"')).joint_names == ("shoulder", "coudé")
 
 
-def test_typing_errors_are_named() -> None:
+def test_unknown_names_in_a_urdf_are_reported_with_the_nearest_right_one() -> None:
     text = (TOP / "urdf" / "two_link.urdf").read_text()
     odd = text.replace('<origin xyz="1 0 0"/>', '<origin xzy="1 0 0"/>', 1).replace(
         '<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><axis xyz="0 1 0"/>more', 1
@@ -224,7 +242,7 @@ def test_typing_errors_are_named() -> None:
     ("name", "value"),
     [("j2s6s200_joint_1", [3.0, 4.0]), ("j2s6s200_joint_1", [0.0, 0.0]), ("root_joint", [0] * 6 + [2])],
 )
-def test_locks_want_unit_values(name: str, value: list[float]) -> None:
+def test_locked_quaternions_must_have_length_1(name: str, value: list[float]) -> None:
     root = "free" if name == "root_joint" else "fixed"
     with pytest.raises(tl.errors.RobotError, match="expected length 1"):
         tl.load_robot("kinova", root=root, lock={name: value})
@@ -235,7 +253,7 @@ def test_locks_beyond_limits_are_reported() -> None:
     assert any("beyond their limits" in str(f) and "panda_joint1" in f.names for f in report.assumed)
 
 
-def test_robots_without_joints_answer_with_nothing() -> None:
+def test_robots_without_joints_answer_with_empty_arrays() -> None:
     robot = tl.load_robot("hector")
     assert robot.mass_matrix([]).shape == (0, 0)
     assert robot.forward_dynamics(np.zeros((5, 0)), np.zeros(0), []).shape == (5, 0)
@@ -244,7 +262,7 @@ def test_robots_without_joints_answer_with_nothing() -> None:
     assert run.q.shape == (21, 0)
 
 
-def test_normalize_and_gravity_refuse_what_they_cannot_use() -> None:
+def test_normalize_and_with_gravity_refuse_bad_arguments() -> None:
     robot = tl.load_robot("kinova")
     for bad in ("a", np.zeros(3), 1.0):
         with pytest.raises(tl.errors.QueryError, match="expected shape"):

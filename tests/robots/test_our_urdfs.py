@@ -19,7 +19,7 @@ def segment(table: dict) -> tuple[float, float, np.ndarray]:
     return mass, table["com"] / 100 * table["length"], mass * radii**2
 
 
-def test_arm_is_de_levas() -> None:
+def test_arm_has_the_inertias_of_de_leva() -> None:
     robot = tl.load_robot("arm")
     upper, lower = robot.model.inertias[1], robot.model.inertias[2]
     mass, com, moments = segment(UPPER_ARM)
@@ -35,7 +35,7 @@ def test_arm_is_de_levas() -> None:
     np.testing.assert_allclose(lower.inertia, np.diag(i1 + i2 + [across, across, 0]), atol=1e-8)
 
 
-def test_arm_bends_as_an_arm_does() -> None:
+def test_positive_angles_of_the_arm_are_flexion() -> None:
     """At q = 0 it hangs; flexion of the shoulder by 90 degrees points it forward (+x), of the elbow lifts the hand."""
     robot = tl.load_robot("arm")
     assert np.abs(robot.gravity_torque([0.0, 0.0])).max() < 1e-12
@@ -49,7 +49,7 @@ def test_arm_bends_as_an_arm_does() -> None:
     assert bent > low
 
 
-def test_two_link_is_the_papers() -> None:
+def test_two_link_has_the_dynamics_of_the_paper() -> None:
     robot = tl.load_robot("two_link")
     by_hand = tl.lagrange.two_link((1.0, 1.0), (3.0, 1.0))
     rng = np.random.default_rng(0)

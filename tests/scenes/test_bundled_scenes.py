@@ -1,4 +1,4 @@
-"""The bundled scenes against exact solutions, published numbers and conservation laws: from the file to the motion."""
+"""The motions of the bundled scenes against exact solutions, published numbers and conservation laws."""
 
 import functools
 
@@ -42,7 +42,7 @@ def test_loops_are_closed_at_every_sample(name: str) -> None:
     assert residual(*run_of(name)) < 1e-12
 
 
-def test_crankshaft() -> None:
+def test_crankshaft_has_the_exact_solution() -> None:
     """Exact: I(theta) theta'^2 / 2 = M theta; its quadrature in 40 digits gives the numbers."""
     _, run = run_of("crankshaft")
     for t, theta, rate in (
@@ -68,7 +68,7 @@ def test_crankshaft() -> None:
     assert theta[-1] > 38 * np.pi  # through dead centres 38 times
 
 
-def test_crank_spring_is_sundials() -> None:
+def test_crank_spring_has_the_solution_of_sundials() -> None:
     """idaSlCrank_dns of SUNDIALS (3 published digits); solved again with independent code, 12 digits."""
     _, run = run_of("crank-spring")
     for t, expected in (
@@ -78,7 +78,7 @@ def test_crank_spring_is_sundials() -> None:
         assert at(run, t, "q.crank_joint", "q.slide", "v.crank_joint") == pytest.approx(expected, abs=1e-9)
 
 
-def test_squeezer_is_the_test_sets() -> None:
+def test_squeezer_has_the_solution_of_the_test_set() -> None:
     """Test Set for IVP Solvers, problem andrews (its reference is good to 7e-11 in beta); here with more digits."""
     scene, run = run_of("squeezer")
     start = equations_of(scene).start[:, None]
@@ -113,8 +113,8 @@ def test_four_bar_passes_its_singular_position() -> None:
     assert residual(scene, run) < 1e-9
 
 
-def test_four_bar_is_right_at_every_sample() -> None:
-    """The compound pendulum again; to the accuracy asked for, and below the error bar."""
+def test_four_bar_keeps_its_accuracy_and_error_bar_at_every_sample() -> None:
+    """Errors against the compound pendulum are below the requested accuracy and below the error bar."""
     run = tl.simulate(tl.load_scene("four-bar"), accuracy=1e-6)
     exact = solve_ivp(lambda _, y: [y[1], -3.5 / 3 * 9.81 * np.sin(y[0])], (0.0, 10.0), [np.pi, 1.0], method="DOP853",
                       t_eval=run.t, rtol=1e-13, atol=1e-13).y  # fmt: skip
@@ -124,7 +124,7 @@ def test_four_bar_is_right_at_every_sample() -> None:
     assert run.error.max() <= 1e-6
 
 
-def test_spinning_top() -> None:
+def test_spinning_top_follows_eulers_equations() -> None:
     """Euler's equations of a free body, solved with 18 digits."""
     scene, run = run_of("spinning-top")
     k = int(np.argmin(np.abs(run.t - 1.0)))
@@ -139,7 +139,7 @@ def test_spinning_top() -> None:
     assert turned.min() < -4.9  # it turns over
 
 
-def test_heavy_top() -> None:
+def test_heavy_top_precesses_steadily() -> None:
     """Exact: the level axis turns at m g l / (J2 w) about the vertical."""
     scene, run = run_of("heavy-top")
     rate = 15 * 9.81 / (0.46875 * 150)
@@ -150,8 +150,8 @@ def test_heavy_top() -> None:
     assert np.ptp(run.energy) < 1e-7 * run.energy[0]
 
 
-def test_bricard_moves_though_it_is_counted_rigid() -> None:
-    """IFToMM A04: one row of the last hinge is redundant; what is left has the rank of all."""
+def test_bricard_moves_with_a_redundant_constraint() -> None:
+    """IFToMM A04: one row of the last hinge is redundant; the other rows have the same rank."""
     scene, run = run_of("bricard")
     loops = equations_of(scene).constraints
     assert loops is not None
@@ -166,7 +166,7 @@ def test_bricard_moves_though_it_is_counted_rigid() -> None:
     assert np.ptp(run.columns()["q.hinge1"]) > 3.0
 
 
-def test_human_arm_loses_what_its_damping_takes() -> None:
+def test_human_arm_loses_the_energy_that_its_damping_dissipates() -> None:
     """E(0) - E(T) is the integral of sum d v^2, by Simpson's rule, which halving its step checks."""
     scene = tl.load_scene("arm-human")
     run = tl.simulate(scene, accuracy=1e-10, samples=800.0)
@@ -184,8 +184,8 @@ def test_human_arm_loses_what_its_damping_takes() -> None:
     assert np.all(np.diff(run.energy) <= 1e-12)
 
 
-def test_panda_is_held_and_drifts_after_a_push() -> None:
-    """Still until the push; its work is the kinetic energy then, which stays: motors carry the weight, no more."""
+def test_panda_keeps_its_position_and_then_the_energy_of_the_push() -> None:
+    """It rests until the push; after it the kinetic energy is the work of the push and stays constant."""
     scene, run = run_of("panda-hold")
     before, pushing, after = run.t <= 0.5, (run.t >= 0.5 - 1e-12) & (run.t <= 0.7 + 1e-12), run.t >= 0.7 - 1e-12
     assert np.abs(run.q[before] - scene.q).max() < 1e-12
@@ -203,7 +203,7 @@ def test_panda_is_held_and_drifts_after_a_push() -> None:
     assert np.abs(run.q[-1] - scene.q).max() > 0.1
 
 
-def test_meal_assist_keeps_the_spoon_level_and_gentle() -> None:
+def test_meal_assist_keeps_the_spoon_level_with_small_acceleration_and_jerk() -> None:
     """Peaks 0.32 m/s^2, 1.06 m/s^3. The limits 0.5 and 1.5 are our choice: a third and a half of the 0.15 g and 0.3 g/s
     that passengers of trains and buses accept (Hoberock 1977, J. Dyn. Sys. Meas. Control 99, 76-84)."""
     scene, run = run_of("meal-assist")

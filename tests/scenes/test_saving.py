@@ -1,4 +1,4 @@
-"""Saved scenes are read again as they were; the schema is one that the bundled files fulfil."""
+"""Saved scenes are read again unchanged; the bundled scenes satisfy the schema."""
 
 import tomllib
 from importlib import resources
@@ -22,7 +22,7 @@ def same(a: tl.Scene, b: tl.Scene) -> None:
     np.testing.assert_array_equal(a.robot.mass_matrix(a.q), b.robot.mass_matrix(b.q))
 
 
-def test_a_scene_is_read_again_as_it_was(tmp_path: Path) -> None:
+def test_a_saved_scene_is_read_again_unchanged(tmp_path: Path) -> None:
     robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.01, "panda_finger_joint2": 0.0})
     effects = [
         tl.effects.Gravity((0.1, 0.0, -1 / 3)),
@@ -34,14 +34,14 @@ def test_a_scene_is_read_again_as_it_was(tmp_path: Path) -> None:
     same(scene, tl.load_scene(scene.save(tmp_path / "scene.toml")))
 
 
-def test_a_robot_of_no_catalogue_goes_beside_it(tmp_path: Path) -> None:
+def test_a_robot_outside_the_catalogue_is_saved_beside_the_scene(tmp_path: Path) -> None:
     scene = tl.Scene(tl.load_robot(arm_urdf(1, 2, 3, 4)), q=[0.1, 0.0])
     saved = scene.save(tmp_path / "mine.toml")
     assert (tmp_path / "mine.urdf").exists()
     same(scene, tl.load_scene(saved))
 
 
-def test_a_floating_robot_and_angles_as_pairs(tmp_path: Path) -> None:
+def test_a_floating_robot_keeps_its_quaternion(tmp_path: Path) -> None:
     robot = tl.load_robot("ur5", root="free")
     q = robot.neutral
     q[3:7] = [0.5, 0.5, 0.5, 0.5]
@@ -60,7 +60,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         tl.load_scene("arm-swing").save(tmp_path / "scene.json")
 
 
-def test_the_schema_knows_every_effect_and_the_bundled_scenes_fulfil_it() -> None:
+def test_the_schema_knows_every_effect_and_the_bundled_scenes_satisfy_it() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = scene_schema()
     jsonschema.Draft202012Validator.check_schema(schema)

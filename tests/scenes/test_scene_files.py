@@ -1,4 +1,4 @@
-"""Scene files: strict; errors name the file, the key, what was expected, and the nearest right name."""
+"""Scene files are read strictly; errors name the file, the key, what was expected, and the nearest right name."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def scene_of(text: str, folder: Path) -> tl.Scene:
     return tl.load_scene(path)
 
 
-def test_a_file_says_all_of_a_scene(tmp_path: Path) -> None:
+def test_a_file_gives_state_effects_and_duration(tmp_path: Path) -> None:
     scene = scene_of(GOOD, tmp_path)
     assert np.array_equal(scene.q, [0.1, 0])
     assert np.array_equal(scene.v, [0, -1.5])

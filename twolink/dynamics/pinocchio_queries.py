@@ -23,6 +23,7 @@ from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
 from twolink.errors import QueryError, nearest
 from twolink.robots.model import RobotModel
+from twolink.robots.physical_checks import mass_matrix_by_columns
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -205,19 +206,8 @@ def _frame_jacobian(axes: pin.ReferenceFrame, index: int, model: pin.Model, data
     return np.asarray(pin.computeFrameJacobian(model, data, q, index, axes))
 
 
-# Where joints mimic others, Pinocchio 4.1 has no composite-rigid-body algorithm to rely on (it drops the couplings of
-# branches behind different joints of one degree of freedom) and no energies. Its Newton-Euler algorithm is right.
-
-
-def mass_matrix_by_columns(model: pin.Model, data: pin.Data, q: Array) -> Array:
-    """M(q) (nv, nv) by the Newton-Euler algorithm: M e_k = tau(q, 0, e_k) - tau(q, 0, 0) for each unit vector e_k."""
-    still = np.zeros(model.nv)
-    weight = pin.rnea(model, data, q, still, still)
-    matrix = np.stack([pin.rnea(model, data, q, still, unit) - weight for unit in np.eye(model.nv)])
-    return np.asarray((matrix + matrix.T) / 2)
-
-
 def _energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+    """Kinetic and potential energy; Pinocchio 4.1 has none where joints mimic others."""
     kinetic = v @ mass_matrix_by_columns(model, data, q) @ v / 2
     mass = sum(body.mass for body in list(model.inertias)[1:])  # what is fixed to the world does not count
     return np.array([kinetic, -mass * (model.gravity.linear @ pin.centerOfMass(model, data, q, False))])

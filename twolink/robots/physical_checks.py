@@ -73,16 +73,18 @@ def _culprit(tree: Tree, model: pin.Model, joint: int) -> UrdfLink:
 
 
 def check_invertible(tree: Tree, model: pin.Model) -> None:
-    """Refuse a robot with a joint that has no inertia to move, whatever the configuration.
+    """Refuse a robot with a joint that moves no inertia, whatever the configuration.
 
     The pivots of L^T D L, taken from the last joint to the first, are what the articulated-body algorithm divides
     by: D_i = S_i^T I^A_i S_i (Featherstone 2008, eq. 7.44). A pivot that is zero next to M_ii in every one of
     several configurations belongs to a massless leaf, or to links without inertia about the joint's axis.
     """
-    smallest = np.zeros(model.nv)
+    weightless, smallest = model.copy(), np.zeros(model.nv)
+    weightless.gravity.linear = np.zeros(3)
+    data = model.createData()
+    mass_matrix = mass_matrix_by_columns if any("Mimic" in joint.shortname() for joint in model.joints) else pin.crba
     for q in _configurations(model):
-        matrix = pin.crba(model, model.createData(), q)  # a new data each: mimic joints add to what it holds
-        smallest = np.maximum(smallest, _relative_pivots(matrix))
+        smallest = np.maximum(smallest, _relative_pivots(mass_matrix(weightless, data, q)))
     bad = np.flatnonzero(smallest <= 1e-15 * model.nv)
     if bad.size == 0:
         return
@@ -97,6 +99,18 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     lock = ", ".join(f"{n!r}: 0" for n in names)
     remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
     raise RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
+
+
+def mass_matrix_by_columns(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:
+    """M(q) (nv, nv) by the Newton-Euler algorithm: M e_k = tau(q, 0, e_k) - tau(q, 0, 0) for each unit vector e_k.
+
+    For mimic joints: Pinocchio 4.1's composite-rigid-body algorithm drops the couplings of branches that follow
+    different joints of one degree of freedom.
+    """
+    zero = np.zeros(model.nv)
+    weight = pin.rnea(model, data, q, zero, zero)
+    matrix = np.stack([pin.rnea(model, data, q, zero, unit) - weight for unit in np.eye(model.nv)])
+    return np.asarray((matrix + matrix.T) / 2)
 
 
 def _configurations(model: pin.Model) -> list[np.ndarray]:
