@@ -1,16 +1,15 @@
-"""Random robots and scenes: chains and trees of rigid bodies as URDF text, for studies over many of them."""
+"""Random robots and scenes for studies: chains and trees of rigid bodies as URDF text. Imported by other scripts."""
 
 from __future__ import annotations
 
 import numpy as np
 
 import twolink as tl
-from twolink.scenes import Scene
 
-# Degrees of freedom of the joints, and how often: compiling grows with them.
+# The probability of each number of joints: compiling takes longer for more of them.
 SIZES = {2: 0.3, 3: 0.3, 4: 0.25, 5: 0.07, 6: 0.05, 7: 0.03}
 KINDS = {"revolute": 0.55, "continuous": 0.25, "prismatic": 0.2}
-FLOATING = 0.15  # the share of robots with a floating base, which have 1 or 2 joints besides
+FLOATING = 0.15  # the share of robots with a floating base, which have 1 or 2 joints in addition
 GRAVITY = 0.8
 
 _LINK = """<link name="{name}"><inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{mass:.6f}"/>
@@ -22,9 +21,11 @@ _LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 
 def random_scene(
     random: np.random.Generator, sizes: dict[int, float] | None = None, floating: float = FLOATING
-) -> tuple[Scene, str]:
-    """A scene, and its robot in words. sizes: degrees of freedom to choose from, and how often each; floating: how
-    often the base is a body of its own."""
+) -> tuple[tl.Scene, str]:
+    """A scene, and its robot in words.
+
+    sizes: the probability of each number of joints. floating: the probability of a floating base.
+    """
     sizes = SIZES if sizes is None else sizes
     base = bool(random.random() < floating)
     joints = int(random.integers(1, 3)) if base else int(random.choice(list(sizes), p=list(sizes.values())))
@@ -41,11 +42,11 @@ def random_scene(
     v = random.uniform(-1, 1, robot.nv) * lively
     effects = [tl.effects.Gravity()] if random.random() < GRAVITY else []
     name = ("float " if base else "") + "".join(kind[0] for kind in kinds)
-    return Scene(robot, q, v, effects=effects), name + ("" if effects else " no gravity")
+    return tl.Scene(robot, q, v, effects=effects), name + ("" if effects else " no gravity")
 
 
 def random_urdf(random: np.random.Generator, joints: int, base: bool) -> tuple[str, list[str]]:
-    """The text of a URDF of so many joints, and their kinds. base: whether the first link has a mass."""
+    """The text of a URDF with this number of joints, and their kinds. base: whether the first link has a mass."""
     links = [_link(random, "link0") if base else '<link name="link0"/>']
     kinds, lines = [], []
     for i in range(1, joints + 1):
@@ -63,7 +64,7 @@ def random_urdf(random: np.random.Generator, joints: int, base: bool) -> tuple[s
 
 
 def _link(random: np.random.Generator, name: str) -> str:
-    """A solid box of water, more or less: its inertia is one that a body can have."""
+    """A solid box, so that the inertia is that of a real body."""
     a, b, c = random.uniform(0.05, 0.5, 3)
     mass = random.uniform(0.3, 3.0)
     ixx, iyy, izz = mass / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
