@@ -12,7 +12,8 @@ from twolink.hard import SimulationCase, select_cases
 from twolink.hard.case_result import MET
 from twolink.hard.peer_attempts import run_peers
 from twolink.hard.peers import drake_peer, mujoco_peer, peer_module, time_limit
-from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, from_peer, task_of, to_peer
+from twolink.hard.peers.coordinates import from_peer, to_peer
+from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, task_of
 
 TIMES = np.linspace(0.0, 0.5, 6)
 TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ G = 9.81
 
 
 def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence[float], times: Sequence[float]) -> Any:
-    """theta1 (from the horizontal), theta2 at the times, let go at rest under gravity."""
+    """theta1 (from the horizontal) and theta2 at the times [s], as digits; released at rest under gravity."""
     import heyoka as hy
 
     from twolink.lagrange import formulas
@@ -70,7 +70,7 @@ def _solved(system: Any, start: Sequence[float], times: Sequence[float], count: 
     state = [hy.real(float(x), BITS) for x in start]
     ta = hy.taylor_adaptive(system, state, fp_type=hy.real, prec=BITS, tol=hy.real(1e-45, BITS), compact_mode=True)
     out = []
-    for t in times:  # of exact symmetric rest the last coefficients may vanish: steps are short
+    for t in times:  # from exactly symmetric rest the last coefficients may vanish: hence the longest step
         ta.propagate_until(hy.real(float(t), BITS), max_delta_t=hy.real(0.05, BITS))
         out.append([_digits(x) for x in ta.state[:count]])
     return out
@@ -89,7 +89,7 @@ def planar_chain(masses: Sequence[float], angle: float, end: float, steps: int, 
     """
     n, real = len(masses), np.longdouble
     m = np.array(masses, real)
-    beyond = np.concatenate([np.cumsum(m[::-1])[::-1][1:], [real(0)]])  # the mass that hangs at each rod's end
+    beyond = np.concatenate([np.cumsum(m[::-1])[::-1][1:], [real(0)]])  # the mass that each rod's end carries
     later = np.maximum.outer(np.arange(n), np.arange(n))
     coupling = (m / 2 + beyond)[later]
     coupling[np.arange(n), np.arange(n)] = m / 3 + beyond
@@ -153,32 +153,31 @@ CHAINS = (
 
 def main(names: Sequence[str]) -> None:
     """Compute the references named, or all, and write them into the file."""
-    halves, ones, fives = (
-        [0.5 * k for k in range(1, 61)],
-        [float(k) for k in range(1, 11)],
-        [5.0 * k for k in range(1, 21)],
-    )
-    found: dict[str, Any] = json.loads(REFERENCES.read_text(encoding="utf-8")) if REFERENCES.exists() else {}
-    made: dict[str, tuple[list[float], Any]] = {
-        "arm-swing": (ones, lambda: two_rods((1, 1), (3, 1), (0, 0), ones)),
-        "chaos": (halves, lambda: two_rods((1, 1), (1, 1), (0, 0), halves)),
-        "light-tip": (ones[:5], lambda: two_rods((1, 1), (1, 1e-9), (0.3, -0.5), ones[:5])),
-        "heavy-tip": (ones[:5], lambda: two_rods((1, 1), (1e-9, 1), (0.3, -0.5), ones[:5])),
-        "dzhanibekov": (fives, lambda: free_body(BOX, (0.1, 5.0, 0.1), fives)),
+    stored: dict[str, Any] = json.loads(REFERENCES.read_text(encoding="utf-8"))
+    references: dict[str, tuple[list[float], Callable[[list[float]], Any]]] = {
+        "arm-swing": (_times(1.0, 10), functools.partial(two_rods, (1, 1), (3, 1), (0, 0))),
+        "chaos": (_times(0.5, 60), functools.partial(two_rods, (1, 1), (1, 1), (0, 0))),
+        "light-tip": (_times(1.0, 5), functools.partial(two_rods, (1, 1), (1, 1e-9), (0.3, -0.5))),
+        "heavy-tip": (_times(1.0, 5), functools.partial(two_rods, (1, 1), (1e-9, 1), (0.3, -0.5))),
+        "dzhanibekov": (_times(5.0, 20), functools.partial(free_body, BOX, (0.1, 5.0, 0.1))),
     }
-    tenths = [0.1 * k for k in range(1, 11)]
-    made |= {name: (tenths, functools.partial(_chain, name, masses, angle)) for name, masses, angle in CHAINS}
-    for name in names or made:
-        times, compute = made[name]
-        found[name] = {"t": times, "q": compute()}
-        REFERENCES.write_text(json.dumps(found, indent=0) + "\n", encoding="utf-8")
+    for name, masses, angle in CHAINS:
+        references[name] = (_times(0.1, 10), functools.partial(_chain, name, masses, angle))
+    for name in names or references:
+        times, compute = references[name]
+        stored[name] = {"t": times, "q": compute(times)}
+        REFERENCES.write_text(json.dumps(stored, indent=0) + "\n", encoding="utf-8")
 
 
-def _chain(name: str, masses: Sequence[float], angle: float) -> list[list[str]]:
+def _times(interval: float, count: int) -> list[float]:
+    return [interval * k for k in range(1, count + 1)]
+
+
+def _chain(name: str, masses: Sequence[float], angle: float, times: Sequence[float]) -> list[list[str]]:
     sizes = (200, 300) if len(masses) <= 100 else (50, 80)  # long double is slow
     if masses[-1] > masses[0]:  # light links that hold heavy ones oscillate at 1e5 rad/s
         sizes = (30_000, 40_000)
-    coarse, fine = (planar_chain(masses, angle, 1.0, steps, 10) for steps in sizes)
+    coarse, fine = (planar_chain(masses, angle, times[-1], steps, len(times)) for steps in sizes)
     print(f"{name}: two step sizes differ by {float(np.abs(coarse - fine).max()):.1e}", flush=True)
     return [[str(x) for x in row] for row in fine[1:]]
 

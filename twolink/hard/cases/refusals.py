@@ -18,8 +18,7 @@ from twolink.scenes import Scene
 from twolink.simulation import simulate_many
 from twolink.simulation.scene_run import simulate
 
-NAN, INF = math.nan, math.inf
-BAD = {"nan": NAN, "inf": INF, "-inf": -INF}
+BAD = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 GRAVITY = fx.Gravity()
 HANG = 15.0  # s
 
@@ -43,18 +42,14 @@ def _arm(*effects: Any, q: Any = None, v: Any = None) -> Scene:
 
 
 def _run(*effects: Any, **options: Any) -> object:
-    return simulate(_arm(*effects), **options)
-
-
-def _limited_run(**options: Any) -> object:
-    """A run that ends with TimeoutError after HANG seconds."""
+    """A run of the arm, which ends with TimeoutError after HANG seconds."""
     start = time.perf_counter()
 
     def progress(t: float) -> None:
         if time.perf_counter() - start > HANG:
             raise TimeoutError(f"at t = {t:.3g} s after {HANG:g} s of waiting")
 
-    return simulate(_arm(), progress=progress, **options)
+    return simulate(_arm(*effects), progress=progress, **options)
 
 
 def _massless(name: str, kind: str = "revolute", inertial: str = "", more: str = "") -> Callable[[], object]:
@@ -121,7 +116,7 @@ _EFFECTS: dict[str, Callable[[float], object]] = {
 
 
 def _four_bar(point: float) -> object:
-    """The parallelogram with a coupler that is too short or too long to close."""
+    """The parallelogram, whose coupler is to reach a point at this distance [m]."""
     robot = load_robot(str(FOLDER / "parallelogram.urdf"))
     loop = fx.PointLoop("coupler", "universe", (1.0, 0.0, 0.0), (point, 0.0, 0.0))
     return simulate(Scene(robot, [1.5, -1.5, 1.5], effects=[GRAVITY, loop]), 1.0)
@@ -140,7 +135,7 @@ def _durations() -> dict[str, ErrorCheck]:
         calls[f"duration {number!r:.12}"] = ErrorCheck(functools.partial(_run, duration=number), SceneError, "duration")
     calls["1e9 s at 200 samples a second"] = ErrorCheck(lambda: _run(duration=1e9), SceneError, "samples")
     for name in METHODS:
-        run = functools.partial(_limited_run, duration=1e9, samples=1e-8, method=name, accuracy=1e-3)
+        run = functools.partial(_run, duration=1e9, samples=1e-8, method=name, accuracy=1e-3)
         calls[f"1e9 s by {name}"] = ErrorCheck(run, TwolinkError)
     return calls
 

@@ -12,30 +12,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import (
-    FixedOffsetFrame,
-    PrismaticJoint,
-    PrismaticSpring,
-    QuaternionFloatingJoint,
-    RevoluteJoint,
-    RevoluteSpring,
-    RotationalInertia,
-    SpatialInertia,
-)
+from pydrake.multibody import plant as multibody
+from pydrake.multibody import tree
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from twolink.hard.peers.task import (
-    PeerError,
-    PeerJoint,
-    PeerRun,
-    PeerTask,
-    Setting,
-    UnsupportedError,
-    from_peer,
-    to_peer,
-    tolerances,
-)
+from twolink.hard.peers.coordinates import from_peer, to_peer
+from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting, UnsupportedError, tolerances
 
 VERSION = version("drake")
 TIGHT, STEP = 1e-10, 1e-3
@@ -108,7 +90,7 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
 
 def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
     """The finished plant, and the entries of its q and v in the order of the task's joints."""
-    plant: Any = MultibodyPlant(time_step=step)
+    plant: Any = multibody.MultibodyPlant(time_step=step)
     plant.mutable_gravity_field().set_gravity_vector(task.model.gravity.linear)
     bodies, joints = [plant.world_body()], []
     try:
@@ -131,20 +113,20 @@ def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
 def _add_joint(task: PeerTask, plant: Any, bodies: list[Any], joint: PeerJoint) -> Any:
     """Add the joint and the body behind it."""
     xx, xy, yy, xz, yz, zz = joint.inertia.inertia[np.tril_indices(3)]
-    central = RotationalInertia(xx, yy, zz, xy, xz, yz)
-    inertia = SpatialInertia.MakeFromCentralInertia(joint.inertia.mass, joint.inertia.lever, central)
+    central = tree.RotationalInertia(xx, yy, zz, xy, xz, yz)
+    inertia = tree.SpatialInertia.MakeFromCentralInertia(joint.inertia.mass, joint.inertia.lever, central)
     body = plant.AddRigidBody(f"body of {joint.name}", inertia)
     parent, place = bodies[joint.parent].body_frame(), RigidTransform(joint.place.homogeneous)
     bodies.append(body)
-    base = plant.AddFrame(FixedOffsetFrame(f"place of {joint.name}", parent, place))
+    base = plant.AddFrame(tree.FixedOffsetFrame(f"place of {joint.name}", parent, place))
     if joint.kind == "free":
-        return plant.AddJoint(QuaternionFloatingJoint(joint.name, base, body.body_frame()))
+        return plant.AddJoint(tree.QuaternionFloatingJoint(joint.name, base, body.body_frame()))
     prismatic = joint.kind == "prismatic"
-    kind = PrismaticJoint if prismatic else RevoluteJoint
+    kind = tree.PrismaticJoint if prismatic else tree.RevoluteJoint
     axis: Any = joint.axis  # whose type pydrake states too narrowly
     damping = task.damping.get(joint.name, 0.0)
     made = plant.AddJoint(kind(joint.name, base, body.body_frame(), axis, damping=damping))
     stiffness, rest = task.springs.get(joint.name, (0.0, 0.0))
     if stiffness:
-        plant.AddForceElement((PrismaticSpring if prismatic else RevoluteSpring)(made, rest, stiffness))
+        plant.AddForceElement((tree.PrismaticSpring if prismatic else tree.RevoluteSpring)(made, rest, stiffness))
     return made

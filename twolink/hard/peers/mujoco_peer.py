@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.effects.inputs import value_at
-from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting, from_peer, to_peer
+from twolink.hard.peers.coordinates import from_peer, to_peer
+from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting
 
 VERSION = mujoco.__version__
 DEFAULT_STEP, FINE_STEP = 0.002, 1e-4

@@ -1,4 +1,4 @@
-"""What a peer is asked and what it answers: task, setting, result, and the coordinates that peers share."""
+"""What a peer is asked and what it answers: task, setting and result."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from twolink import effects as fx
 from twolink.dynamics import Robot
@@ -170,46 +169,6 @@ def _joints(robot: Robot) -> tuple[PeerJoint, ...]:
         out.append(PeerJoint(model.names[i], kind, int(model.parents[i]), model.jointPlacements[i], axis,
                              model.inertias[i], layout.q, layout.v))  # fmt: skip
     return tuple(out)
-
-
-def to_peer(task: PeerTask, *, body_spin: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The initial state in the coordinates that peers share, joint by joint.
-
-    One number for a joint of one degree of freedom. For a free body position and quaternion (w, x, y, z); velocity,
-    then angular velocity, in the world's axes. body_spin: the angular velocity is in the body's axes.
-    """
-    q: list[float] = []
-    for joint in task.joints:
-        x = task.q[joint.q]
-        q += {"free": [*x[:3], *x[-1:], *x[3:-1]], "continuous": [np.arctan2(x[-1], x[0])]}.get(joint.kind, [*x])
-    return np.array(q), _turned(task, task.q[None], task.v[None], body_spin, inverse=False)[0]
-
-
-def from_peer(task: PeerTask, q: np.ndarray, v: np.ndarray, *, body_spin: bool) -> Track:
-    """Pinocchio's q (n, nq) and v (n, nv) of rows in the coordinates of `to_peer`."""
-    out, at = np.empty((len(q), task.model.nq)), 0
-    for joint in task.joints:
-        if joint.kind == "free":
-            quaternion = q[:, at + 3 : at + 7] / np.linalg.norm(q[:, at + 3 : at + 7], axis=1, keepdims=True)
-            out[:, joint.q] = np.hstack([q[:, at : at + 3], quaternion[:, 1:], quaternion[:, :1]])
-            at += 6
-        elif joint.kind == "continuous":
-            out[:, joint.q] = np.stack([np.cos(q[:, at]), np.sin(q[:, at])], axis=1)
-        else:
-            out[:, joint.q.start] = q[:, at]
-        at += 1
-    return Track(task.times, out, _turned(task, out, v, body_spin, inverse=True))
-
-
-def _turned(task: PeerTask, q: np.ndarray, v: np.ndarray, body_spin: bool, *, inverse: bool) -> np.ndarray:
-    """Velocities of free bodies from the body's axes to the world's, or back; v has one layout everywhere."""
-    for joint in task.joints:
-        if joint.kind == "free":
-            v, at = v.copy(), joint.v.start
-            turn = Rotation.from_quat(q[:, joint.q][:, 3:])
-            for part in (slice(at, at + 3), slice(at + 3, at + 6))[: 1 if body_spin else 2]:
-                v[:, part] = turn.apply(v[:, part], inverse=inverse)
-    return v
 
 
 def tolerances(coarse: bool) -> list[float]:
