@@ -5,45 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from twolink.algorithms import spatial as sp
 from twolink.algorithms.joint_models import velocity_product
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import STILL, Wrenches, poses, subtract_wrenches
-from twolink.algorithms.spatial import (
-    ENTRIES,
-    ZERO,
-    Inertia,
-    Mat,
-    Pose,
-    Scalar,
-    Scalars,
-    Spatial,
-    Sym,
-    Vec,
-    acceleration_gradient,
-    add,
-    congruence,
-    constant,
-    force_to_parent,
-    full,
-    inertial_force,
-    inward,
-    mat_add,
-    minus,
-    motion_to_child,
-    plus,
-    product,
-    reciprocal,
-    rotate,
-    rotational_inertia,
-    scale,
-    skew,
-    spatial_add,
-    spatial_dot,
-    spatial_scale,
-    sym_add,
-    times,
-    transpose,
-)
+from twolink.algorithms.spatial import ZERO, Inertia, Mat, Pose, Scalar, Scalars, Spatial, Sym, Vec
 from twolink.errors import QueryError
 
 
@@ -58,19 +24,21 @@ class Articulated(NamedTuple):
 def articulated(body: Inertia) -> Articulated:
     """A rigid body's inertia as 6x6 blocks: (m 1, -[h x]; [h x], I)."""
     m = body.mass
-    return Articulated((m, 0.0, 0.0, m, 0.0, m), transpose(skew(body.first)), rotational_inertia(body.second))
+    return Articulated((m, 0.0, 0.0, m, 0.0, m), sp.transpose(sp.skew(body.first)), sp.rotational_inertia(body.second))
 
 
 def articulated_add(a: Articulated, b: Articulated) -> Articulated:
     """a + b."""
-    return Articulated(sym_add(a.linear, b.linear), mat_add(a.coupling, b.coupling), sym_add(a.angular, b.angular))
+    return Articulated(
+        sp.sym_add(a.linear, b.linear), sp.mat_add(a.coupling, b.coupling), sp.sym_add(a.angular, b.angular)
+    )
 
 
 def articulated_times(body: Articulated, m: Spatial) -> Spatial:
     """I m."""
     return (
-        add(rotate(full(body.linear), m[0]), rotate(body.coupling, m[1])),
-        add(rotate(transpose(body.coupling), m[0]), rotate(full(body.angular), m[1])),
+        sp.add(sp.rotate(sp.full(body.linear), m[0]), sp.rotate(body.coupling, m[1])),
+        sp.add(sp.rotate(sp.transpose(body.coupling), m[0]), sp.rotate(sp.full(body.angular), m[1])),
     )
 
 
@@ -82,30 +50,30 @@ def articulated_without(body: Articulated, u: Spatial, inverse: Scalar, s: Spati
     """
     axis = (*s[0], *s[1]) if s else ()
     gone = axis.index(1.0) if s and sorted(axis) == [0.0] * 5 + [1.0] else None
-    entries, scaled = (*u[0], *u[1]), tuple(times(inverse, x) for x in (*u[0], *u[1]))
+    entries, scaled = (*u[0], *u[1]), tuple(sp.times(inverse, x) for x in (*u[0], *u[1]))
 
     def entry(old: Scalar, i: int, j: int) -> Scalar:
-        return 0.0 if gone in (i, j) else minus(old, times(entries[i], scaled[j]))
+        return 0.0 if gone in (i, j) else sp.minus(old, sp.times(entries[i], scaled[j]))
 
-    linear = tuple(entry(body.linear[n], i, j) for n, (i, j) in enumerate(ENTRIES))
-    angular = tuple(entry(body.angular[n], i + 3, j + 3) for n, (i, j) in enumerate(ENTRIES))
+    linear = tuple(entry(body.linear[n], i, j) for n, (i, j) in enumerate(sp.ENTRIES))
+    angular = tuple(entry(body.angular[n], i + 3, j + 3) for n, (i, j) in enumerate(sp.ENTRIES))
     coupling = tuple(tuple(entry(body.coupling[i][j], i, j + 3) for j in range(3)) for i in range(3))
     return Articulated(linear, coupling, angular)  # type: ignore[arg-type]
 
 
 def articulated_to_parent(pose: Pose, body: Articulated) -> Articulated:
     """A child's articulated inertia in the parent's frame: X* I X, by blocks."""
-    (linear, turned, angular), r = body, skew(pose.origin)
+    (linear, turned, angular), r = body, sp.skew(pose.origin)
     for turn in reversed(pose.turns):
-        linear, angular = congruence(turn, linear), congruence(turn, angular)
-        turned = product(product(turn, turned), transpose(turn))
-    coupling = mat_add(turned, _negated(product(full(linear), r)))
-    shifted = mat_add(product(r, coupling), _negated(product(transpose(turned), r)))
-    return Articulated(linear, coupling, sym_add(angular, _upper(shifted)))
+        linear, angular = sp.congruence(turn, linear), sp.congruence(turn, angular)
+        turned = sp.product(sp.product(turn, turned), sp.transpose(turn))
+    coupling = sp.mat_add(turned, _negated(sp.product(sp.full(linear), r)))
+    shifted = sp.mat_add(sp.product(r, coupling), _negated(sp.product(sp.transpose(turned), r)))
+    return Articulated(linear, coupling, sp.sym_add(angular, _upper(shifted)))
 
 
 def _negated(m: Mat) -> Mat:
-    return scale(-1.0, m[0]), scale(-1.0, m[1]), scale(-1.0, m[2])
+    return sp.scale(-1.0, m[0]), sp.scale(-1.0, m[1]), sp.scale(-1.0, m[2])
 
 
 def _upper(m: Mat) -> Sym:
@@ -126,16 +94,16 @@ def forward_dynamics_aba(
         p, joint = mech.parents[i], mech.joints[i]
         for k, s in zip(joint.dofs, joint.subspace, strict=True):
             u = articulated_times(inertia[i], s)
-            inverse = reciprocal(plus(spatial_dot(s, u), mech.armature[k]), xp)
-            effort = minus(minus(tau[k], times(mech.damping[k], v[k])), spatial_dot(s, force[i]))
-            alone = constant(mech.armature[k]) and mech.armature[k] == 0.0
+            inverse = sp.reciprocal(sp.plus(sp.spatial_dot(s, u), mech.armature[k]), xp)
+            effort = sp.minus(sp.minus(tau[k], sp.times(mech.damping[k], v[k])), sp.spatial_dot(s, force[i]))
+            alone = sp.constant(mech.armature[k]) and mech.armature[k] == 0.0
             inertia[i] = articulated_without(inertia[i], u, inverse, s if alone else None)
-            force[i] = spatial_add(force[i], spatial_scale(times(effort, inverse), u))
+            force[i] = sp.spatial_add(force[i], sp.spatial_scale(sp.times(effort, inverse), u))
             axes[i].append((k, s, u, inverse, effort))
         if p:
-            passed = spatial_add(force[i], articulated_times(inertia[i], drift[i]))
+            passed = sp.spatial_add(force[i], articulated_times(inertia[i], drift[i]))
             inertia[p] = articulated_add(inertia[p], articulated_to_parent(at[i], inertia[i]))
-            force[p] = spatial_add(force[p], force_to_parent(at[i], passed))
+            force[p] = sp.spatial_add(force[p], sp.force_to_parent(at[i], passed))
     return _outward(mech, at, drift, axes)
 
 
@@ -150,11 +118,11 @@ def _velocity_terms(
     drift, force = [STILL], [STILL]
     for i in mech.bodies:
         joint, p, own = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
-        turned = inward(at[i], w[p])
-        centripetal = inward(at[i], rotate(acceleration_gradient(w[p], ZERO), at[i].origin))
-        drift.append(spatial_add((centripetal, ZERO), velocity_product(joint, turned, own)))
-        w.append(add(turned, own[1]))
-        force.append(inertial_force(mech.inertias[i], ZERO, acceleration_gradient(w[i], ZERO)))
+        turned = sp.inward(at[i], w[p])
+        centripetal = sp.inward(at[i], sp.rotate(sp.acceleration_gradient(w[p], ZERO), at[i].origin))
+        drift.append(sp.spatial_add((centripetal, ZERO), velocity_product(joint, turned, own)))
+        w.append(sp.add(turned, own[1]))
+        force.append(sp.inertial_force(mech.inertias[i], ZERO, sp.acceleration_gradient(w[i], ZERO)))
     subtract_wrenches(force, f_ext)
     return drift, force
 
@@ -164,11 +132,11 @@ def _outward(
 ) -> list[Scalar]:
     """The last pass of Featherstone table 7.1: accelerations, from the root outwards."""
     a: list[Scalar] = [0.0] * mech.nv
-    moved: list[Spatial] = [(scale(-1.0, mech.gravity), ZERO)]
+    moved: list[Spatial] = [(sp.scale(-1.0, mech.gravity), ZERO)]
     for i in mech.bodies:
-        here = spatial_add(motion_to_child(at[i], moved[mech.parents[i]]), drift[i])
+        here = sp.spatial_add(sp.motion_to_child(at[i], moved[mech.parents[i]]), drift[i])
         for k, s, u, inverse, effort in reversed(axes[i]):
-            a[k] = times(inverse, minus(effort, spatial_dot(u, here)))
-            here = spatial_add(here, spatial_scale(a[k], s))
+            a[k] = sp.times(inverse, sp.minus(effort, sp.spatial_dot(u, here)))
+            here = sp.spatial_add(here, sp.spatial_scale(a[k], s))
         moved.append(here)
     return a

@@ -13,31 +13,13 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.spatial import (
-    IDENTITY,
-    NO_INERTIA,
-    ZERO,
-    Inertia,
-    Mat,
-    Pose,
-    Scalar,
-    Spatial,
-    Vec,
-    add,
-    constant,
-    cross,
-    minus,
-    plus,
-    scale,
-    spatial_add,
-    spatial_scale,
-    times,
-)
+from twolink.algorithms import spatial as sp
+from twolink.algorithms.spatial import ZERO, Inertia, Mat, Pose, Scalar, Spatial, Vec
 from twolink.errors import QueryError
 
 Kind = Literal["revolute", "continuous", "prismatic", "planar", "spherical", "free-flyer"]
 
-_X, _Y, _Z = IDENTITY
+_X, _Y, _Z = sp.IDENTITY
 _PLANAR: tuple[Spatial, ...] = ((_X, ZERO), (_Y, ZERO), (ZERO, _Z))
 _TURNS: tuple[Spatial, ...] = ((ZERO, _X), (ZERO, _Y), (ZERO, _Z))
 _SHIFTS: tuple[Spatial, ...] = ((_X, ZERO), (_Y, ZERO), (_Z, ZERO))
@@ -68,12 +50,12 @@ class Joint:
             return _TURNS
         if self.kind == "free-flyer":
             return _SHIFTS + _TURNS
-        axis = scale(self.ratio, self.axis)
+        axis = sp.scale(self.ratio, self.axis)
         return ((axis, ZERO),) if self.kind == "prismatic" else ((ZERO, axis),)
 
     def motion(self, v: Sequence[Scalar]) -> Spatial:
         """S v, from the whole robot's v (or accelerations)."""
-        return spatial_add(*(spatial_scale(v[k], s) for k, s in zip(self.dofs, self.subspace, strict=True)))
+        return sp.spatial_add(*(sp.spatial_scale(v[k], s) for k, s in zip(self.dofs, self.subspace, strict=True)))
 
     def pose(self, q: Sequence[Scalar], xp: Any) -> Pose:
         """The pose of the child's frame in the joint's fixed frame, from the whole robot's q."""
@@ -87,9 +69,9 @@ class Joint:
         if self.kind == "continuous" and not self.mimic:
             return Pose((axis_rotation(self.axis, own[0], own[1]),), ZERO)
         at = own[0] if len(own) == 1 else xp.atan2(own[1], own[0])
-        at = plus(times(self.ratio, at), self.offset)
+        at = sp.plus(sp.times(self.ratio, at), self.offset)
         if self.kind == "prismatic":
-            return Pose((IDENTITY,), scale(at, self.axis))
+            return Pose((sp.IDENTITY,), sp.scale(at, self.axis))
         return Pose((axis_rotation(self.axis, xp.cos(at), xp.sin(at)),), ZERO)
 
     def passed_on(self, body: Inertia) -> Inertia:
@@ -100,10 +82,10 @@ class Joint:
         parameters" of Gautier and Khalil 1990), and what becomes zero here is never computed again. Behind a prismatic
         joint it is the rotational inertia; in a ball joint the mass, a point at its centre.
         """
-        if self.kind == "free-flyer" or not all(map(constant, (body.mass, *body.first, *body.second))):
-            return NO_INERTIA
+        if self.kind == "free-flyer" or not all(map(sp.constant, (body.mass, *body.first, *body.second))):
+            return sp.NO_INERTIA
         if self.kind == "spherical":
-            return Inertia(body.mass, ZERO, NO_INERTIA.second)
+            return Inertia(body.mass, ZERO, sp.NO_INERTIA.second)
         if self.kind == "prismatic":
             return Inertia(0.0, ZERO, body.second)
         u = _Z if self.kind == "planar" else self.axis
@@ -128,9 +110,9 @@ def axis_rotation(u: Vec, c: Scalar, s: Scalar) -> Mat:
 
     def entry(i: int, j: int) -> Scalar:
         if i == j:
-            return plus(u[i] * u[i], times(1.0 - u[i] * u[i], c))
+            return sp.plus(u[i] * u[i], sp.times(1.0 - u[i] * u[i], c))
         sign = 1.0 if (j - i) % 3 == 2 else -1.0
-        return plus(minus(u[i] * u[j], times(u[i] * u[j], c)), times(sign * u[3 - i - j], s))
+        return sp.plus(sp.minus(u[i] * u[j], sp.times(u[i] * u[j], c)), sp.times(sign * u[3 - i - j], s))
 
     return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))  # type: ignore[return-value]
 
@@ -204,5 +186,5 @@ def velocity_product(joint: Joint, turned: Vec, motion: Spatial) -> Spatial:
     """
     linear, angular = motion
     if joint.kind in ("revolute", "continuous", "spherical"):
-        return ZERO, cross(turned, angular)
-    return cross(add(scale(2.0, turned), angular), linear), cross(turned, angular)
+        return ZERO, sp.cross(turned, angular)
+    return sp.cross(sp.add(sp.scale(2.0, turned), angular), linear), sp.cross(turned, angular)

@@ -11,23 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from twolink.algorithms import spatial as sp
 from twolink.algorithms.joint_models import Joint, read_joint
-from twolink.algorithms.spatial import (
-    AT_PARENT,
-    ENTRIES,
-    NO_INERTIA,
-    ZERO,
-    Inertia,
-    Pose,
-    Scalar,
-    Vec,
-    constant,
-    inertia_add,
-    inertia_to_parent,
-    negative,
-    scale,
-    second_moment,
-)
+from twolink.algorithms.spatial import ZERO, Inertia, Pose, Scalar, Vec
 from twolink.errors import QueryError, nearest
 
 
@@ -85,7 +71,7 @@ class Mechanism:
 
 _WORLD = Joint("revolute", ZERO, (), ())
 _COORDINATES = ("x", "y", "z")
-_MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in ENTRIES)
+_MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in sp.ENTRIES)
 
 
 def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None, *, regroup: bool = True) -> Mechanism:
@@ -111,8 +97,8 @@ def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None, 
         parents=tuple(model.parents.tolist()),
         gravity=gravity,
         joints=(_WORLD, *(read_joint(model, data, i) for i in joints)),
-        placements=(AT_PARENT, *(_placement(model, i, values) for i in joints)),
-        inertias=(NO_INERTIA, *(_inertia(bodies[i], values) for i in joints)),
+        placements=(sp.AT_PARENT, *(_placement(model, i, values) for i in joints)),
+        inertias=(sp.NO_INERTIA, *(_inertia(bodies[i], values) for i in joints)),
         armature=_per_dof(model, "armature", values, model.armature.tolist()),
         damping=_per_dof(model, "damping", {name: values[name] for name in given}, [0.0] * model.nv),
     )
@@ -147,7 +133,7 @@ def _nominal_values(model: pin.Model) -> dict[str, float]:
         values[f"{names[i]}.mass"] = float(body.mass)
         for axis, value in zip(_COORDINATES, body.lever.tolist(), strict=True):
             values[f"{names[i]}.com.{axis}"] = value
-        for moment, (j, k) in zip(_MOMENTS, ENTRIES, strict=True):
+        for moment, (j, k) in zip(_MOMENTS, sp.ENTRIES, strict=True):
             values[f"{names[i]}.inertia.{moment}"] = float(rotational[j, k])
         for axis, value in zip(_COORDINATES, model.jointPlacements[i].translation.tolist(), strict=True):
             values[f"{name}.origin.{axis}"] = value
@@ -182,7 +168,7 @@ def _inertia(link: str, values: Mapping[str, Scalar]) -> Inertia:
     mass = values[f"{link}.mass"]
     x, y, z = (values[f"{link}.com.{axis}"] for axis in _COORDINATES)
     xx, xy, xz, yy, yz, zz = (values[f"{link}.inertia.{moment}"] for moment in _MOMENTS)
-    return Inertia(mass, scale(mass, (x, y, z)), second_moment(mass, (x, y, z), (xx, xy, xz, yy, yz, zz)))
+    return Inertia(mass, sp.scale(mass, (x, y, z)), sp.second_moment(mass, (x, y, z), (xx, xy, xz, yy, yz, zz)))
 
 
 def _per_dof(model: pin.Model, what: str, values: Mapping[str, Scalar], default: list[Scalar]) -> tuple[Scalar, ...]:
@@ -198,15 +184,15 @@ def _regrouped(mech: Mechanism) -> Mechanism:
     inertias = list(mech.inertias)
     for i in reversed(mech.bodies):
         placement, parent = mech.placements[i], mech.parents[i]
-        if not all(map(constant, placement.origin)):
+        if not all(map(sp.constant, placement.origin)):
             continue  # a length that is a parameter: what is passed on would have to be computed every time
         part = mech.joints[i].passed_on(inertias[i])
-        left = inertia_add(inertias[i], _minus(part))
+        left = sp.inertia_add(inertias[i], _minus(part))
         inertias[i] = left
-        inertias[parent] = inertia_add(inertias[parent], inertia_to_parent(placement, part))
+        inertias[parent] = sp.inertia_add(inertias[parent], sp.inertia_to_parent(placement, part))
     return replace(mech, inertias=tuple(inertias))
 
 
 def _minus(body: Inertia) -> Inertia:
-    xx, xy, xz, yy, yz, zz = map(negative, body.second)
-    return Inertia(negative(body.mass), scale(-1.0, body.first), (xx, xy, xz, yy, yz, zz))
+    xx, xy, xz, yy, yz, zz = map(sp.negative, body.second)
+    return Inertia(sp.negative(body.mass), sp.scale(-1.0, body.first), (xx, xy, xz, yy, yz, zz))

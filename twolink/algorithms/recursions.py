@@ -14,42 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from twolink.algorithms import spatial as sp
 from twolink.algorithms.joint_models import velocity_product
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.sparse_factors import ldlt_solve
-from twolink.algorithms.spatial import (
-    AT_PARENT,
-    ZERO,
-    Mat,
-    Matrix,
-    Pose,
-    Scalar,
-    Scalars,
-    Spatial,
-    Vec,
-    acceleration_gradient,
-    add,
-    compose,
-    dot,
-    force_to_parent,
-    inertia_add,
-    inertia_times,
-    inertia_to_parent,
-    inertial_force,
-    inward,
-    minus,
-    motion_to_child,
-    negative,
-    outward,
-    plus,
-    rotate,
-    scale,
-    single_turn,
-    spatial_add,
-    spatial_dot,
-    spatial_scale,
-    times,
-)
+from twolink.algorithms.spatial import ZERO, Mat, Matrix, Pose, Scalar, Scalars, Spatial, Vec
 
 Wrenches = Mapping[int, Scalars]
 STILL: Spatial = (ZERO, ZERO)
@@ -57,8 +26,8 @@ STILL: Spatial = (ZERO, ZERO)
 
 def poses(mech: Mechanism, q: Scalars, xp: Any) -> list[Pose]:
     """Each body's pose in its parent's frame: X_T then X_J, as in Featherstone table 5.1."""
-    own = (compose(mech.placements[i], mech.joints[i].pose(q, xp)) for i in mech.bodies)
-    return [AT_PARENT, *own]
+    own = (sp.compose(mech.placements[i], mech.joints[i].pose(q, xp)) for i in mech.bodies)
+    return [sp.AT_PARENT, *own]
 
 
 def rnea(
@@ -81,33 +50,33 @@ def gravity_torque(mech: Mechanism, q: Scalars, xp: Any = None) -> list[Scalar]:
 def newton_euler(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_ext: Wrenches | None) -> list[Scalar]:
     """Table 5.1 of Featherstone for known poses: accelerations outwards, forces inwards."""
     w: list[Vec] = [ZERO]
-    moved: list[Spatial] = [(scale(-1.0, mech.gravity), ZERO)]
-    gradient: list[Mat] = [acceleration_gradient(ZERO, ZERO)]
+    moved: list[Spatial] = [(sp.scale(-1.0, mech.gravity), ZERO)]
+    gradient: list[Mat] = [sp.acceleration_gradient(ZERO, ZERO)]
     force: list[Spatial] = [STILL]
     for i in mech.bodies:
         joint, p, own = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
-        turned = inward(at[i], w[p])
-        linear = inward(at[i], add(moved[p][0], rotate(gradient[p], at[i].origin)))
-        angular = inward(at[i], moved[p][1])
-        moved.append(spatial_add((linear, angular), velocity_product(joint, turned, own), joint.motion(a)))
-        w.append(add(turned, own[1]))
-        gradient.append(acceleration_gradient(w[i], moved[i][1]))
-        force.append(inertial_force(mech.inertias[i], moved[i][0], gradient[i]))
+        turned = sp.inward(at[i], w[p])
+        linear = sp.inward(at[i], sp.add(moved[p][0], sp.rotate(gradient[p], at[i].origin)))
+        angular = sp.inward(at[i], moved[p][1])
+        moved.append(sp.spatial_add((linear, angular), velocity_product(joint, turned, own), joint.motion(a)))
+        w.append(sp.add(turned, own[1]))
+        gradient.append(sp.acceleration_gradient(w[i], moved[i][1]))
+        force.append(sp.inertial_force(mech.inertias[i], moved[i][0], gradient[i]))
     subtract_wrenches(force, f_ext)
-    tau = [plus(times(mech.armature[k], a[k]), times(mech.damping[k], v[k])) for k in range(mech.nv)]
+    tau = [sp.plus(sp.times(mech.armature[k], a[k]), sp.times(mech.damping[k], v[k])) for k in range(mech.nv)]
     for i in reversed(mech.bodies):
         joint, p = mech.joints[i], mech.parents[i]
         for k, s in zip(joint.dofs, joint.subspace, strict=True):
-            tau[k] = plus(tau[k], spatial_dot(s, force[i]))
+            tau[k] = sp.plus(tau[k], sp.spatial_dot(s, force[i]))
         if p:
-            force[p] = spatial_add(force[p], force_to_parent(at[i], force[i]))
+            force[p] = sp.spatial_add(force[p], sp.force_to_parent(at[i], force[i]))
     return tau
 
 
 def subtract_wrenches(force: list[Spatial], f_ext: Wrenches | None) -> None:
     """Leave to each body's joint what the wrench on the body does not give, in place."""
     for i, w in (f_ext or {}).items():
-        force[i] = spatial_add(force[i], spatial_scale(-1.0, ((w[0], w[1], w[2]), (w[3], w[4], w[5]))))
+        force[i] = sp.spatial_add(force[i], sp.spatial_scale(-1.0, ((w[0], w[1], w[2]), (w[3], w[4], w[5]))))
 
 
 def crba(mech: Mechanism, q: Scalars, xp: Any = None) -> Matrix:
@@ -122,26 +91,26 @@ def composite_bodies(mech: Mechanism, at: Sequence[Pose]) -> Matrix:
     for i in reversed(mech.bodies):
         joint, p = mech.joints[i], mech.parents[i]
         if p:
-            composite[p] = inertia_add(composite[p], inertia_to_parent(at[i], composite[i]))
+            composite[p] = sp.inertia_add(composite[p], sp.inertia_to_parent(at[i], composite[i]))
         for n, k in enumerate(joint.dofs):
-            force = inertia_times(composite[i], joint.subspace[n])
+            force = sp.inertia_times(composite[i], joint.subspace[n])
             for m, other in enumerate(joint.dofs[: n + 1]):
-                _enter(matrix, k, other, spatial_dot(joint.subspace[m], force), same=m == n)
+                _enter(matrix, k, other, sp.spatial_dot(joint.subspace[m], force), same=m == n)
             for body in mech.support(i)[:-1]:
-                force = force_to_parent(at[body], force)
+                force = sp.force_to_parent(at[body], force)
                 above = mech.joints[mech.parents[body]]
                 for other, s in zip(above.dofs, above.subspace, strict=True):
-                    _enter(matrix, k, other, spatial_dot(s, force), same=False)
+                    _enter(matrix, k, other, sp.spatial_dot(s, force), same=False)
     for k in range(mech.nv):
-        matrix[k][k] = plus(matrix[k][k], mech.armature[k])
+        matrix[k][k] = sp.plus(matrix[k][k], mech.armature[k])
     return matrix
 
 
 def _enter(matrix: Matrix, i: int, j: int, value: Scalar, *, same: bool) -> None:
     """Add the coupling of two joint motions: to (i, j) and (j, i), once only where both are the same motion."""
-    matrix[i][j] = plus(matrix[i][j], value)
+    matrix[i][j] = sp.plus(matrix[i][j], value)
     if not same:  # a mimic joint's motion couples to its own dof twice, in either order
-        matrix[j][i] = plus(matrix[j][i], value)
+        matrix[j][i] = sp.plus(matrix[j][i], value)
 
 
 def forward_dynamics_crba(
@@ -150,7 +119,7 @@ def forward_dynamics_crba(
     """a = M^-1 (tau - h), by the mass matrix, Featherstone chapter 6."""
     at = poses(mech, q, xp)
     h = newton_euler(mech, at, v, [0.0] * mech.nv, f_ext)
-    rest = [minus(t, x) for t, x in zip(tau, h, strict=True)]
+    rest = [sp.minus(t, x) for t, x in zip(tau, h, strict=True)]
     return ldlt_solve(composite_bodies(mech, at), mech.dof_parents(), rest, xp)
 
 
@@ -159,24 +128,24 @@ def energy(mech: Mechanism, q: Scalars, v: Scalars, xp: Any = None) -> tuple[Sca
     at = poses(mech, q, xp)
     world: list[Pose] = [at[0]]
     motion: list[Spatial] = [STILL]
-    twice = plus(*(times(mech.armature[k], times(v[k], v[k])) for k in range(mech.nv)))
+    twice = sp.plus(*(sp.times(mech.armature[k], sp.times(v[k], v[k])) for k in range(mech.nv)))
     moment = mech.inertias[0].first
     for i in mech.bodies:
         p, body = mech.parents[i], mech.inertias[i]
-        motion.append(spatial_add(motion_to_child(at[i], motion[p]), mech.joints[i].motion(v)))
-        world.append(single_turn(compose(world[p], at[i])))
-        twice = plus(twice, spatial_dot(motion[i], inertia_times(body, motion[i])))
-        moment = add(moment, scale(body.mass, world[i].origin), outward(world[i], body.first))
-    return times(0.5, twice), negative(dot(mech.gravity, moment))
+        motion.append(sp.spatial_add(sp.motion_to_child(at[i], motion[p]), mech.joints[i].motion(v)))
+        world.append(sp.single_turn(sp.compose(world[p], at[i])))
+        twice = sp.plus(twice, sp.spatial_dot(motion[i], sp.inertia_times(body, motion[i])))
+        moment = sp.add(moment, sp.scale(body.mass, world[i].origin), sp.outward(world[i], body.first))
+    return sp.times(0.5, twice), sp.negative(sp.dot(mech.gravity, moment))
 
 
 def frame_placement(
-    mech: Mechanism, q: Scalars, body: int, placement: Pose = AT_PARENT, xp: Any = None
+    mech: Mechanism, q: Scalars, body: int, placement: Pose = sp.AT_PARENT, xp: Any = None
 ) -> tuple[Mat, Vec]:
     """(R, r) in the world of a frame that sits at `placement` in the body's joint frame."""
     pose = placement
     for i in mech.support(body):
-        pose = single_turn(compose(compose(mech.placements[i], mech.joints[i].pose(q, xp)), pose))
+        pose = sp.single_turn(sp.compose(sp.compose(mech.placements[i], mech.joints[i].pose(q, xp)), pose))
     return pose.turns[0], pose.origin
 
 
@@ -184,7 +153,7 @@ def frame_jacobian(
     mech: Mechanism,
     q: Scalars,
     body: int,
-    placement: Pose = AT_PARENT,
+    placement: Pose = sp.AT_PARENT,
     xp: Any = None,
     axes: Literal["local", "aligned"] = "aligned",
 ) -> Matrix:
@@ -197,8 +166,8 @@ def frame_jacobian(
     for i in mech.support(body):
         joint = mech.joints[i]
         for k, s in zip(joint.dofs, joint.subspace, strict=True):
-            columns[k] = spatial_add(columns[k], motion_to_child(pose, s))
-        pose = single_turn(compose(compose(mech.placements[i], joint.pose(q, xp)), pose))
+            columns[k] = sp.spatial_add(columns[k], sp.motion_to_child(pose, s))
+        pose = sp.single_turn(sp.compose(sp.compose(mech.placements[i], joint.pose(q, xp)), pose))
     if axes == "aligned":
-        columns = [(outward(pose, c[0]), outward(pose, c[1])) for c in columns]
+        columns = [(sp.outward(pose, c[0]), sp.outward(pose, c[1])) for c in columns]
     return [[(*c[0], *c[1])[row] for c in columns] for row in range(6)]
