@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
 from twolink.algorithms import derivatives, recursions
-from twolink.algorithms.mechanism import mechanism, nominal
+from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, single_bodies
 from twolink.algorithms.namespaces import Expressions
 from twolink.algorithms.sparse_factors import ldlt, ldlt_inverse
 from twolink.errors import QueryError
@@ -39,18 +40,18 @@ def reference(case: Case, algorithm: Any, *arguments: np.ndarray) -> list[np.nda
     return [np.stack(group, axis=-1) for group in zip(*answers, strict=True)]
 
 
-@pytest.mark.parametrize("regroup", [True, False], ids=["regrouped", "single"])
-def test_inverse_dynamics(case: Case, regroup: bool) -> None:
-    mech = mechanism(case.model, regroup=regroup)
+@pytest.mark.parametrize("read", [mechanism, single_bodies])
+def test_inverse_dynamics(case: Case, read: Callable[[pin.Model], Mechanism]) -> None:
+    mech = read(case.model)
     ours = derivatives.inverse_dynamics_derivatives(mech, case.q, case.v, case.a, np)
     theirs = reference(case, pin.computeRNEADerivatives, case.q, case.v, case.a)
     for mine, expected in zip(ours, theirs, strict=True):
         close(case.dense(mine), expected, 1e-11)
 
 
-@pytest.mark.parametrize("regroup", [True, False], ids=["regrouped", "single"])
-def test_forward_dynamics(case: Case, regroup: bool) -> None:
-    mech = mechanism(case.model, regroup=regroup)
+@pytest.mark.parametrize("read", [mechanism, single_bodies])
+def test_forward_dynamics(case: Case, read: Callable[[pin.Model], Mechanism]) -> None:
+    mech = read(case.model)
     tau = case.reference(pin.rnea, case.q, case.v, case.a)
     condition = np.linalg.cond(np.moveaxis(case.reference(pin.crba, case.q), -1, 0))
     ours = derivatives.forward_dynamics_derivatives(mech, case.q, case.v, tau, np)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 import twolink
 from twolink.algorithms import articulated_body as articulated
 from twolink.algorithms import recursions
-from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names
+from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names, single_bodies
 from twolink.algorithms.spatial import Pose
 from twolink.errors import QueryError
 
@@ -125,9 +125,9 @@ def case(model: pin.Model) -> Case:
     return Case(model)
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["regrouped", "single"])
+@pytest.fixture(scope="module", params=[mechanism, single_bodies])
 def mech(request: pytest.FixtureRequest, model: pin.Model) -> Mechanism:
-    return mechanism(model, regroup=request.param)
+    return request.param(model)
 
 
 def close(actual: np.ndarray, expected: np.ndarray, tolerance: float | np.ndarray = 1e-12) -> None:
@@ -364,7 +364,7 @@ def test_regrouping_saves_operations() -> None:
     for name in ("arm", "ur5", "anymal"):
         model = make(name)
         for algorithm in (recursions.rnea, recursions.forward_dynamics_crba, articulated.forward_dynamics_aba):
-            regrouped, single = (trace(algorithm, model, mechanism(model, regroup=r), 3)[0] for r in (True, False))
+            regrouped, single = (trace(algorithm, model, read(model), 3)[0] for read in (mechanism, single_bodies))
             assert regrouped < single
 
 

@@ -74,35 +74,40 @@ _COORDINATES = ("x", "y", "z")
 _MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in sp.ENTRIES)
 
 
-def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None, *, regroup: bool = True) -> Mechanism:
-    """The model's constants, those named in `parameters` replaced by the given scalars, arrays or symbols.
+def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None) -> Mechanism:
+    """The model's constants with regrouped inertias: the same motion and energies with fewer operations.
 
-    Names: see `parameter_names`. regroup passes on to each body's parent the part of its inertia that does not feel
-    the joint between them (`Joint.passed_on`): the motion and the energies are the same, with fewer operations; the
-    inertias are then no longer those of the single bodies. Raises QueryError for an unknown name.
+    Each body passes on to its parent the part of its inertia that does not feel the joint between them
+    (`Joint.passed_on`). The inertias are then no longer those of the single bodies.
+
+    parameters: constants to replace by scalars, arrays or symbols, by name (`parameter_names`). Raises QueryError for
+    an unknown name.
     """
-    given = dict(parameters or {})
+    return _regrouped(single_bodies(model, parameters))
+
+
+def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = None) -> Mechanism:
+    """The model's constants with the inertias of the single bodies; parameters as in `mechanism`."""
+    chosen = dict(parameters or {})
     values = _nominal_values(model)
-    for name, value in given.items():
+    for name, value in chosen.items():
         if name not in values:
             raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, values))
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
     bodies, joints = _body_names(model), range(1, model.njoints)
-    gravity = (values["gravity.x"], values["gravity.y"], values["gravity.z"])
-    built = Mechanism(
+    return Mechanism(
         nq=model.nq,
         nv=model.nv,
         parents=tuple(model.parents.tolist()),
-        gravity=gravity,
+        gravity=(values["gravity.x"], values["gravity.y"], values["gravity.z"]),
         joints=(_WORLD, *(read_joint(model, data, i) for i in joints)),
         placements=(sp.AT_PARENT, *(_placement(model, i, values) for i in joints)),
         inertias=(sp.NO_INERTIA, *(_inertia(bodies[i], values) for i in joints)),
         armature=_per_dof(model, "armature", values, model.armature.tolist()),
-        damping=_per_dof(model, "damping", {name: values[name] for name in given}, [0.0] * model.nv),
+        damping=_per_dof(model, "damping", {name: values[name] for name in chosen}, [0.0] * model.nv),
     )
-    return _regrouped(built) if regroup else built
 
 
 def parameter_names(model: pin.Model) -> tuple[str, ...]:

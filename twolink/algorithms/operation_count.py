@@ -1,83 +1,64 @@
-"""Counting operations: the recursions run on symbols that only remember what was computed.
+"""Counting operations: the recursions run on symbols that record what was computed.
 
 Equal operations on equal operands are one operation, as compilers see it; signs cost nothing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 
+def _binary(what: str, *, swapped: bool = False) -> Callable[[Symbol, Any], Symbol]:
+    """An operator of symbols. swapped: the other operand stands on the left."""
+
+    def operator(x: Symbol, other: Any) -> Symbol:
+        return x.tape.enter(what, other, x) if swapped else x.tape.enter(what, x, other)
+
+    return operator
+
+
+def _function(what: str) -> Callable[..., Symbol]:
+    """A function of the namespace."""
+
+    def function(tape: Tape, *operands: Any) -> Symbol:
+        return tape.enter(what, *operands)
+
+    return function
+
+
 class Symbol:
-    """A value that remembers how it was made."""
+    """A value with the number of the operation that made it."""
 
     __slots__ = ("key", "tape")
 
     def __init__(self, tape: Tape, key: int) -> None:
         self.tape, self.key = tape, key
 
-    def __add__(self, other: Any) -> Symbol:
-        return self.tape.enter("+", self, other)
-
-    def __mul__(self, other: Any) -> Symbol:
-        return self.tape.enter("*", self, other)
-
-    def __sub__(self, other: Any) -> Symbol:
-        return self.tape.enter("-", self, other)
-
-    def __rsub__(self, other: Any) -> Symbol:
-        return self.tape.enter("-", other, self)
-
-    def __truediv__(self, other: Any) -> Symbol:
-        return self.tape.enter("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> Symbol:
-        return self.tape.enter("/", other, self)
+    __add__ = __radd__ = _binary("+")
+    __mul__ = __rmul__ = _binary("*")
+    __sub__, __rsub__ = _binary("-"), _binary("-", swapped=True)
+    __truediv__, __rtruediv__ = _binary("/"), _binary("/", swapped=True)
 
     def __neg__(self) -> Symbol:
         return self.tape.enter("neg", self)
 
-    __radd__ = __add__
-    __rmul__ = __mul__
-
 
 class Tape:
     """All operations made, each once; it is also the namespace `xp` of the recursions."""
+
+    sin, cos, sqrt, tanh, less, where = map(_function, ("sin", "cos", "sqrt", "tanh", "less", "where"))
 
     def __init__(self) -> None:
         self.made: dict[tuple[Any, ...], Symbol] = {}
         self.operands: list[tuple[str, tuple[int, ...]]] = []
 
     def variable(self) -> Symbol:
-        """A fresh input."""
+        """A new input."""
         return self._new("variable", ())
 
-    def sin(self, x: Any) -> Symbol:
-        """The sine."""
-        return self.enter("sin", x)
-
-    def cos(self, x: Any) -> Symbol:
-        """The cosine."""
-        return self.enter("cos", x)
-
-    def sqrt(self, x: Any) -> Symbol:
-        """The square root."""
-        return self.enter("sqrt", x)
-
-    def tanh(self, x: Any) -> Symbol:
-        """The hyperbolic tangent."""
-        return self.enter("tanh", x)
-
-    def less(self, x: Any, y: Any) -> Symbol:
-        """Whether x < y."""
-        return self.enter("less", x, y)
-
-    def where(self, condition: Any, yes: Any, no: Any) -> Symbol:
-        """yes where the condition holds, else no."""
-        return self.enter("where", condition, yes, no)
-
     def enter(self, what: str, *operands: Any) -> Symbol:
-        """The symbol of an operation, made now or met before."""
+        """The symbol of an operation, made now or before."""
         keys = [x.key if isinstance(x, Symbol) else float(x) for x in operands]
         if what in "+*":
             keys.sort(key=lambda k: (isinstance(k, float), k))

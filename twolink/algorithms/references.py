@@ -103,12 +103,9 @@ def bias(x: State) -> tuple[Array, float]:
 
 
 def energy(x: State) -> tuple[Array, float]:
-    data = x.model.createData()
-    pin.forwardKinematics(x.model, data, x.q)
-    moment = np.zeros(3)
-    for joint in range(1, x.model.njoints):
-        moment += x.model.inertias[joint].mass * data.oMi[joint].act(x.model.inertias[joint].lever)
-    both = np.array([x.v @ x.mass_matrix @ x.v / 2, -(x.model.gravity.linear @ moment)])
+    mass = sum(body.mass for body in list(x.model.inertias)[1:])  # what is fixed to the world does not count
+    height = x.model.gravity.linear @ pin.centerOfMass(x.model, x.model.createData(), x.q, False)
+    both = np.array([x.v @ x.mass_matrix @ x.v / 2, -mass * height])
     return both, float(np.abs(both).max()) + x.weight
 
 

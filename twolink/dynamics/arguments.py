@@ -94,9 +94,7 @@ def batch_shape(**arrays: np.ndarray) -> tuple[int, ...]:
     except ValueError:
         shapes = ", ".join(f"{name} {a.shape}" for name, a in arrays.items())
         raise QueryError(
-            f"leading axes do not broadcast: {shapes}",
-            where="batch",
-            remedy="give each the same leading axes, or none",
+            f"leading axes do not broadcast: {shapes}", where="batch", remedy="give each the same leading axes, or none"
         ) from None
 
 

@@ -183,9 +183,7 @@ def _from_json(text: str) -> dict[str, Any]:
     if isinstance(content, dict):
         return content
     raise QueryError(
-        "expected an object, or a list of objects",
-        where="states",
-        remedy='such as {"q": [[0, 0]], "v": [[0, 0]]}',
+        "expected an object, or a list of objects", where="states", remedy='such as {"q": [[0, 0]], "v": [[0, 0]]}'
     )
 
 
