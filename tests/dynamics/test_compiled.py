@@ -110,10 +110,10 @@ def test_wrenches(axes: str) -> None:
     robot = tl.load_robot("panda")
     q, v, w = states(robot, 5)
     rng = np.random.default_rng(3)
-    pushes = {name: tl.Wrench(rng.uniform(-5, 5, (5, 6)), axes) for name in ("panda_link3", "panda_hand_tcp")}
+    wrenches = {name: tl.Wrench(rng.uniform(-5, 5, (5, 6)), axes) for name in ("panda_link3", "panda_hand_tcp")}
     for query in ("forward_dynamics", "inverse_dynamics"):
-        ours = getattr(robot.compiled(), query)(q, v, w, pushes)
-        close(ours, getattr(robot, query)(q, v, w, pushes, engine="pinocchio"), 1e-10)
+        ours = getattr(robot.compiled(), query)(q, v, w, wrenches)
+        close(ours, getattr(robot, query)(q, v, w, wrenches, engine="pinocchio"), 1e-10)
     one = {"panda_hand_tcp": tl.Wrench(np.ones(6), axes)}
     assert robot.forward_dynamics(q[0], v[0], w[0], one, engine="compiled").shape == (9,)
 
@@ -184,7 +184,7 @@ BAD = {
 
 @pytest.mark.parametrize("layout", ["rows", "columns"])
 @pytest.mark.parametrize("case", BAD)
-def test_the_guard_finds_what_arguments_must_not_hold(case: str, layout: str) -> None:
+def test_compiled_functions_refuse_bad_arguments(case: str, layout: str) -> None:
     q, v, message = BAD[case]
     arrays = [np.array(q, dtype=float), np.array(v, dtype=float)]
     if layout == "columns":
@@ -194,7 +194,7 @@ def test_the_guard_finds_what_arguments_must_not_hold(case: str, layout: str) ->
     assert message in str(caught.value)
 
 
-def test_nan_is_found_where_the_answer_does_not_depend_on_it() -> None:
+def test_nan_is_refused_where_the_answer_does_not_depend_on_it() -> None:
     """The first angle of an arm without gravity changes nothing, but NaN is no angle."""
     robot = tl.load_robot("two_link", gravity=(0, 0, 0))
     q = np.zeros((20, 2))
@@ -204,7 +204,7 @@ def test_nan_is_found_where_the_answer_does_not_depend_on_it() -> None:
 
 
 @pytest.mark.parametrize(("name", "entry"), [("anymal", slice(3, 7)), ("kinova", slice(0, 2))])
-def test_the_guard_wants_unit_quaternions_and_pairs(name: str, entry: slice) -> None:
+def test_compiled_functions_require_unit_quaternions_and_pairs(name: str, entry: slice) -> None:
     robot = tl.load_robot(name, root="free" if name == "anymal" else "fixed")
     q = np.tile(robot.neutral, (20, 1))
     q[3, entry] *= 1 + 1e-6
@@ -213,7 +213,7 @@ def test_the_guard_wants_unit_quaternions_and_pairs(name: str, entry: slice) -> 
     close(robot.gravity_torque(robot.normalize(q), engine="compiled"), robot.gravity_torque(robot.normalize(q)))
 
 
-def test_angles_beyond_our_sine_are_answered_by_pinocchio() -> None:
+def test_angles_beyond_the_reach_of_the_sine_are_answered_by_pinocchio() -> None:
     robot = tl.load_robot("two_link")
     q = np.array([[0.1, 0.2], [3e6, 1.0], [1e9, -1e12]])
     assert np.array_equal(robot.gravity_torque(q, engine="compiled"), robot.gravity_torque(q, engine="pinocchio"))
@@ -236,7 +236,7 @@ def test_a_wrong_function_is_not_certified() -> None:
             certify(right, made, kernels.build(wrong, made))
 
 
-def test_certificates_say_what_was_compared() -> None:
+def test_certificates_state_the_comparison() -> None:
     certificate = tl.load_robot("ur5").compiled().certificate("forward_dynamics")
     assert certificate.states >= 96
     assert 0 < certificate.worst < certificate.bound
@@ -244,7 +244,7 @@ def test_certificates_say_what_was_compared() -> None:
         assert part in str(certificate)
 
 
-def test_nothing_is_left_of_what_is_absent() -> None:
+def test_absent_terms_cost_no_operation() -> None:
     """Operations: the two-link arm's forward dynamics are a textbook's few dozen, and without gravity fewer."""
 
     def operations(robot: tl.Robot, name: str) -> int:

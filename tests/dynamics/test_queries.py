@@ -156,12 +156,12 @@ def test_wrenches_are_the_jacobians_transpose(robot: tl.Robot, axes: str) -> Non
 
 def test_a_batch_of_wrenches_on_one_state() -> None:
     robot = tl.load_robot("two_link")
-    pushes = np.zeros((3, 6))
-    pushes[:, 2] = [0.0, 1.0, 2.0]
-    tau = robot.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], {"tip": tl.Wrench(pushes, axes="world")})
+    wrenches = np.zeros((3, 6))
+    wrenches[:, 2] = [0.0, 1.0, 2.0]
+    tau = robot.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], {"tip": tl.Wrench(wrenches, axes="world")})
     # a force F upwards at the tip, 2 m and 1 m from the joints, takes 2 F and F off the holding torques
     np.testing.assert_allclose(tau[0] - tau, np.outer([0, 1, 2], [2.0, 1.0]), atol=1e-13)
-    moved = robot.inverse_dynamics([0.0, 0.0], [0.0, 0.0], np.zeros((5, 1, 2)), {"tip": pushes})
+    moved = robot.inverse_dynamics([0.0, 0.0], [0.0, 0.0], np.zeros((5, 1, 2)), {"tip": wrenches})
     assert moved.shape == (5, 3, 2)
 
 

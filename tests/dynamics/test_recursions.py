@@ -347,7 +347,7 @@ def trace(algorithm: Any, model: pin.Model, mech: Mechanism, inputs: int) -> tup
     return len(operations), {n.key[0] for n in seen.values() if not n.parts}
 
 
-def test_what_is_absent_leaves_no_operation() -> None:
+def test_absent_terms_cost_no_operation() -> None:
     model = make("two_link")
     operations, _ = trace(recursions.forward_dynamics_crba, model, mechanism(model), 3)
     assert operations <= 41

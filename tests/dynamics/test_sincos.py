@@ -88,7 +88,7 @@ def test_odd_and_even(pair: Pair) -> None:
     assert (cosine == same).all()
 
 
-def test_what_is_no_angle_gives_nan(pair: Pair) -> None:
+def test_nan_and_infinity_give_nan(pair: Pair) -> None:
     with np.errstate(invalid="ignore"):
         answers = pair(np.array([math.nan, math.inf, -math.inf]))
     assert np.isnan(answers).all()

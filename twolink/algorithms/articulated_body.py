@@ -45,15 +45,15 @@ def articulated_times(body: Articulated, m: Spatial) -> Spatial:
 def articulated_without(body: Articulated, u: Spatial, inverse: Scalar, s: Spatial | None) -> Articulated:
     """I - u u^T / D: the inertia felt across a free joint axis s, where u = I s, D = s . u.
 
-    The result has nothing along s: where s is a coordinate axis its row and column are the constant 0, told here
-    so that no operation is spent on them. s is None when D has an armature in it.
+    The result has no inertia along s. Where s is a coordinate axis, its row and column are set to the constant 0, so
+    that no operation is spent on them. s is None when D has an armature in it.
     """
     axis = (*s[0], *s[1]) if s else ()
-    gone = axis.index(1.0) if s and sorted(axis) == [0.0] * 5 + [1.0] else None
+    zero_row = axis.index(1.0) if s and sorted(axis) == [0.0] * 5 + [1.0] else None
     entries, scaled = (*u[0], *u[1]), tuple(sp.times(inverse, x) for x in (*u[0], *u[1]))
 
     def entry(old: Scalar, i: int, j: int) -> Scalar:
-        return 0.0 if gone in (i, j) else sp.minus(old, sp.times(entries[i], scaled[j]))
+        return 0.0 if zero_row in (i, j) else sp.minus(old, sp.times(entries[i], scaled[j]))
 
     linear = tuple(entry(body.linear[n], i, j) for n, (i, j) in enumerate(sp.ENTRIES))
     angular = tuple(entry(body.angular[n], i + 3, j + 3) for n, (i, j) in enumerate(sp.ENTRIES))
@@ -117,11 +117,11 @@ def _velocity_terms(
     w: list[Vec] = [ZERO]
     drift, force = [STILL], [STILL]
     for i in mech.bodies:
-        joint, p, own = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
+        joint, p, relative = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
         turned = sp.inward(at[i], w[p])
         centripetal = sp.inward(at[i], sp.rotate(sp.acceleration_gradient(w[p], ZERO), at[i].origin))
-        drift.append(sp.spatial_add((centripetal, ZERO), velocity_product(joint, turned, own)))
-        w.append(sp.add(turned, own[1]))
+        drift.append(sp.spatial_add((centripetal, ZERO), velocity_product(joint, turned, relative)))
+        w.append(sp.add(turned, relative[1]))
         force.append(sp.inertial_force(mech.inertias[i], ZERO, sp.acceleration_gradient(w[i], ZERO)))
     subtract_wrenches(force, f_ext)
     return drift, force

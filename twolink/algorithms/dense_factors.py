@@ -1,7 +1,7 @@
 """Linear systems over plain arithmetic, for the matrices 1 - h J of implicit steps.
 
 There is no pivoting: for small h the matrix is near to 1, and a step that is too large for that fails to converge
-and is refused by its error. Entries that are the constants 0 and 1 leave no operation behind.
+and is refused by its error. Entries that are the constants 0 and 1 cost no operation.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def factored(matrix: Sequence[Sequence[Scalar]], xp: Any = None) -> tuple[Matrix
 
 
 def solved(rows: Matrix, inverses: Sequence[Scalar], right: Sequence[Scalar]) -> list[Scalar]:
-    """The solution for one right-hand side, of what `factored` gave."""
+    """The solution for one right-hand side, from the factors of `factored`."""
     y = list(right)
     for k, row in enumerate(rows):
         for j in range(k):

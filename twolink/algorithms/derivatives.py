@@ -81,7 +81,7 @@ class _Flow(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """What a unit step along one direction adds to a body: delta and (gamma, beta)."""
+    """The change of a body by a unit step along one direction: delta and (gamma, beta)."""
 
     delta: Vec
     motion: Spatial
@@ -103,7 +103,7 @@ class _Body(NamedTuple):
 
 
 def _torque_derivatives(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars) -> tuple[Matrix, Matrix]:
-    """d tau/dq and d tau/dv for known poses."""
+    """d tau/dq and d tau/dv from the bodies' poses."""
     moving = _moving(mech, at, v, a)
     carried = _carried(mech, at, moving)
     by_q: Matrix = [[0.0] * mech.nv for _ in range(mech.nv)]
@@ -121,22 +121,22 @@ def _moving(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars) -> list
     still = sp.acceleration_gradient(ZERO, ZERO)
     moving = [_Body(ZERO, ZERO, (sp.scale(-1.0, mech.gravity), ZERO), still)]
     for i in mech.bodies:
-        joint, parent, own = mech.joints[i], moving[mech.parents[i]], mech.joints[i].motion(v)
+        joint, parent, relative = mech.joints[i], moving[mech.parents[i]], mech.joints[i].motion(v)
         turned = sp.inward(at[i], parent.spin)
         here = sp.add(parent.moved[0], sp.rotate(parent.gradient, at[i].origin))
         passed = sp.inward(at[i], here), sp.inward(at[i], parent.moved[1])
-        moved = sp.spatial_add(passed, velocity_product(joint, turned, own), joint.motion(a))
-        spin = sp.add(turned, own[1])
-        velocity = sp.add(sp.inward(at[i], sp.add(parent.velocity, sp.cross(parent.spin, at[i].origin))), own[0])
-        by_q = [_step_of_q(at[i], parent.gradient, turned, passed, own, s) for s in joint.subspace]
-        by_v = [_step_of_v(turned, own, s) for s in joint.subspace]
+        moved = sp.spatial_add(passed, velocity_product(joint, turned, relative), joint.motion(a))
+        spin = sp.add(turned, relative[1])
+        velocity = sp.add(sp.inward(at[i], sp.add(parent.velocity, sp.cross(parent.spin, at[i].origin))), relative[0])
+        by_q = [_step_of_q(at[i], parent.gradient, turned, passed, relative, s) for s in joint.subspace]
+        by_v = [_step_of_v(turned, relative, s) for s in joint.subspace]
         changes = ([_as_seen(spin, velocity, *step) for step in steps] for steps in (by_q, by_v))
         moving.append(_Body(spin, velocity, moved, sp.acceleration_gradient(spin, moved[1]), *changes))
     return moving
 
 
 def _step_of_q(
-    pose: Pose, gradient: Mat, turned: Vec, passed: Spatial, own: Spatial, s: Spatial
+    pose: Pose, gradient: Mat, turned: Vec, passed: Spatial, relative: Spatial, s: Spatial
 ) -> tuple[Vec, Spatial]:
     """The change of a body's angular velocity and acceleration when its joint moves by a step along s.
 
@@ -144,13 +144,13 @@ def _step_of_q(
     """
     delta = sp.cross(turned, s[1])
     shifted = sp.inward(pose, sp.rotate(gradient, sp.outward(pose, s[0])))
-    linear = sp.add(sp.cross(passed[0], s[1]), shifted, sp.cross(sp.scale(2.0, delta), own[0]))
-    return delta, (linear, sp.add(sp.cross(passed[1], s[1]), sp.cross(delta, own[1])))
+    linear = sp.add(sp.cross(passed[0], s[1]), shifted, sp.cross(sp.scale(2.0, delta), relative[0]))
+    return delta, (linear, sp.add(sp.cross(passed[1], s[1]), sp.cross(delta, relative[1])))
 
 
-def _step_of_v(turned: Vec, own: Spatial, s: Spatial) -> tuple[Vec, Spatial]:
+def _step_of_v(turned: Vec, relative: Spatial, s: Spatial) -> tuple[Vec, Spatial]:
     """The change of a body's angular velocity and acceleration when its joint's velocity grows by s."""
-    linear = sp.add(sp.cross(s[1], own[0]), sp.cross(sp.add(sp.scale(2.0, turned), own[1]), s[0]))
+    linear = sp.add(sp.cross(s[1], relative[0]), sp.cross(sp.add(sp.scale(2.0, turned), relative[1]), s[0]))
     return s[1], (linear, sp.cross(turned, s[1]))
 
 
@@ -165,12 +165,12 @@ def _carried(mech: Mechanism, at: Sequence[Pose], moving: Sequence[_Body]) -> li
     sums = [_flow_of(mech.inertias[i], moving[i]) for i in range(len(mech.parents))]
     for i in reversed(mech.bodies):
         if p := mech.parents[i]:
-            mine, theirs = sums[i], sums[p]
+            child, parent = sums[i], sums[p]
             sums[p] = _Flow(
-                sp.inertia_add(theirs.inertia, sp.inertia_to_parent(at[i], mine.inertia)),
-                sp.add(theirs.momentum, sp.outward(at[i], mine.momentum)),
-                sp.mat_add(theirs.flow, _flow_to_parent(at[i], mine)),
-                sp.spatial_add(theirs.force, sp.force_to_parent(at[i], mine.force)),
+                sp.inertia_add(parent.inertia, sp.inertia_to_parent(at[i], child.inertia)),
+                sp.add(parent.momentum, sp.outward(at[i], child.momentum)),
+                sp.mat_add(parent.flow, _flow_to_parent(at[i], child)),
+                sp.spatial_add(parent.force, sp.force_to_parent(at[i], child.force)),
             )
     return sums
 
@@ -228,14 +228,16 @@ def _rows(
                     matrix[k][other] = sp.plus(sp.spatial_dot(change.motion, force), sp.dot(twist, change.delta))
 
 
-def _columns(mech: Mechanism, at: Sequence[Pose], own: _Body, body: _Flow, i: int, out: tuple[Matrix, Matrix]) -> None:
+def _columns(
+    mech: Mechanism, at: Sequence[Pose], motion_of: _Body, body: _Flow, i: int, out: tuple[Matrix, Matrix]
+) -> None:
     """What the joints that carry joint i feel of steps along its directions.
 
     A step of q also turns and shifts the force itself, which rides on the body: s x* f.
     """
     joint, turning = mech.joints[i], _turning(body.flow)
     linear, moment = body.force
-    for matrix, changes, moves in zip(out, (own.by_q, own.by_v), (True, False), strict=True):
+    for matrix, changes, moves in zip(out, (motion_of.by_q, motion_of.by_v), (True, False), strict=True):
         for k, s, (delta, motion) in zip(joint.dofs, joint.subspace, changes, strict=True):
             force = sp.inertia_times(body.inertia, motion)
             force = sp.spatial_add(force, (sp.cross(sp.scale(2.0, delta), body.momentum), sp.rotate(turning, delta)))

@@ -30,7 +30,7 @@ class Joint:
     """One joint: q[entries] and v[dofs] are its own, or for a mimic joint those of the joint it follows.
 
     axis (3,): of revolute, continuous and prismatic joints, unit, in the joint's frame.
-    ratio, offset: a mimic joint stands at ratio q + offset; otherwise 1 and 0.
+    ratio, offset: the position of a mimic joint is ratio q + offset; 1 and 0 for other joints.
     """
 
     kind: Kind
@@ -59,16 +59,16 @@ class Joint:
 
     def pose(self, q: Sequence[Scalar], xp: Any) -> Pose:
         """The pose of the child's frame in the joint's fixed frame, from the whole robot's q."""
-        own = [q[k] for k in self.entries]
+        x = [q[k] for k in self.entries]
         if self.kind == "planar":
-            return Pose((axis_rotation(_Z, own[2], own[3]),), (own[0], own[1], 0.0))
+            return Pose((axis_rotation(_Z, x[2], x[3]),), (x[0], x[1], 0.0))
         if self.kind == "spherical":
-            return Pose((quaternion_rotation(own),), ZERO)
+            return Pose((quaternion_rotation(x),), ZERO)
         if self.kind == "free-flyer":
-            return Pose((quaternion_rotation(own[3:]),), (own[0], own[1], own[2]))
+            return Pose((quaternion_rotation(x[3:]),), (x[0], x[1], x[2]))
         if self.kind == "continuous" and not self.mimic:
-            return Pose((axis_rotation(self.axis, own[0], own[1]),), ZERO)
-        at = own[0] if len(own) == 1 else xp.atan2(own[1], own[0])
+            return Pose((axis_rotation(self.axis, x[0], x[1]),), ZERO)
+        at = x[0] if len(x) == 1 else xp.atan2(x[1], x[0])
         at = sp.plus(sp.times(self.ratio, at), self.offset)
         if self.kind == "prismatic":
             return Pose((sp.IDENTITY,), sp.scale(at, self.axis))
@@ -77,10 +77,10 @@ class Joint:
     def passed_on(self, body: Inertia) -> Inertia:
         """The part of the body's inertia that moves the same when it is fixed before the joint instead.
 
-        About a revolute axis u that is any mass, first moment and second moment along u: points of the axis. They
-        do not feel the turn, so the robot's motion and energy are the same wherever they are counted (the "base
-        parameters" of Gautier and Khalil 1990), and what becomes zero here is never computed again. Behind a prismatic
-        joint it is the rotational inertia; in a ball joint the mass, a point at its centre.
+        About a revolute axis u that is any mass, first moment and second moment along u: points of the axis. The
+        turn does not move them, so the robot's motion and energy are the same wherever they are counted (the "base
+        parameters" of Gautier and Khalil 1990). Entries that become zero here are never computed again. Behind a
+        prismatic joint it is the rotational inertia; in a ball joint the mass, a point at its centre.
         """
         if self.kind == "free-flyer" or not all(map(sp.constant, (body.mass, *body.first, *body.second))):
             return sp.NO_INERTIA

@@ -19,7 +19,7 @@ from twolink.errors import QueryError, nearest
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What the recursions read. Lists over bodies start with the world, whose joint is a placeholder.
+    """The constants that the recursions read. Lists over bodies start with the world, whose joint is a placeholder.
 
     placements: the pose of each joint's fixed frame in its parent's frame.
     inertias: the ten parameters of each body, about its joint's frame.
@@ -47,7 +47,7 @@ class Mechanism:
         return any(joint.mimic for joint in self.joints)
 
     def support(self, body: int) -> list[int]:
-        """The bodies from the given one to the root, both included: kappa(i) in Featherstone's chapter 4."""
+        """The bodies from `body` to the root, both included: kappa(i) in Featherstone's chapter 4."""
         path = []
         while body:
             path.append(body)
@@ -57,7 +57,7 @@ class Mechanism:
     def dof_parents(self) -> list[int]:
         """lambda over degrees of freedom, -1 at a root: Featherstone's expanded parent array, section 6.5.
 
-        A mimic joint couples branches, so that its robot's mass matrix is taken as dense: every dof after the other.
+        A mimic joint couples branches: the mass matrix of its robot is taken as dense, each dof the parent of the next.
         """
         if self.has_mimic:
             return [k - 1 for k in range(self.nv)]
@@ -164,7 +164,7 @@ def _placement(model: pin.Model, index: int, values: Mapping[str, Scalar]) -> Po
 
 
 def _exact(entry: float) -> float:
-    """A rotation's entry, which rounding of right angles may have moved off 0 or 1 by a unit in the last place."""
+    """A rotation's entry; 0 or 1 where the rounding of a right angle moved it by a unit in the last place."""
     nearest_whole = round(entry)
     return float(nearest_whole) if abs(entry - nearest_whole) < 1e-15 else entry
 
@@ -190,7 +190,7 @@ def _regrouped(mech: Mechanism) -> Mechanism:
     for i in reversed(mech.bodies):
         placement, parent = mech.placements[i], mech.parents[i]
         if not all(map(sp.constant, placement.origin)):
-            continue  # a length that is a parameter: what is passed on would have to be computed every time
+            continue  # a length that is a parameter: the inertia passed on would not be constant
         part = mech.joints[i].passed_on(inertias[i])
         left = sp.inertia_add(inertias[i], _minus(part))
         inertias[i] = left

@@ -1,9 +1,9 @@
 """The recursions of rigid-body dynamics, M(q) a + h(q, v) = tau + J^T f_ext, over plain arithmetic.
 
-Featherstone 2008, chapters 5 and 6; articulated bodies are in `articulated`. q, v, a, tau are sequences of scalars,
-one an entry: floats, NumPy arrays of a batch, or expressions; xp is the namespace of sin, cos (numpy or heyoka).
+Featherstone 2008, chapters 5 and 6; articulated bodies are in `articulated_body`. q, v, a, tau are sequences of
+scalars: floats, NumPy arrays of a batch, or expressions; xp is the namespace of sin, cos (numpy or heyoka).
 Answers are lists of scalars. Everything is written in the bodies' own frames. f_ext gives, for a body's number, the
-wrench (force, moment) on it at its joint's origin, in its joint's frame; bodies that are not named leave no operation.
+wrench (force, moment) on it at its joint's origin, in its joint's frame; bodies that are not named cost no operation.
 
 Accelerations are classical, of the frames' origins, with the world accelerating by -g: the equation of motion
 f = I a + (w x (w x h), w x I w) then needs no linear velocities, except through joints that slide.
@@ -26,8 +26,8 @@ STILL: Spatial = (ZERO, ZERO)
 
 def poses(mech: Mechanism, q: Scalars, xp: Any) -> list[Pose]:
     """Each body's pose in its parent's frame: X_T then X_J, as in Featherstone table 5.1."""
-    own = (sp.compose(mech.placements[i], mech.joints[i].pose(q, xp)) for i in mech.bodies)
-    return [sp.AT_PARENT, *own]
+    steps = (sp.compose(mech.placements[i], mech.joints[i].pose(q, xp)) for i in mech.bodies)
+    return [sp.AT_PARENT, *steps]
 
 
 def rnea(
@@ -48,18 +48,18 @@ def gravity_torque(mech: Mechanism, q: Scalars, xp: Any = None) -> list[Scalar]:
 
 
 def newton_euler(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_ext: Wrenches | None) -> list[Scalar]:
-    """Table 5.1 of Featherstone for known poses: accelerations outwards, forces inwards."""
+    """Table 5.1 of Featherstone from the bodies' poses: accelerations outwards, forces inwards."""
     w: list[Vec] = [ZERO]
     moved: list[Spatial] = [(sp.scale(-1.0, mech.gravity), ZERO)]
     gradient: list[Mat] = [sp.acceleration_gradient(ZERO, ZERO)]
     force: list[Spatial] = [STILL]
     for i in mech.bodies:
-        joint, p, own = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
+        joint, p, relative = mech.joints[i], mech.parents[i], mech.joints[i].motion(v)
         turned = sp.inward(at[i], w[p])
         linear = sp.inward(at[i], sp.add(moved[p][0], sp.rotate(gradient[p], at[i].origin)))
         angular = sp.inward(at[i], moved[p][1])
-        moved.append(sp.spatial_add((linear, angular), velocity_product(joint, turned, own), joint.motion(a)))
-        w.append(sp.add(turned, own[1]))
+        moved.append(sp.spatial_add((linear, angular), velocity_product(joint, turned, relative), joint.motion(a)))
+        w.append(sp.add(turned, relative[1]))
         gradient.append(sp.acceleration_gradient(w[i], moved[i][1]))
         force.append(sp.inertial_force(mech.inertias[i], moved[i][0], gradient[i]))
     subtract_wrenches(force, f_ext)
@@ -74,7 +74,7 @@ def newton_euler(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_
 
 
 def subtract_wrenches(force: list[Spatial], f_ext: Wrenches | None) -> None:
-    """Leave to each body's joint what the wrench on the body does not give, in place."""
+    """Subtract the wrench on each body from the force that its joint must transmit, in place."""
     for i, w in (f_ext or {}).items():
         force[i] = sp.spatial_add(force[i], sp.spatial_scale(-1.0, ((w[0], w[1], w[2]), (w[3], w[4], w[5]))))
 
@@ -85,7 +85,7 @@ def crba(mech: Mechanism, q: Scalars, xp: Any = None) -> Matrix:
 
 
 def composite_bodies(mech: Mechanism, at: Sequence[Pose]) -> Matrix:
-    """Table 6.2 of Featherstone for known poses. Entries between branches are the constant 0."""
+    """Table 6.2 of Featherstone from the bodies' poses. Entries between branches are the constant 0."""
     matrix: Matrix = [[0.0] * mech.nv for _ in range(mech.nv)]
     composite = list(mech.inertias)
     for i in reversed(mech.bodies):
@@ -119,8 +119,8 @@ def forward_dynamics_crba(
     """a = M^-1 (tau - h), by the mass matrix, Featherstone chapter 6."""
     at = poses(mech, q, xp)
     h = newton_euler(mech, at, v, [0.0] * mech.nv, f_ext)
-    rest = [sp.minus(t, x) for t, x in zip(tau, h, strict=True)]
-    return ldlt_solve(composite_bodies(mech, at), mech.dof_parents(), rest, xp)
+    effort = [sp.minus(t, x) for t, x in zip(tau, h, strict=True)]
+    return ldlt_solve(composite_bodies(mech, at), mech.dof_parents(), effort, xp)
 
 
 def energy(mech: Mechanism, q: Scalars, v: Scalars, xp: Any = None) -> tuple[Scalar, Scalar]:

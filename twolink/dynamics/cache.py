@@ -58,8 +58,8 @@ def _user_folder() -> str:
 
 
 def _is_private(info: os.stat_result, right_kind: Any) -> bool:
-    own = not hasattr(os, "getuid") or info.st_uid == os.getuid()
-    return bool(own and right_kind(info.st_mode) and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    is_users = not hasattr(os, "getuid") or info.st_uid == os.getuid()
+    return bool(is_users and right_kind(info.st_mode) and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
 def load(name: str) -> Any:

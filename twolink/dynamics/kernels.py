@@ -1,8 +1,8 @@
 """Kernels: a function traced over a robot's constants and compiled by heyoka, and calling it on batches.
 
-Every check of the values is compiled into the kernel as one more output, the guard: a number that is finite if and
-only if all inputs and outputs are, all angles are within reach of our sine, and quaternions and (cos, sin) pairs have
-length 1. A batch whose guard is not finite is answered by the slow path, which looks at each value.
+All checks of the values are compiled into the kernel as one more output, the guard: a number that is finite if and
+only if all inputs and outputs are finite, all angles are within the reach of `sin_cos`, and quaternions and (cos, sin)
+pairs have length 1. A batch whose guard is not finite is answered by Pinocchio, after a check of each value.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
-CHUNK_WORK = 6_000_000  # operations a chunk is worth at least, lest its calls cost more than its answers
+CHUNK_WORK = 6_000_000  # operations of a chunk at least: smaller chunks spend their time in calls
 STACK_BYTES = 2**25
 LANES = 8  # chunks are multiples of it, as of every vector length that heyoka takes
 THREADS_FROM = 1_000_000  # operations in a call from which threads pay (scripts/bench_queries.py)
@@ -66,7 +66,7 @@ class Kernel:
         return _work(self.operations)
 
     def __call__(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        """The results (n, *shape) for arguments (n, size) each; None when the guard found something to look at.
+        """The results (n, *shape) for arguments (n, size) each; None when the guard is not finite.
 
         Arrays whose memory holds one state a column (transposed views) are taken as they are, and the result is such
         a view; others go through cache-sized buffers.
@@ -86,7 +86,7 @@ class Kernel:
         if not math.isfinite(out[-1].sum()):
             return None
         odd = count % LANES
-        if odd:  # heyoka answers the odd ones by scalar code, which may round differently: all states are to be equal
+        if odd:  # heyoka answers an incomplete vector by scalar code, which may round differently
             tail = self._rows([np.ascontiguousarray(a[:, -odd:].T) for a in arguments])
             if tail is None:
                 return None
@@ -105,17 +105,17 @@ class Kernel:
         return result.reshape(count, *self.shape)
 
     def _chunk(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
-        """The states from start to stop into the result; whether the guard is content."""
+        """Write the states from start to stop into the result; returns whether the guard is finite."""
         entries, count = result.shape[1], stop - start
-        first, rest, out = self._buffers(-(-count // LANES) * LANES, entries)
+        first, parameters, out = self._buffers(-(-count // LANES) * LANES, entries)
         first[:, :count] = arguments[0][start:stop].T
-        first[:, count:] = arguments[0][stop - 1, :, None]  # whole vectors: the odd ones are the last state again
+        first[:, count:] = arguments[0][stop - 1, :, None]  # the last state fills up the last vector
         row = 0
         for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
-            rest[row : row + size, :count] = values[start:stop].T
-            rest[row : row + size, count:] = values[stop - 1, :, None]
+            parameters[row : row + size, :count] = values[start:stop].T
+            parameters[row : row + size, count:] = values[stop - 1, :, None]
             row += size
-        pars = {"pars": rest} if row else {}
+        pars = {"pars": parameters} if row else {}
         self.cfunc(first, outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
         if not math.isfinite(out[-1].sum()):
             return False
@@ -171,7 +171,7 @@ def limit_threads() -> int:
 
 
 def pays_threads(count: int, work: int) -> bool:
-    """Whether a call with `count` states of `work` operations each is worth waking heyoka's threads."""
+    """Whether a call with `count` states of `work` operations each is large enough for heyoka's threads."""
     return count * work >= THREADS_FROM and not is_forked_child() and limit_threads() > 1
 
 
@@ -205,8 +205,8 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     outputs = [traced.lift(e) for e in entries]
     inputs = [x for values in arguments.values() for x in values] + list(constants.values())
     outputs.append(_guard(module, model, inputs, outputs, list(traced.reach.values()), variables))
-    # A small kernel waits for its own results: two vectors at a time keep the units busy. A large one would run out
-    # of registers (scripts/bench_queries.py).
+    # The instructions of a small kernel wait for each other's results: two vectors at a time use the waiting time. A
+    # large kernel would run out of registers (scripts/bench_queries.py).
     options = {"batch_size": LANES} if _work(counts[variant]) <= SMALL else {}
     compiled = module.cfunc(outputs, vars=variables, **options)
     sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))
@@ -214,7 +214,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
 
 
 def _guard(module: Any, model: pin.Model, inputs: list[Any], outputs: list[Any], reach: list[Any], q: list[Any]) -> Any:
-    """Finite if and only if all is well: the sum of everything, or NaN where a condition fails."""
+    """The guard: the sum of all inputs and outputs, or NaN where a condition fails."""
     total = module.sum([*inputs, *outputs])
     conditions = [(module.sum(reach), LIMIT**2)] if reach else []
     for joint in joint_layouts(model):

@@ -52,7 +52,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_states_that_are_none(case: str, robot: tl.Robot, tmp_path: Path) -> None:
+def test_malformed_states_are_refused(case: str, robot: tl.Robot, tmp_path: Path) -> None:
     content, part = REFUSED[case]
     with pytest.raises(QueryError, match=part) as failure:
         ask(robot, content, tmp_path)
@@ -65,7 +65,7 @@ def test_states_that_are_none(case: str, robot: tl.Robot, tmp_path: Path) -> Non
     [b"q0,q1,v0,v1\n\n1,2,3,4\n \n", b"\xef\xbb\xbfq0,q1,v0,v1\r\n1,2,3,4\r\n", b"v1,v0,q1,q0\n4,3,2,1\n",
      b'\xef\xbb\xbf[{"q": [1, 2], "v": [3, 4]}]', b"t,q.elbow,q.shoulder,v.shoulder,v.elbow\n0,2,1,3,4"],
 )  # fmt: skip
-def test_blank_lines_marks_and_order_do_not_matter(content: bytes, robot: tl.Robot, tmp_path: Path) -> None:
+def test_blank_lines_byte_order_marks_and_order_do_not_matter(content: bytes, robot: tl.Robot, tmp_path: Path) -> None:
     assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])])
 
 
@@ -74,14 +74,14 @@ def test_keys_of_states_may_come_in_any_order(robot: tl.Robot, tmp_path: Path) -
     assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])] * 2)
 
 
-def test_stdin_that_is_no_text(robot: tl.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stdin_that_is_not_text_is_refused(robot: tl.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\xff")))
     with pytest.raises(QueryError, match="not UTF-8"):
         read_states(robot, {}, Path("-"))
 
 
 @pytest.mark.parametrize("text", ["1_0 0", "one", "1 2x", "\u0661 0"])
-def test_numbers_are_written_as_everybody_does(text: str) -> None:
+def test_malformed_numbers_are_refused(text: str) -> None:
     with pytest.raises(QueryError, match="is not a list of numbers"):
         parse_numbers("q", text)
 
@@ -94,7 +94,7 @@ def test_a_method_that_does_not_apply_is_refused(robot: tl.Robot) -> None:
 
 
 @pytest.mark.parametrize("text", ["\u00b2", "\u0663", "0", "-1", "1.5", "1025", "9" * 5000, "many"])
-def test_thread_counts_that_are_none(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_malformed_thread_counts_are_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TWOLINK_THREADS", text)
     with pytest.raises(QueryError, match="is not a number of threads; set it to 1 or more, up to 1024"):
         thread_count()
