@@ -50,7 +50,8 @@ def plot_trajectory(
     ShowError
         When the file cannot be written.
     """
-    figure, axes = new_figure(4, size=(8, 9), sharex=True)
+    tall = max(1.0, min(len(q), MAX_LINES) / 10)  # a long legend needs a high axis beside it
+    figure, axes = new_figure(4, size=(8, 4.5 + 4.5 * tall), sharex=True, height_ratios=(tall, tall, 1, 1))
     q_axis, v_axis, energy_axis, error_axis = axes[:, 0]
     _plot_lines(q_axis, t, q, "configuration q\n(rad, m)")
     _plot_lines(v_axis, t, v, "velocity v\n(rad/s, m/s)")
