@@ -14,12 +14,10 @@ from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneNa
 from twolink.cli.printing import show
 from twolink.cli.progress import Progress
 from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, writer
-from twolink.integrate.event import Event
-from twolink.integrate.methods import METHODS
 from twolink.integrate.methods import methods as method_table
-from twolink.scenes import Scene, load_scene
+from twolink.scenes import load_scene
 from twolink.scenes import scenes as scene_table
-from twolink.simulation.records import run_record
+from twolink.simulation.records import balance_record, run_record
 from twolink.simulation.trajectory import Trajectory
 
 SHOWN_EVENTS = 20
@@ -96,54 +94,33 @@ def run(
         )  # fmt: skip
     written, failures = write(paths, writer(result))
     record = {"scene": scene} | run_record(result) | {"written": written}
-    text = _text(record)
+    lines = [_text(scene, result, record), *(f"  wrote    {path}" for path in written)]
     if book:
-        balance, table = _energy_balance(loaded, result)
-        record["book"] = balance
-        text += f"\nenergy book\n{table}"
-    show(record, text, as_json)
+        from twolink.simulation.energy_balance import energy_book
+
+        balance = energy_book(loaded, result)
+        record["book"] = balance_record(balance)
+        lines.append(f"energy book\n{balance}")
+    show(record, "\n".join(lines), as_json)
     finish(failures, result.interrupted)
 
 
-def _energy_balance(scene: Scene, run: Trajectory) -> tuple[dict[str, Any], str]:
-    """The energy balance at the end of a run as a record and as text."""
-    from twolink.simulation.energy_balance import energy_book
-
-    balance = energy_book(scene, run)
-    record = {
-        "work": {name: float(work[-1]) for name, work in balance.work.items()},
-        "stored": [float(balance.stored[0]), float(balance.stored[-1])],
-        "lost": float(balance.lost[-1]),
-        "residual": float(np.abs(balance.residual).max()),
-    }
-    return record, str(balance)
-
-
-def _text(record: dict[str, Any]) -> str:
-    """A run for people: error, energy, events, cost, the end, and the files."""
-    error, cost = record["error"], record["cost"]
-    bar = "not verified" if error is None else f"at most {error:.1e} rad or m, at every sample"
+def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:
+    """A run for people: error, energy, events, cost, the end."""
+    error = "not verified" if run.error is None else f"at most {record['error']:.1e} rad or m, at every sample"
     lines = [
-        f"{record['scene']}: robot {record['robot']!r}, {record['duration']:g} s",
-        f"  error    {bar}",
+        f"{scene}: robot {run.robot.name!r}, {record['duration']:g} s",
+        f"  error    {error}",
         f"  energy   changes by {record['energy_drift']:.1e} J",
+        *(f"  event    {event}" for event in run.events[:SHOWN_EVENTS]),
     ]
-    events = [str(Event(**event)) for event in record["events"]]
-    lines += [f"  event    {event}" for event in events[:SHOWN_EVENTS]]
-    if len(events) > SHOWN_EVENTS:
-        lines.append(f"  event    and {len(events) - SHOWN_EVENTS} more: --json lists them all")
-    if cost is not None:
-        setting = "tolerance" if METHODS[cost["method"]].adaptive else "step [s]"
-        rejected = f" ({cost['rejected']} more rejected)" if cost["rejected"] else ""
-        lines += [
-            f"  method   {cost['method']}, {setting} {cost['tolerance']:.3g}: {cost['why'] or 'asked for'}",
-            f"  steps    {cost['steps']}{rejected}, {cost['evaluations']} evaluations of the dynamics",
-            f"  seconds  {cost['seconds']:.3g} to solve, {cost['verify_seconds']:.3g} for the error bar, "
-            f"{cost['compile_seconds']:.3g} to compile or load",
-        ]
+    if len(run.events) > SHOWN_EVENTS:
+        lines.append(f"  event    and {len(run.events) - SHOWN_EVENTS} more: --json lists them all")
+    costs = [] if run.cost is None else str(run.cost).splitlines()
+    lines += [f"  {label}  {cost}" for label, cost in zip(("method ", "steps  ", "seconds"), costs, strict=False)]
     digits = record.get("q_precise")
-    end = f"[{' '.join(digits)}]" if digits else np.array2string(np.array(record["q"]), precision=15)
-    return "\n".join([*lines, f"  q(end) = {end}", *(f"  wrote    {path}" for path in record["written"])])
+    end = f"[{' '.join(digits)}]" if digits else np.array2string(run.q[-1], precision=15)
+    return "\n".join([*lines, f"  q(end) = {end}"])
 
 
 def accuracy(

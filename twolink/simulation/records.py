@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from twolink.simulation.energy_balance import Book
 
 
 def run_record(run: Trajectory) -> dict[str, Any]:
@@ -46,3 +49,24 @@ def run_record(run: Trajectory) -> dict[str, Any]:
         digits = [str(x) for x in run.precise[-1]]
         record |= {"q_precise": digits[: run.robot.nq], "v_precise": digits[run.robot.nq :]}
     return record
+
+
+def balance_record(book: Book) -> dict[str, Any]:
+    """The energy balance of a whole run as numbers, J.
+
+    Parameters
+    ----------
+    book : Book
+
+    Returns
+    -------
+    dict
+        work: of each effect, by its name; stored: at the start and at the end; lost: in impacts and releases; residual:
+        the largest at any sample.
+    """
+    return {
+        "work": {name: float(work[-1]) for name, work in book.work.items()},
+        "stored": [float(book.stored[0]), float(book.stored[-1])],
+        "lost": float(book.lost[-1]),
+        "residual": float(np.abs(book.residual).max()),
+    }
