@@ -7,8 +7,7 @@ import pytest
 
 from twolink import hard
 from twolink.cli.app import main
-from twolink.hard.case import Case
-from twolink.hard.case_result import Result
+from twolink.hard import Case, CaseResult
 
 
 def interrupt(*_: object, **__: object) -> None:
@@ -53,7 +52,7 @@ def test_hard_cases_print_the_cases_that_are_done(
 ) -> None:
     run_case = hard.run_case
 
-    def interrupted_at_the_second(case: Case, **options: bool) -> Result:
+    def interrupted_at_the_second(case: Case, **options: bool) -> CaseResult:
         return run_case(case, **options) if case.name == "massless-links" else interrupt()  # type: ignore[return-value]
 
     monkeypatch.setattr(hard, "run_case", interrupted_at_the_second)
