@@ -2,7 +2,7 @@
 
     python scripts/bench_service.py [--seconds 3] [--rounds 3] [--requests 100000] [--json]
 
-Single states: POST forward-dynamics of the two-link arm by JSON, at 1, 16 and 64 connections, bare and ours in turn;
+Single states: POST forward-dynamics of the two-link arm by JSON, at 1, 16 and 64 connections, bare and service in turn;
 the servers on one core, the load on another, requests/s and latencies of the median round. The bare application reads
 the body and answers a constant. Batches: forward dynamics of 100,000 Panda states by npz through tl.connect, 1,000 by
 JSON, end to end: packing, sending, computing, sending back, unpacking. Memory: the resident set of the service after a
@@ -35,21 +35,22 @@ import twolink as tl
 BODY = b'{"q": [0.1, 0.2], "v": [0.3, 0.4], "tau": [1.0, 0.0]}'
 PATH = "/v1/robots/two_link/forward-dynamics"
 CONNECTIONS = (1, 16, 64)
-WANTED = {"ratio": 0.35, "p99": 5e-3, "states": 1e6, "growth": 0.02}
+MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5e-3, 1e6, 0.02
+SERVE = ["-m", "twolink", "serve", "--port", "0", "--data"]
+CPUS = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
 
 
 async def bare(scope: Any, receive: Any, send: Any) -> None:
-    """An ASGI application that does nothing: what uvicorn alone takes."""
-    if scope["type"] == "lifespan":
-        while (message := await receive())["type"] != "lifespan.shutdown":
-            await send({"type": f"{message['type']}.complete"})
-        await send({"type": "lifespan.shutdown.complete"})
-        return
-    await receive()
-    body = b'{"a":[1.0,2.0]}'
+    """An ASGI application that does nothing: the cost of uvicorn alone."""
+    message = await receive()
+    while scope["type"] == "lifespan":
+        await send({"type": f"{message['type']}.complete"})
+        if message["type"] == "lifespan.shutdown":
+            return
+        message = await receive()
     headers = [(b"content-type", b"application/json"), (b"content-length", b"15")]
     await send({"type": "http.response.start", "status": 200, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+    await send({"type": "http.response.body", "body": b'{"a":[1.0,2.0]}'})
 
 
 def serve_bare() -> None:
@@ -65,11 +66,16 @@ def serve_bare() -> None:
     uvicorn.Server(config).run(sockets=[socket])
 
 
+def pinned(command: list[str], core: int | None) -> list[str]:
+    """A Python command on one of the cores (the first 0, the last -1), where there is more than one."""
+    taskset = ["taskset", "-c", str(CPUS[core])] if core is not None and len(CPUS) > 1 else []
+    return [*taskset, sys.executable, *command]
+
+
 @contextlib.contextmanager
-def server(command: list[str], cpu: int | None) -> Iterator[tuple[int, int]]:
+def server(command: list[str], core: int | None = None) -> Iterator[tuple[int, int]]:
     """A server process while it is needed: its port and its process id."""
-    pin = ["taskset", "-c", str(cpu)] if cpu is not None else []
-    process = subprocess.Popen([*pin, sys.executable, *command], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(pinned(command, core), stdout=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline() if process.stdout else ""
         found = re.search(r"http://[\d.]+:(\d+)/", line)
@@ -81,82 +87,69 @@ def server(command: list[str], cpu: int | None) -> Iterator[tuple[int, int]]:
         process.wait(20)
 
 
-async def _connection(port: int, request: bytes, until: float, most: list[int], taken: list[float]) -> None:
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    while time.perf_counter() < until and most[0] > 0:
-        most[0] -= 1
-        start = time.perf_counter()
-        writer.write(request)
-        head = await reader.readuntil(b"\r\n\r\n")
-        length = re.search(rb"content-length: (\d+)", head)
-        if b" 200 " not in head[:16] or length is None:
-            raise SystemExit(f"not answered: {head!r}")
-        await reader.readexactly(int(length.group(1)))
-        taken.append(time.perf_counter() - start)
-    writer.close()
-
-
-async def _load(port: int, connections: int, seconds: float, requests: int) -> list[float]:
+async def _requests(port: int, connections: int, seconds: float, requests: int) -> list[float]:
+    """Send requests over some connections until the time or their number is used up; the seconds of each."""
     head = f"POST {PATH} HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
     request = f"{head}Content-Length: {len(BODY)}\r\n\r\n".encode() + BODY
     taken: list[float] = []
-    until, most = time.perf_counter() + seconds, [requests]
-    await asyncio.gather(*(_connection(port, request, until, most, taken) for _ in range(connections)))
+    end = time.perf_counter() + seconds
+
+    async def connection() -> None:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        while time.perf_counter() < end and len(taken) < requests:
+            start = time.perf_counter()
+            writer.write(request)
+            answer = await reader.readuntil(b"\r\n\r\n")
+            length = re.search(rb"content-length: (\d+)", answer)
+            if b" 200 " not in answer[:16] or length is None:
+                raise SystemExit(f"not answered: {answer!r}")
+            await reader.readexactly(int(length.group(1)))
+            taken.append(time.perf_counter() - start)
+        writer.close()
+
+    await asyncio.gather(*(connection() for _ in range(connections)))
     return taken
 
 
-def load(port: int, connections: int, seconds: float, cpu: int | None, requests: int = 10**9) -> dict[str, float]:
-    """Requests for so many seconds from a process of its own: requests/s, p50 and p99 [s]."""
-    pin = ["taskset", "-c", str(cpu)] if cpu is not None else []
-    arguments = ["--load", str(port), str(connections), str(seconds), str(requests)]
-    done = subprocess.run([*pin, sys.executable, __file__, *arguments], capture_output=True, text=True, check=True)
-    found: dict[str, float] = json.loads(done.stdout)
-    return found
-
-
-def _print_load(port: int, connections: int, seconds: float, requests: int) -> None:
+def print_load(port: int, connections: int, seconds: float, requests: int) -> None:
+    """Send requests and print requests/s, p50 and p99 [s] as JSON."""
     import uvloop
 
     start = time.perf_counter()
-    taken = np.array(uvloop.run(_load(port, connections, seconds, requests)))
+    taken = np.array(uvloop.run(_requests(port, connections, seconds, requests)))
     rate = len(taken) / (time.perf_counter() - start)
     print(json.dumps({"rate": rate, "p50": np.quantile(taken, 0.5), "p99": np.quantile(taken, 0.99)}))
 
 
-def single_states(seconds: float, rounds: int, data: str) -> list[dict[str, float]]:
-    """A row for each number of connections: bare and ours in turn."""
-    cpus = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    ours_on, load_on = (cpus[0], cpus[-1]) if len(cpus) > 1 else (None, None)
-    rows = []
-    with (
-        server([__file__, "--bare"], ours_on) as bare_one,
-        server(["-m", "twolink", "serve", "--port", "0", "--data", data], ours_on) as our_one,
-    ):
-        load(our_one[0], 16, 3.0, load_on)  # loads the robot; worker processes start meanwhile
-        for connections in CONNECTIONS:
-            found = [
-                [_measured(one, connections, seconds, load_on) for one in (bare_one, our_one)] for _ in range(rounds)
-            ]
-            row: dict[str, float] = {"connections": connections}
-            for k, name in enumerate(("bare", "ours")):
-                for what in ("rate", "p50", "p99", "cpu"):
-                    row[f"{name}_{what}"] = median(pair[k][what] for pair in found)
-            row["ratio"] = median(ours["rate"] / alone["rate"] for alone, ours in found)
-            rows.append(row)
-    return rows
-
-
-def _measured(served: tuple[int, int], connections: int, seconds: float, cpu: int | None) -> dict[str, float]:
-    """A load, and the server's own CPU seconds a request, which other work on the machine hardly changes."""
+def load(served: tuple[int, int], connections: int, seconds: float, requests: int = 10**9) -> dict[str, float]:
+    """Requests from a process of its own: requests/s, p50 and p99 [s], and the server's CPU seconds a request."""
     port, pid = served
-    before = _cpu_seconds(pid)
-    found = load(port, connections, seconds, cpu)
-    return {**found, "cpu": (_cpu_seconds(pid) - before) / (found["rate"] * seconds)}
+    command = [__file__, "--load", str(port), str(connections), str(seconds), str(requests)]
+    before, start = _cpu_seconds(pid), time.perf_counter()
+    done = subprocess.run(pinned(command, -1), capture_output=True, text=True, check=True)
+    found: dict[str, float] = json.loads(done.stdout)
+    duration = min(seconds, time.perf_counter() - start)
+    return {**found, "cpu": (_cpu_seconds(pid) - before) / (found["rate"] * duration)}
 
 
 def _cpu_seconds(pid: int) -> float:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def single_states(seconds: float, rounds: int, data: str) -> list[dict[str, Any]]:
+    """A row for each number of connections, with the medians of bare and service, measured in turn."""
+    rows = []
+    with server([__file__, "--bare"], 0) as bare_server, server([*SERVE, data], 0) as service:
+        load(service, 16, 3.0)  # loads the robot; worker processes start meanwhile
+        for connections in CONNECTIONS:
+            pairs = [[load(one, connections, seconds) for one in (bare_server, service)] for _ in range(rounds)]
+            row: dict[str, Any] = {"connections": connections}
+            for name, measured in zip(("bare", "service"), zip(*pairs, strict=True), strict=True):
+                row[name] = {what: median(one[what] for one in measured) for what in measured[0]}
+            row["ratio"] = median(ours["rate"] / alone["rate"] for alone, ours in pairs)
+            rows.append(row)
+    return rows
 
 
 def batches(rounds: int, port: int) -> dict[str, float]:
@@ -165,22 +158,19 @@ def batches(rounds: int, port: int) -> dict[str, float]:
     robot = tl.connect(f"http://127.0.0.1:{port}").robot("panda")
     connection = http.client.HTTPConnection("127.0.0.1", port)
 
-    def by_npz(arrays: dict[str, np.ndarray]) -> Any:
-        return robot.forward_dynamics(**arrays)
-
-    def by_json(arrays: dict[str, np.ndarray]) -> Any:
-        body = msgspec.json.encode({name: value.tolist() for name, value in arrays.items()})
+    def by_json(**arrays: np.ndarray) -> np.ndarray:
+        body = msgspec.json.encode(arrays, enc_hook=np.ndarray.tolist)
         connection.request("POST", "/v1/robots/panda/forward-dynamics", body, {"Content-Type": "application/json"})
         return np.array(msgspec.json.decode(connection.getresponse().read())["a"])
 
     rates = {}
-    for name, ask, count in (("npz", by_npz, 100_000), ("json", by_json, 1000)):
+    for name, ask, count in (("npz", robot.forward_dynamics, 100_000), ("json", by_json, 1000)):
         arrays = {key: rng.uniform(-1, 1, (count, 9)) for key in ("q", "v", "tau")}
-        ask(arrays)  # compiles, once
+        ask(**arrays)  # compiles, once
         taken = []
         for _ in range(max(9, rounds)):
             start = time.perf_counter()
-            a = ask(arrays)
+            a = ask(**arrays)
             taken.append(time.perf_counter() - start)
         if a.shape != (count, 9):
             raise SystemExit(f"{name}: {a.shape}")
@@ -188,18 +178,14 @@ def batches(rounds: int, port: int) -> dict[str, float]:
     return rates
 
 
-def _resident(pid: int) -> float:
-    """The resident set of a process, MB."""
-    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
-    return int(found.group(1)) / 1024 if found else float("nan")
-
-
-def memory(requests: int, port: int, pid: int) -> dict[str, float]:
-    """The service's memory [MB] after a tenth of the requests, and after all of them."""
-    load(port, 16, 1e6, None, requests // 10)
-    before = _resident(pid)
-    load(port, 16, 1e6, None, requests)
-    return {"requests": requests, "before": before, "after": _resident(pid)}
+def memory(requests: int, served: tuple[int, int]) -> list[float]:
+    """The service's resident set [MB] after a tenth of the requests, and after all of them."""
+    sizes = []
+    for count in (requests // 10, requests):
+        load(served, 16, 1e6, count)
+        found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{served[1]}/status").read_text())
+        sizes.append(int(found.group(1)) / 1024 if found else float("nan"))
+    return sizes
 
 
 def main() -> None:
@@ -210,45 +196,45 @@ def main() -> None:
     parser.add_argument("--requests", type=int, default=100_000)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--load", nargs=4, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.bare:
+    parser.add_argument("--load", nargs=4, type=float, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.bare:
         serve_bare()
-    elif given.load:
-        port, connections, seconds, requests = given.load
-        _print_load(int(port), int(connections), float(seconds), int(requests))
+    elif options.load:
+        port, connections, seconds, requests = options.load
+        print_load(int(port), int(connections), seconds, int(requests))
     else:
-        _report(given)
+        _measure(options)
 
 
-def _report(given: argparse.Namespace) -> None:
+def _measure(options: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as data:
-        rows = single_states(given.seconds, given.rounds, data)
-        with server(["-m", "twolink", "serve", "--port", "0", "--data", data], None) as (port, pid):
-            rates = batches(given.rounds, port)
-            kept = memory(given.requests, port, pid)
-    if given.json:
-        print(json.dumps({"single": rows, "batches": rates, "memory": kept}))
+        rows = single_states(options.seconds, options.rounds, data)
+        with server([*SERVE, data]) as served:
+            rates = batches(options.rounds, served[0])
+            sizes = memory(options.requests, served)
+    if options.json:
+        print(json.dumps({"single": rows, "batches": rates, "memory": sizes}))
         return
     print("single states by JSON: requests/s, p50 and p99 in ms, the server's CPU time a request in us")
     columns = f"{'p50':>7}{'p99':>7}{'CPU':>6}"
-    print(f"{'connections':>11}{'bare':>9}{columns}{'ours':>9}{columns}{'ours/bare':>11}")
+    print(f"{'connections':>11}{'bare':>9}{columns}{'service':>9}{columns}{'ratio':>7}")
     for row in rows:
-        parts = [f"{row[f'{n}_rate']:>9.0f}{1e3 * row[f'{n}_p50']:>7.2f}{1e3 * row[f'{n}_p99']:>7.2f}"
-                 f"{1e6 * row[f'{n}_cpu']:>6.0f}" for n in ("bare", "ours")]  # fmt: skip
-        print(f"{row['connections']:>11}{''.join(parts)}{row['ratio']:>11.2f}")
+        line = f"{row['connections']:>11}"
+        for one in (row["bare"], row["service"]):
+            line += f"{one['rate']:>9.0f}{1e3 * one['p50']:>7.2f}{1e3 * one['p99']:>7.2f}{1e6 * one['cpu']:>6.0f}"
+        print(f"{line}{row['ratio']:>7.2f}")
     print(f"batches of Panda states: {rates['npz']:,.0f} states/s by npz, {rates['json']:,.0f} by JSON")
-    growth = kept["after"] / kept["before"] - 1
-    print(f"memory: {kept['before']:.1f} MB, {kept['after']:.1f} MB after {given.requests:,} requests ({growth:+.1%})")
-    at_16 = next(row for row in rows if row["connections"] == 16)
-    print(f"wanted: ours/bare >= {WANTED['ratio']}: {_yes(min(r['ratio'] for r in rows) >= WANTED['ratio'])}; "
-          f"p99 < 5 ms at 16: {_yes(at_16['ours_p99'] < WANTED['p99'])}; "
-          f">= 1,000,000 states/s by npz: {_yes(rates['npz'] >= WANTED['states'])}; "
-          f"no growth: {_yes(growth < WANTED['growth'])}")  # fmt: skip
-
-
-def _yes(held: bool) -> str:
-    return "yes" if held else "NO"
+    growth = sizes[1] / sizes[0] - 1
+    print(f"memory: {sizes[0]:.1f} MB, {sizes[1]:.1f} MB after {options.requests:,} requests ({growth:+.1%})")
+    goals = {
+        f"ratio >= {MIN_RATIO}": min(row["ratio"] for row in rows) >= MIN_RATIO,
+        f"p99 < {1e3 * MAX_P99:g} ms at 16": next(r["service"]["p99"] for r in rows if r["connections"] == 16)
+        < MAX_P99,
+        f">= {MIN_STATES:,.0f} states/s by npz": rates["npz"] >= MIN_STATES,
+        "no growth": growth < MAX_GROWTH,
+    }
+    print("goals: " + "; ".join(f"{goal}: {'yes' if met else 'NO'}" for goal, met in goals.items()))
 
 
 if __name__ == "__main__":
