@@ -108,7 +108,8 @@ def answer_query(
     if "frame" in query.options and "frame" not in chosen:
         remedy = f"one of {', '.join(robot.frame_names[:12])}, ..."
         raise QueryError("it is not given", argument="frame", code="missing-option", remedy=remedy)
-    values = [arguments.get(name, np.zeros(robot.nv)) for name in query.arguments]
+    zero = np.zeros(robot.nv)
+    values = [arguments.get(name, zero) for name in query.arguments]
     answer = getattr(robot, what.replace("-", "_"))(*values, **chosen)
     parts = answer if len(query.results) > 1 else (answer,)
     return dict(zip(query.results, parts, strict=True))

@@ -14,9 +14,10 @@ UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what cu
 
 def header(scope: Any, name: bytes) -> bytes:
     """A header of a request, b"" when it has none of that name."""
-    for key, value in scope["headers"]:
+    headers: list[Header] = scope["headers"]
+    for key, value in headers:
         if key == name:
-            return bytes(value)
+            return value
     return b""
 
 

@@ -82,7 +82,7 @@ class Jobs:
 
     async def _run(self, key: str, kind: str, request: Request) -> None:
         """Take a job through its states to its end."""
-        end: dict[str, Any] = {"state": "interrupted"}
+        end: dict[str, Any] = {}
         try:
             async with self._free:
                 self._running[key].state = "running"
@@ -95,11 +95,11 @@ class Jobs:
         except Exception as error:
             end = {"state": "failed", "problem": problem_of(error)}
         finally:
+            del self._running[key]
             self._store.update_job(key, ended=time.time(), **end)
             self._store.measure(key)
             self._store.shrink(self._quotas.disk_mb * 2**20)
             self._metrics.jobs.labels(kind, end["state"]).inc()
-            del self._running[key]
 
     async def _compute(self, key: str, kind: str, request: Request) -> Any:
         folder = self._store.result_folder(key)

@@ -6,6 +6,7 @@ This path must be quick, so it is plain ASGI: bytes in, msgspec, NumPy, bytes ou
 from __future__ import annotations
 
 import asyncio
+import functools
 import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -97,21 +98,29 @@ class Queries:
         if "q" not in arguments:
             raise Refusal(400, "q is missing", where="q", remedy=f"send the {robot.nq} numbers of a configuration")
         arrays = {name: value for name, value in arguments.items() if isinstance(value, np.ndarray)}
-        arrays |= arguments.get("f_ext", {})
-        if scalar := next((name for name, value in arrays.items() if value.ndim == 0), ""):
-            raise Refusal(400, "expected an array, got one number", where=scalar, remedy="give shape (..., n)")
+        if "f_ext" in arguments:
+            arrays |= arguments["f_ext"]
+        for name, value in arrays.items():
+            if value.ndim == 0:
+                raise Refusal(400, "expected an array, got one number", where=name, remedy="give shape (..., n)")
         shapes = {value.shape[:-1] for value in arrays.values()}
         try:
             count = 1 if shapes == _SINGLE_STATE else math.prod(np.broadcast_shapes(*shapes))
         except ValueError:
             return 0  # the query says what does not fit
-        frames = len(arguments.get("frames") or ()) or robot.model.nframes
-        numbers = math.prod(robot.nv if size == "nv" else size for size in QUERIES[what].shape)
-        numbers *= frames if what == "kinematics" else 1
+        numbers = _numbers_each(what, robot.nv)
+        if what == "kinematics":
+            numbers *= len(arguments.get("frames") or ()) or robot.model.nframes
         quotas = self._quotas
         if count > quotas.states or count * numbers * number_bytes > quotas.answer_mb * 2**20:
             raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
         return count
+
+
+@functools.cache
+def _numbers_each(what: str, nv: int) -> int:
+    """How many numbers the answer has for each state, or each frame of a state."""
+    return math.prod(nv if size == "nv" else size for size in QUERIES[what].shape)
 
 
 def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
@@ -120,7 +129,7 @@ def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
         return {"frames": frames or link_names(robot), "poses": link_poses(robot, arguments["q"], frames)}
     if what == "derivatives":
         return derivatives(robot, arguments)
-    options = {name: arguments.pop(name, None) for name in QUERIES[what].options}
+    options = {name: arguments.pop(name) for name in QUERIES[what].options if name in arguments}
     return named_queries.answer_query(robot, what, arguments, **options)
 
 
