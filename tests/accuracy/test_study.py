@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.accuracy import settings as ladder
-from twolink.accuracy import study as conduct
-from twolink.accuracy import time_limit as clock
-from twolink.accuracy import truth as reference
-from twolink.accuracy.result import Row, with_front
+from twolink.accuracy import reference_solution, settings, time_limit
+from twolink.accuracy import study as accuracy_study
+from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
@@ -35,7 +33,7 @@ def arm() -> tl.Scene:
 @pytest.fixture(scope="module")
 def study(arm: tl.Scene) -> tl.Study:
     names = ["rk4", "dop853", "taylor", "scipy-dop853"]
-    return tl.accuracy_study(arm, methods=names, tolerances=TOLERANCES, repeats=2)
+    return tl.accuracy_study(arm, methods=names, tolerances=TOLERANCES, repeats=2, budget=60.0)
 
 
 def made(method: str, error: float, seconds: float) -> Row:
@@ -62,11 +60,12 @@ def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -
     assert all(row.resolved for row in study.rows)
     np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=5e-16)
     equations, times = equations_of(arm), np.linspace(0, 10, 101)
-    first, better = reference.first_truth(equations, times), reference.better_truth(equations, times)
+    first = reference_solution.first_reference(equations, times)
+    better = reference_solution.better_reference(equations, times)
     assert better is not None
     off = np.abs((first.q - better.q) + (first.rest - better.rest)).max()
-    assert off <= first.own < 1e-15
-    assert better.own < 1e-19
+    assert off <= first.digits_error < 1e-15
+    assert better.digits_error < 1e-19
 
 
 def test_a_rows_error_is_the_distance_from_a_better_solution(study: tl.Study, arm: tl.Scene) -> None:
@@ -78,7 +77,7 @@ def test_a_rows_error_is_the_distance_from_a_better_solution(study: tl.Study, ar
 
 def test_the_front_the_cheapest_and_the_price_of_digits() -> None:
     rows = [made("rk45", 1e-2, 1.0), made("rk45", 1e-5, 3.0), made("dop853", 1e-4, 2.0), made("rk23", 1e-3, 2.5)]
-    about = reference.Reference("", 1e-12, 0.0, ())
+    about = Reference("", 1e-12, 0.0, ())
     done = tl.Study("r", 1.0, 2, with_front(rows, about), (), about, 0.0)
     assert [row.method for row in done.front] == ["rk45", "dop853", "rk45"]
     assert done.cheapest(1e-3).method == "dop853"
@@ -124,7 +123,7 @@ def test_figure_and_text(study: tl.Study, tmp_path: Path) -> None:
 
 def test_failures_are_kept_with_their_reason(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count()  # a clock of its own: a second for each look at it, on every machine
-    monkeypatch.setattr(clock, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
+    monkeypatch.setattr(time_limit, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
     done = tl.accuracy_study(arm, 1.0, methods=["implicit-midpoint", "rk4"], repeats=1, budget=30.0)
     reasons = {(f.method, f.reason.split(" ")[0]) for f in done.failures}
     assert ("rk4", "stopped") in reasons
@@ -145,7 +144,7 @@ def test_fixed_steps_cover_rough_to_fine_in_decades(arm: tl.Scene) -> None:
 
 
 def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ladder, "MAX_COMPILING", 1e-3)
+    monkeypatch.setattr(settings, "MAX_COMPILING", 1e-3)
     done = tl.accuracy_study(arm, 0.2, methods=["rk4", "scipy-rk45"], tolerances=[1e-3], repeats=1)
     assert [row.method for row in done.rows] == ["scipy-rk45"]
     assert "to compile" in done.failures[0].reason
@@ -154,9 +153,10 @@ def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monke
 def test_without_heyoka(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from twolink.integrate import step_map
 
-    for module in (ladder, reference, step_map):
+    for module in (settings, reference_solution, step_map):
         monkeypatch.setattr(module, "heyoka", lambda: None)
-    done = tl.accuracy_study(arm, 0.5, methods=["rk45", "taylor", "scipy-dop853"], tolerances=[1e-3, 1e-14], repeats=1)
+    done = tl.accuracy_study(arm, 0.5, methods=["rk45", "taylor", "scipy-dop853"], tolerances=[1e-3, 1e-14], repeats=1,
+                             budget=60.0)  # fmt: skip
     assert "SciPy's DOP853" in done.reference.how
     assert {row.method for row in done.rows} == {"rk45", "scipy-dop853"}
     assert done.failures[0].method == "taylor"
@@ -179,7 +179,7 @@ def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:
 def test_auto_chooses_by_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "cache").mkdir(mode=0o700)
     monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(ladder, "MAX_COMPILING", 0.02)  # of what is compiled, only the quickest
+    monkeypatch.setattr(settings, "MAX_COMPILING", 0.02)  # of what is compiled, only the quickest
     arm = tl.load_scene("arm-swing")
     part = tl.accuracy_study(arm, 0.5, methods=["scipy-rk45"], tolerances=[1e-8], repeats=1)
     assert len(part.rows) == 1
@@ -227,4 +227,4 @@ def test_what_is_no_scene_and_what_cannot_move() -> None:
     still = tl.Scene(tl.load_robot("two_link", lock={"shoulder": 0.0, "elbow": 0.0}))
     with pytest.raises(SceneError, match="nothing moves"):
         tl.accuracy_study(still)
-    assert conduct.MAX_SAMPLES > 0
+    assert accuracy_study.MAX_SAMPLES > 0

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from twolink.accuracy.study_data import BETTER, Price, Reference, Row, StudyData
 from twolink.errors import ShowError
 from twolink.show.direct_labels import label_ends
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
-
-if TYPE_CHECKING:
-    from twolink.accuracy.result import Price, Row, Study
-    from twolink.accuracy.truth import Reference
 
 BLUE, ORANGE, GREEN, PINK, SKY, RED, BLACK = COLOURS
 STYLES = {
@@ -26,10 +23,9 @@ FIXED: dict[str, Any] = {"linestyle": "--", "marker": "s", "linewidth": 1.2}
 PEERS: dict[str, Any] = {"linestyle": ":", "marker": "^", "linewidth": 1.5}
 WORST = 3.0  # rad or m: beyond it an answer tells nothing
 BEYOND = 200.0  # how far the figure goes beyond the best entry, at most
-RESOLVED = 100.0
 
 
-def plot_study(study: Study, path: Path) -> Path:
+def plot_study(study: StudyData, path: Path) -> Path:
     """Seconds over error, both logarithmic, accuracy growing to the right. Raises ShowError when there is nothing."""
     rows = [row for row in study.rows if row.error <= WORST]
     if not rows:
@@ -60,7 +56,7 @@ def _points(rows: list[Row], floor: float) -> tuple[list[float], list[float]]:
 def _set_limits(axis: Any, rows: list[Row], floor: float) -> None:
     errors, seconds = _points(rows, floor)
     best = min(errors)
-    axis.set_xlim(max(errors) * 2, max(min(best, RESOLVED * floor) / 4, best / BEYOND))
+    axis.set_xlim(max(errors) * 2, max(min(best, BETTER * floor) / 4, best / BEYOND))
     axis.set_ylim(min(seconds) / 3.5, max(seconds) * 2)
     axis.xaxis.set_major_locator(_decades())
     axis.yaxis.set_major_formatter(lambda y, _: _seconds(y))
@@ -80,7 +76,7 @@ def _seconds(value: float) -> str:
 
 def _shade(axis: Any, reference: Reference) -> None:
     """Where the reference is not 100 times better, errors are not known."""
-    start, end = RESOLVED * reference.error, axis.get_xlim()[1]
+    start, end = BETTER * reference.error, axis.get_xlim()[1]
     if start <= end:
         return
     axis.axvspan(start, end, color="0.93", zorder=0, linewidth=0)
@@ -137,7 +133,7 @@ def _label_style(name: str, row: Row) -> dict[str, Any]:
     return {"color": STYLES.get(name, "0.4"), "fontweight": weight}
 
 
-def _explain(axis: Any, figure: Any, study: Study) -> None:
+def _explain(axis: Any, figure: Any, study: StudyData) -> None:
     from matplotlib.lines import Line2D
 
     def kind(label: str, style: dict[str, Any]) -> Any:

@@ -1,135 +1,40 @@
-"""Study: what accuracy costs in time, row by row, its Pareto front, and the price of each further digit."""
+"""Study: the result of an accuracy study, with its text, figure and files."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.truth import BETTER, Reference
-from twolink.errors import AccuracyError, TwolinkError
+from twolink.accuracy.study_data import Failure, Reference, Row, StudyData
+from twolink.accuracy.text import study_text
+from twolink.errors import TwolinkError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import SUFFIXES, require_format, write_table
+from twolink.simulation.text import as_html
 
 SAVED = (".json", *SUFFIXES)
-COARSEST, FINEST = 0.1, 1e-16  # rad or m: the first digit that has a price, and the last one of a double
+PLAIN = ("robot", "duration", "samples", "seconds", "interrupted")  # fields that are numbers or texts
 
 
-@dataclass(frozen=True)
-class Row:
-    """A method at a setting: its error [rad, m], the largest of q at any sample, and its seconds of wall clock.
-
-    tolerance: of adaptive methods, else None. step: of methods with fixed steps [s], else None. seconds: the median of
-    some runs after a first one, compiling not counted; compile_seconds: that, 0 where it was at hand. front: no other
-    row is both more accurate and quicker. resolved: the reference is 100 times better than this row, so that the error
-    is known; where it is not, the error is at most `error` plus the reference's own.
-    """
-
-    method: str
-    tolerance: float | None
-    step: float | None
-    error: float
-    seconds: float
-    evaluations: int
-    steps: int
-    rejected: int = 0
-    compile_seconds: float = 0.0
-    front: bool = False
-    resolved: bool = True
-
-    @property
-    def setting(self) -> str:
-        """The tolerance or the step, as text."""
-        return f"tolerance {self.tolerance:.2g}" if self.step is None else f"step {self.step:.3g} s"
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A method, at a setting or altogether (both None), that gave no row, and why."""
-
-    method: str
-    tolerance: float | None
-    step: float | None
-    reason: str
-
-
-@dataclass(frozen=True)
-class Price:
-    """The cheapest row with an error of at most `accuracy` [rad, m]: its seconds, and those over the decade before."""
-
-    accuracy: float
-    seconds: float
-    ratio: float | None
-    row: Row
-
-
-@dataclass(frozen=True)
-class Study:
-    """What each method's accuracy costs on a scene.
-
-    robot: its name. duration [s], samples: how many. rows: by method, from rough to accurate. failures: what gave no
-    row, and why. reference: what the errors were measured against. interrupted: Ctrl-C ended it early.
-    """
-
-    robot: str
-    duration: float
-    samples: int
-    rows: tuple[Row, ...]
-    failures: tuple[Failure, ...]
-    reference: Reference
-    seconds: float
-    interrupted: bool = False
-
-    @property
-    def front(self) -> tuple[Row, ...]:
-        """The Pareto front: rows that no other beats in both error and seconds, from rough to accurate."""
-        return tuple(sorted((row for row in self.rows if row.front), key=lambda row: -row.error))
-
-    def cheapest(self, accuracy: float) -> Row:
-        """The row with the fewest seconds among those with an error of at most `accuracy` [rad, m].
-
-        The reference's own error counts as the row's. Raises AccuracyError with the best that was reached.
-        """
-        good = [row for row in self.rows if row.error + self.reference.error <= accuracy]
-        if good:
-            return min(good, key=lambda row: row.seconds)
-        best = min(self.rows, key=lambda row: row.error, default=None)
-        if best is None:
-            why = self.failures[0].reason if self.failures else "it was interrupted"
-            raise AccuracyError(f"the study has no rows: {why}", where="accuracy", remedy="a larger budget= or others")
-        raise AccuracyError(
-            f"nothing reached {accuracy:g}: the best was {best.error:.1e} by {best.method}, {best.setting}",
-            where="accuracy",
-            remedy="ask for less, or simulate with precision='quad'",
-        )
-
-    def price_of_digits(self) -> tuple[Price, ...]:
-        """For each decade of accuracy that was reached, 0.1 and better: the fewest seconds, and what that is as a
-        multiple of the decade before."""
-        prices: list[Price] = []
-        best = min((row.error + self.reference.error for row in self.rows), default=math.inf)
-        accuracy = COARSEST
-        while best <= accuracy and accuracy >= FINEST:
-            row = self.cheapest(accuracy)
-            prices.append(Price(accuracy, row.seconds, row.seconds / prices[-1].seconds if prices else None, row))
-            accuracy = float(f"1e{round(math.log10(accuracy)) - 1}")
-        return tuple(prices)
+@dataclass(frozen=True, repr=False)
+class Study(StudyData):
+    """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
         """The study as plain data, which `save` writes as JSON."""
-        own = {name: getattr(self, name) for name in ("robot", "duration", "samples", "seconds", "interrupted")}
+        plain = {name: getattr(self, name) for name in PLAIN}
         prices = [
             {"accuracy": p.accuracy, "seconds": p.seconds, "ratio": p.ratio, "method": p.row.method,
              "tolerance": p.row.tolerance, "step": p.row.step} for p in self.price_of_digits()
         ]  # fmt: skip
         reference = {**asdict(self.reference), "q_end": list(self.reference.q_end)}
-        return {**own, "reference": reference, "rows": [asdict(row) for row in self.rows],
+        return {**plain, "reference": reference, "rows": [asdict(row) for row in self.rows],
                 "failures": [asdict(failure) for failure in self.failures], "price_of_digits": prices}  # fmt: skip
 
     @classmethod
@@ -137,13 +42,13 @@ class Study:
         """Read a study saved as .json. Raises TwolinkError for what is not one."""
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
-            own = {name: data[name] for name in ("robot", "duration", "samples", "seconds", "interrupted")}
+            plain = {name: data[name] for name in PLAIN}
             reference = Reference(**{**data["reference"], "q_end": tuple(data["reference"]["q_end"])})
             rows, failures = (Row(**row) for row in data["rows"]), (Failure(**f) for f in data["failures"])
-            return cls(**own, rows=tuple(rows), failures=tuple(failures), reference=reference)
+            return cls(**plain, rows=tuple(rows), failures=tuple(failures), reference=reference)
         except OSError as error:
             what = f"cannot be read: {error.strerror or error}"
-            raise TwolinkError(what, where=str(path), remedy="check the path") from None
+            raise TwolinkError(what, where=str(path), remedy="check the path", code="not-readable") from None
         except (ValueError, KeyError, TypeError):
             remedy = "save the study again, as .json"
             raise TwolinkError("it is not a saved study", where=str(path), remedy=remedy) from None
@@ -180,23 +85,18 @@ class Study:
 
     def text(self) -> str:
         """The study as tables for people."""
-        from twolink.accuracy.text import report
-
-        return report(self)
+        return study_text(self)
 
     def __str__(self) -> str:
         return self.text()
 
+    def __repr__(self) -> str:
+        ended = ", interrupted" if self.interrupted else ""
+        best = min((row.error for row in self.rows), default=math.nan)
+        return (
+            f"<Study of {self.robot!r}: {self.duration:g} s, {len(self.rows)} rows, {len(self.front)} on the front, "
+            f"best error {best:.1e}{ended}>"
+        )
 
-def with_front(rows: Sequence[Row], reference: Reference) -> tuple[Row, ...]:
-    """The rows, each with whether it is on the Pareto front and whether its error is resolved."""
-    bounds = [row.error + reference.error for row in rows]
-    order = sorted(range(len(rows)), key=lambda i: (rows[i].seconds, bounds[i]))
-    best, front = math.inf, set()
-    for i in order:
-        if bounds[i] < best:
-            best = bounds[i]
-            front.add(i)
-    return tuple(
-        replace(row, front=i in front, resolved=row.error >= BETTER * reference.error) for i, row in enumerate(rows)
-    )
+    def _repr_html_(self) -> str:
+        return as_html(self)

@@ -7,21 +7,21 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from twolink.accuracy.result import Row, Study, with_front
-from twolink.accuracy.settings import Measuring, climb, count
-from twolink.accuracy.truth import BETTER, Truth, better_truth, first_truth
+from twolink.accuracy.measuring import Measurements, measure_method
+from twolink.accuracy.reference_solution import better_reference, first_reference
+from twolink.accuracy.result import Study
+from twolink.accuracy.settings import count
+from twolink.accuracy.study_data import BETTER, Reference, Row, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import calibration
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.state import Array
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
+from twolink.simulation.sampling import sample_times
 
-MAX_SAMPLES = 200_000  # each row keeps its own until the reference is settled
+MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 StudyProgress = Callable[[int, int, str], None]
 
 
@@ -38,93 +38,115 @@ def accuracy_study(
 ) -> Study:
     """Measure what accuracy costs on a scene: the error and the seconds of each method at several settings.
 
-    methods: names of `twolink methods`; all that run here when left out. tolerances: of adaptive methods, and what the
-    steps of the others aim at; a ladder from rough to rounding when left out. repeats: timed runs after the first,
-    fewer of slow ones; the row has their median. samples: samples a second, at which errors are taken, and which the
-    runs must deliver. budget: seconds a run may take; a method's ladder ends there. progress: called with entries
-    done, entries in all, and the one that comes.
+    Parameters
+    ----------
+    scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
+    methods : sequence of str, optional
+        Names of `twolink methods`; by default all that run here.
+    tolerances : sequence of float, optional
+        Of adaptive methods; the steps of the others aim at them. By default from rough to rounding.
+    repeats : int
+        Timed runs after the first, fewer of slow ones; a row has their median.
+    samples : float
+        Samples a second that the runs deliver, and at which errors are taken.
+    budget : float
+        Seconds that a run may take; a method's settings end there.
+    progress : callable, optional
+        Called with the number of rows done, that of all rows, and the label of the next one.
 
-    Errors are max |difference(q, q_reference)| over samples, rad or m; study.reference says what the reference is, and
-    its own error. What gave no row is in study.failures. Ctrl-C keeps what is done, and study.interrupted tells.
-    A complete study of all methods is remembered, so that simulate's method="auto" chooses by it.
+    Returns
+    -------
+    Study
+        Errors are max |difference(q, q_reference)| over samples, rad or m; study.reference says what the reference is,
+        and its own error. What gave no row is in study.failures. After Ctrl-C it has what is done.
 
-    Raises SceneError and AccuracyError for arguments and for scenes whose motion cannot be solved.
+    Raises
+    ------
+    SceneError, AccuracyError
+        An argument does not fit, or the motion cannot be solved.
+
+    Notes
+    -----
+    A complete study of all methods is kept, so that simulate's method="auto" chooses by it.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
     began = time.perf_counter()
-    chosen, wanted = _methods(methods), _tolerances(tolerances)
-    times = _times(scene.duration if duration is None else duration_of(duration), samples)
+    chosen, aims = _methods(methods), _tolerances(tolerances)
+    times = sample_times(scene.duration if duration is None else duration_of(duration), samples, MAX_SAMPLES)
     equations = equations_of(scene)
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
-    tell = progress or _silent
+    report = progress or _no_progress
     limit = positive(budget, "budget", AccuracyError, "such as 1 second")
     repeats = _repeats(repeats)
-    total = sum(count(method, wanted) for method in chosen) + repeats
-    tell(0, total, "the reference")
-    measuring = Measuring(equations, times, first_truth(equations, times), repeats, limit)
+    total = sum(count(method, aims) for method in chosen) + repeats
+    report(0, total, "the reference")
+    measurements = Measurements(equations, times, first_reference(equations, times), repeats, limit)
     interrupted = False
     try:
-        _climb_all(measuring, chosen, wanted, tell, total)
-        tell(total - repeats, total, "a reference of more digits")
-        _improve_reference(measuring)
+        _measure_all(measurements, chosen, aims, report, total)
+        report(total - repeats, total, "a reference of more digits")
+        _improve_reference(measurements)
         for number in range(2, repeats + 1):
-            tell(total - repeats + number - 1, total, f"all once more, {number} of {repeats}")
-            measuring.time_again(number)
-        tell(total, total, "done")
+            report(total - repeats + number - 1, total, f"all once more, {number} of {repeats}")
+            measurements.time_again(number)
+        report(total, total, "done")
     except KeyboardInterrupt:
         interrupted = True
-    rows = with_front(_sorted(measuring), measuring.truth.about)
+    reference = measurements.reference.about
+    rows = with_front(_sorted(measurements), reference)
     if methods is None and not interrupted:
-        calibration.record(equations, float(times[-1]), _measured(rows, measuring.truth))
-    return Study(scene.robot.name, float(times[-1]), len(times), rows, tuple(measuring.failures),
-                 measuring.truth.about, time.perf_counter() - began, interrupted)  # fmt: skip
+        calibration.record(equations, float(times[-1]), _calibration_entries(rows, reference))
+    return Study(scene.robot.name, float(times[-1]), len(times), rows, tuple(measurements.failures), reference,
+                 time.perf_counter() - began, interrupted)  # fmt: skip
 
 
-def _climb_all(
-    measuring: Measuring,
+def _measure_all(
+    measurements: Measurements,
     methods: Iterable[Method],
     tolerances: tuple[float, ...] | None,
-    tell: StudyProgress,
+    report: StudyProgress,
     total: int,
 ) -> None:
     done = 0
     for method in methods:
 
-        def before(number: int, setting: float, method: Method = method, done: int = done) -> None:
+        def announce(number: int, setting: float, method: Method = method, done: int = done) -> None:
             what = "tolerance" if method.adaptive else "step"
-            tell(done + number, total, f"{method.name}, {what} {setting:.2g}")
+            report(done + number, total, f"{method.name}, {what} {setting:.2g}")
 
-        climb(measuring, method, tolerances, before)
+        measure_method(measurements, method, tolerances, announce)
         done += count(method, tolerances)
 
 
-def _improve_reference(measuring: Measuring) -> None:
-    """Take a reference of more digits where the best entry comes too near to this one's error."""
-    best = min((row.error for row in (entry.row for entry in measuring.found)), default=math.inf)
-    if best >= BETTER * measuring.truth.own or measuring.truth.precision != "extended":
+def _improve_reference(measurements: Measurements) -> None:
+    """Take a reference of more digits where the best row comes too near to this one's error."""
+    reference = measurements.reference
+    best = min((entry.row.error for entry in measurements.done), default=math.inf)
+    if best >= BETTER * reference.digits_error or reference.precision != "extended":
         return
-    better = better_truth(measuring.equations, measuring.times)
-    if better is None or better.own > measuring.truth.own:
+    better = better_reference(measurements.equations, measurements.times)
+    if better is None or better.digits_error > reference.digits_error:
         return
-    space = measuring.equations.space
-    measuring.truth = better
-    for entry in measuring.found:
-        entry.row = replace(entry.row, error=better.error_of(space, entry.q))
+    measurements.reference = better
+    for entry in measurements.done:
+        entry.row = replace(entry.row, error=better.error_of(measurements.equations.space, entry.q))
 
 
-def _sorted(measuring: Measuring) -> list[Row]:
+def _sorted(measurements: Measurements) -> list[Row]:
     """By method in the order of METHODS, from rough to accurate."""
     order = list(METHODS)
-    return sorted((row for row in (entry.row for entry in measuring.found)),
+    return sorted((entry.row for entry in measurements.done),
                   key=lambda row: (order.index(row.method), -(row.tolerance or row.step or 0.0)))  # fmt: skip
 
 
-def _measured(rows: Iterable[Row], truth: Truth) -> list[calibration.Measured]:
-    """What method="auto" may choose from: rows that set a tolerance, as a step is no setting that refines by itself."""
+def _calibration_entries(rows: Iterable[Row], reference: Reference) -> list[calibration.Measured]:
+    """What method="auto" may choose from: rows with a tolerance, as a step does not adapt to another start."""
     return [
-        calibration.Measured(row.method, row.tolerance, row.error + truth.about.error, row.seconds)
+        calibration.Measured(row.method, row.tolerance, row.error + reference.error, row.seconds)
         for row in rows
         if row.tolerance is not None
     ]
@@ -157,14 +179,5 @@ def _repeats(value: int) -> int:
     return value
 
 
-def _times(duration: float, samples: float) -> Array:
-    """Samples from 0 to the duration, about that many a second and at least one of them at the end."""
-    rate = positive(samples, "samples", AccuracyError, "such as 50 a second")
-    if duration * rate > MAX_SAMPLES:
-        what = f"{duration * rate:.3g} samples, the limit is {MAX_SAMPLES:.0e}"
-        raise SceneError(what, argument="samples", remedy="ask for fewer a second, or a shorter duration")
-    return np.linspace(0.0, duration, max(1, round(duration * rate)) + 1)
-
-
-def _silent(_done: int, _total: int, _label: str) -> None:
+def _no_progress(_done: int, _total: int, _label: str) -> None:
     return

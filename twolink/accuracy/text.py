@@ -4,27 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import groupby
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from twolink.accuracy.result import Failure, Study
-
-UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"))
+from twolink.accuracy.study_data import Failure, StudyData, in_words
 
 
-def in_words(seconds: float) -> str:
-    """Seconds in three digits, in a unit that suits: 12.3 ms."""
-    size, unit = next(((size, unit) for size, unit in UNITS if seconds >= size * 0.9995), UNITS[-1])
-    return f"{seconds / size:.3g} {unit}"
-
-
-def report(study: Study) -> str:
+def study_text(study: StudyData) -> str:
     """The whole study."""
     parts = [_head(study), _rows(study), _prices(study), _failures(study)]
     return "\n\n".join(part for part in parts if part)
 
 
-def _head(study: Study) -> str:
+def _head(study: StudyData) -> str:
     about = study.reference
     ended = "; INTERRUPTED, this is what was done" if study.interrupted else ""
     return (
@@ -35,7 +25,7 @@ def _head(study: Study) -> str:
     )
 
 
-def _rows(study: Study) -> str:
+def _rows(study: StudyData) -> str:
     lines = [f"{'method':<20}{'setting':<20}{'error':>9} {'time':>11}{'evaluations':>13}{'steps':>9}{'rejected':>10}"]
     for row in study.rows:
         mark = " *" if row.front else ""
@@ -49,7 +39,7 @@ def _rows(study: Study) -> str:
     return "\n".join(lines) if study.rows else ""
 
 
-def _prices(study: Study) -> str:
+def _prices(study: StudyData) -> str:
     prices = study.price_of_digits()
     if not prices:
         return "no entry has an error of 0.1 or less: study a shorter duration, or with a larger budget"
@@ -61,7 +51,7 @@ def _prices(study: Study) -> str:
     return "\n".join(lines)
 
 
-def _failures(study: Study) -> str:
+def _failures(study: StudyData) -> str:
     if not study.failures:
         return ""
     lines = ["no row from"]

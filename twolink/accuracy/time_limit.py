@@ -1,4 +1,4 @@
-"""A clock that ends a solution when its time is up: every solver calls its progress function now and then."""
+"""A limit on the time of a solution: every solver calls its progress function now and then."""
 
 from __future__ import annotations
 
@@ -13,21 +13,16 @@ class OverBudget(Exception):
         self.t = t
 
 
-class Clock:
-    """A progress function that raises OverBudget `limit` seconds after its first call: compiling comes before that."""
+class TimeLimit:
+    """A progress function that raises OverBudget `seconds` after its first call: compiling comes before that."""
 
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
         self.start: float | None = None
-
-    @classmethod
-    def of(cls, limit: float | None) -> Clock | None:
-        """A clock, or None for no limit."""
-        return None if limit is None else cls(limit)
 
     def __call__(self, t: float) -> None:
         now = time.perf_counter()
         if self.start is None:
             self.start = now
-        elif now - self.start > self.limit:
+        elif now - self.start > self.seconds:
             raise OverBudget(t)

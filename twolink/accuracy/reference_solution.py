@@ -1,7 +1,7 @@
-"""The reference that a study's errors are measured against, and how far it can be trusted.
+"""The solution that a study's errors are measured against, and its own error.
 
 It is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, solved twice at two tolerances: the
-distance of the two says how far off the worse one is, and the better one is used. Numbers of so many digits are kept
+distance of the two is the error of the worse one, and the better one is used. Numbers of so many digits are kept
 as the sum of two doubles, q + rest.
 """
 
@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.time_limit import Clock, OverBudget
+from twolink.accuracy.settings import TAYLOR_EVALUATIONS
+from twolink.accuracy.study_data import Reference
+from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate import scipy_solver, taylor
@@ -25,9 +27,7 @@ from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.state import Array, StateSpace
 
-BETTER = 100.0  # how many times better than an entry the reference must be for the entry's error to be known
-SAFETY = 4.0  # the two solutions may err to the same side
-TAYLOR_COMPILES_LIKE = 12.0  # evaluations of straight code
+SAFETY = 4.0  # both solutions may have errors of the same sign
 MAX_SECONDS = 60.0  # for a solution in quadruple precision
 TOLERANCES: dict[taylor.Precision, tuple[float, float]] = {"extended": (1e-19, 1e-18), "quad": (1e-25, 1e-22)}
 EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
@@ -35,26 +35,16 @@ DIGITS = {"extended": "19", "quad": "33"}
 
 
 @dataclass(frozen=True)
-class Reference:
-    """How the reference was computed, its own error [rad, m], what it took [s], and q at its end (nq,)."""
+class ReferenceSolution:
+    """A reference with its samples: q (n, nq) on its manifold, and `rest` (n, nq), its digits beyond a double.
 
-    how: str
-    error: float
-    seconds: float
-    q_end: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Truth:
-    """A reference with its samples: q (n, nq) on its manifold, and `rest` (n, nq), what a double cannot hold of it.
-
-    own: the error of its digits, without the rounding that a comparison on a curved manifold adds. precision: of them.
+    digits_error: its error without the rounding that a comparison on a curved manifold adds. precision: of its numbers.
     """
 
     about: Reference
     q: Array
     rest: Array
-    own: float
+    digits_error: float
     precision: taylor.Precision
 
     def error_of(self, space: StateSpace, q: Array) -> float:
@@ -64,22 +54,22 @@ class Truth:
         return float(np.abs((q - self.q) - self.rest).max(initial=0.0))
 
 
-def first_truth(equations: Equations, times: Array) -> Truth:
+def first_reference(equations: Equations, times: Array) -> ReferenceSolution:
     """The quickest good reference at the samples `times` (n,). Raises AccuracyError where the motion cannot be solved.
 
     Without heyoka, or where Taylor's method would take too long to compile, it is SciPy's at its tightest tolerance.
     """
     if heyoka() is None:
         return _by_scipy(equations, times, "heyoka is not installed")
-    seconds = compiling_seconds(int(equations.operations * TAYLOR_COMPILES_LIKE))
+    seconds = compiling_seconds(int(equations.operations * TAYLOR_EVALUATIONS))
     if seconds > MAX_COMPILING:
         return _by_scipy(equations, times, f"Taylor's method would take about {seconds:.0f} s to compile")
     if np.finfo(np.longdouble).eps < 1e-18:
         return _by_taylor(equations, times, "extended")
-    return better_truth(equations, times) or _by_scipy(equations, times, "numbers of more digits are not there")
+    return better_reference(equations, times) or _by_scipy(equations, times, "numbers of more digits are not there")
 
 
-def better_truth(equations: Equations, times: Array) -> Truth | None:
+def better_reference(equations: Equations, times: Array) -> ReferenceSolution | None:
     """A reference of 33 digits; None where there is none, or where it takes too long."""
     if not hasattr(heyoka(), "real128"):
         return None
@@ -89,23 +79,23 @@ def better_truth(equations: Equations, times: Array) -> Truth | None:
         return None
 
 
-def _by_taylor(equations: Equations, times: Array, precision: taylor.Precision, limit: float | None = None) -> Truth:
-    tolerances = TOLERANCES[precision]
-    return _of_two(
-        equations,
-        lambda tolerance: taylor.solve(equations, times, tolerance, Clock.of(limit), precision=precision),
-        tolerances,
-        f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)",
-        precision,
-    )
+def _by_taylor(
+    equations: Equations, times: Array, precision: taylor.Precision, seconds: float | None = None
+) -> ReferenceSolution:
+    def solution(tolerance: float) -> Solution:
+        limit = None if seconds is None else TimeLimit(seconds)
+        return taylor.solve(equations, times, tolerance, limit, precision=precision)
+
+    how = f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)"
+    return _of_two(equations, solution, TOLERANCES[precision], how, precision)
 
 
-def _by_scipy(equations: Equations, times: Array, why: str) -> Truth:
-    least = scipy_solver.SMALLEST_TOLERANCE
+def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution:
+    smallest = scipy_solver.SMALLEST_TOLERANCE
     return _of_two(
         equations,
         lambda tolerance: solve(equations, METHODS["scipy-dop853"], times, tolerance),
-        (least, 10 * least),
+        (smallest, 10 * smallest),
         f"SciPy's DOP853 in double precision, as {why},",
         "double",
     )
@@ -117,21 +107,20 @@ def _of_two(
     tolerances: tuple[float, float],
     how: str,
     precision: taylor.Precision,
-) -> Truth:
+) -> ReferenceSolution:
     """The better of two solutions, with their distance as its error."""
     start = time.perf_counter()
     space = equations.space
     (q, rest), (other, other_rest) = (_parts(_whole(solution(t)), space) for t in tolerances)
-    own = SAFETY * (2.0 if space.curved else 1.0) * float(np.abs((q - other) + (rest - other_rest)).max(initial=0.0))
-    own = max(own, EPSILON[precision])  # two solutions may agree by chance, or be the start itself
-    error = own
+    error = SAFETY * (2.0 if space.curved else 1.0) * float(np.abs((q - other) + (rest - other_rest)).max(initial=0.0))
+    error = digits_error = max(error, EPSILON[precision])  # two solutions may agree by chance, or be the start itself
     if space.curved:
         q = space.rows(np.pad(q.T, ((0, space.nv), (0, 0))))[0]
         # The difference of two rotations is computed in doubles, and so is that of two places.
         error += 2.0 * float(np.finfo(float).eps * (1.0 + np.abs(q).max(initial=0.0)))
-    said = f"{how} at tolerance {tolerances[0]:.2g}, its error by a second one at {tolerances[1]:.2g}"
-    about = Reference(said, error, time.perf_counter() - start, tuple(q[-1].tolist()))
-    return Truth(about, q, rest, own, precision)
+    text = f"{how} at tolerance {tolerances[0]:.2g}, its error by a second one at {tolerances[1]:.2g}"
+    about = Reference(text, error, time.perf_counter() - start, tuple(q[-1].tolist()))
+    return ReferenceSolution(about, q, rest, digits_error, precision)
 
 
 def _whole(solution: Solution) -> Solution:
