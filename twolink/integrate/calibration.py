@@ -1,4 +1,4 @@
-"""What accuracy studies measured on this machine, kept in the cache folder: a scene's methods, settings and errors.
+"""What accuracy studies measured on this machine: methods, settings, errors and seconds, kept in the cache folder.
 
 Only studies write here. A simulation by itself does not, so that the same call gives the same bits again.
 """
@@ -19,8 +19,8 @@ from twolink.io.atomic import write_atomic
 
 FILE = "studies.json"
 MAX_SCENES = 200
-SPARE = 3.0  # how many times smaller than the accuracy a measured error must be
-LONGER = 1.01  # a study of a shorter time says nothing of a longer one
+MARGIN = 3.0  # how many times smaller than the accuracy a measured error must be
+SAME_DURATION = 1.01  # a study says nothing about a longer time
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,17 @@ class Measured:
 
 
 def cheapest(equations: Equations, duration: float, accuracy: float) -> Measured | None:
-    """The fastest entry measured for these equations, start and duration that keeps the accuracy with some to spare."""
+    """The fastest entry for these equations, start and duration whose error is a third of the accuracy at most."""
     try:
-        os.stat(cache.location(FILE))  # there is none, most often: the quickest way to know
+        os.stat(cache.location(FILE))  # mostly there is none, and this is the quickest check
     except OSError:
         return None
     path = _path()
-    known = {} if path is None else _read(path)
-    found = known.get(_key(equations)) if known else None
-    if not found or found["duration"] * LONGER < duration:
+    study = None if path is None else _read(path).get(_key(equations))
+    if not study or study["duration"] * SAME_DURATION < duration:
         return None
-    entries = [Measured(**entry) for entry in found["entries"] if entry["method"] in METHODS]
-    good = [entry for entry in entries if entry.error * SPARE <= accuracy]
+    entries = [Measured(**entry) for entry in study["entries"] if entry["method"] in METHODS]
+    good = [entry for entry in entries if entry.error * MARGIN <= accuracy]
     return min(good, key=lambda entry: entry.seconds, default=None)
 
 
@@ -54,13 +53,13 @@ def record(equations: Equations, duration: float, entries: Iterable[Measured]) -
     path = _path()
     if path is None:
         return
-    known = _read(path)
-    known.pop(_key(equations), None)
-    known[_key(equations)] = {"duration": duration, "entries": [asdict(entry) for entry in entries]}
-    while len(known) > MAX_SCENES:
-        del known[next(iter(known))]
+    studies = _read(path)
+    studies.pop(_key(equations), None)
+    studies[_key(equations)] = {"duration": duration, "entries": [asdict(entry) for entry in entries]}
+    while len(studies) > MAX_SCENES:
+        del studies[next(iter(studies))]
     try:
-        write_atomic(path, lambda file: file.write(json.dumps(known).encode()), private=True)
+        write_atomic(path, lambda file: file.write(json.dumps(studies).encode()), private=True)
         _kept.clear()
     except TwolinkError:
         return  # a full disk costs time, not answers

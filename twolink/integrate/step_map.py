@@ -30,7 +30,8 @@ from twolink.integrate.step_control import Control, control_rows, initial_state
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 MAX_KEPT = 64  # maps kept in this process
-SHARES = (0.5, 0.382, 0.618, 0.3, 0.71)  # of the way to a sample, for a first step that ends beside a singular instant
+SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
+SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
 Map = Callable[[Array, Array], None]
 log = logging.getLogger("twolink")
 
@@ -61,23 +62,35 @@ class StepMap:
     def partial(self, x: Array, start: Array, end: Array, parameters: Array | None = None) -> Array:
         """States (size, n) at the times `end` (n,), each by one step from x (size, n) at `start` (n,).
 
-        Where that step meets a singular instant, at which it gives no number, two steps to the same end are tried.
+        The step gives no number where a stage meets a singular instant: then two steps are taken. Where the end itself
+        is at one, the state is interpolated between four around it.
         """
-        out, arrived = self._one_step(x, start, end, parameters)
+        out = self._one_or_two_steps(x, start, end, parameters)
+        for spread in SPREADS:
+            late = ~np.isfinite(out).all(axis=0)
+            if not late.any():
+                break
+            h, values = spread * (end - start)[late], None if parameters is None else parameters[:, late]
+            before, near_before, near_after, after = (
+                self._one_or_two_steps(x[:, late], start[late], end[late] + k * h, values) for k in (-2, -1, 1, 2)
+            )
+            out[:, late] = (4.0 * (near_before + near_after) - (before + after)) / 6.0  # its error is O(h^4)
+        return out
+
+    def _one_or_two_steps(self, x: Array, start: Array, end: Array, parameters: Array | None) -> Array:
+        """States by one step each, or by two where that gives no number."""
+        out = self._one_step(x, start, end, parameters)
         for share in SHARES:
-            late = ~arrived
+            late = ~np.isfinite(out).all(axis=0)
             if not late.any():
                 break
             begin, stop, values = start[late], end[late], None if parameters is None else parameters[:, late]
             middle = begin + share * (stop - begin)
-            halfway, first = self._one_step(x[:, late], begin, middle, values)
-            out[:, late], second = self._one_step(halfway, middle, stop, values)
-            arrived[late] = first & second
-        out[:, ~arrived] = np.nan
+            out[:, late] = self._one_step(self._one_step(x[:, late], begin, middle, values), middle, stop, values)
         return out
 
-    def _one_step(self, x: Array, start: Array, end: Array, parameters: Array | None) -> tuple[Array, Array]:
-        """One step each, and whether it arrived."""
+    def _one_step(self, x: Array, start: Array, end: Array, parameters: Array | None) -> Array:
+        """States (size, n) by one step each; NaN for a world that has not arrived."""
         size, count = x.shape
         state = initial_state(x, start, np.inf, end, np.inf, parameters=parameters)
         if self.compiled and count % LANES:
@@ -85,7 +98,8 @@ class StepMap:
         out = np.empty_like(state)
         self(np.ascontiguousarray(state), out)
         new = out[:size, :count].copy()
-        return new, np.asarray((out[self.rows.time, :count] >= end) & np.isfinite(new).all(axis=0))
+        new[:, out[self.rows.time, :count] < end] = np.nan
+        return new
 
 
 _kept: dict[str, Any] = {}

@@ -253,7 +253,7 @@ def start_state(
             raise AccuracyError(f"{most:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED_STEPS:.0e}",
                                 argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
         return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(most) + BLOCK
-    # A fraction of the time in which the state changes by its own size; the control lengthens it up to sixfold a step.
+    # A fraction of the time in which the state changes by its own size; the control lengthens it step by step.
     change = (rate / (1.0 + np.abs(x))).max(axis=0, initial=0.0)
     change[~finite] = np.inf  # a step of 0, which counts as collapsed
     # It depends on the tolerance even where the duration is short: otherwise two tolerances could take the same steps,

@@ -1,18 +1,19 @@
 """Taylor's method, by heyoka: the series of the motion to an order that the tolerance calls for.
 
-The step follows from the last two coefficients, and there lies a trap: where a motion starts from symmetric rest, both
-may vanish by symmetry, and the step becomes endless (the paper's own release does this at orders 8, 12 and 20). A
-guard that shares the motion's singularities, but not its symmetries, is integrated beside it:
+The step size follows from the last two coefficients. Where a motion starts from symmetric rest, both may vanish by
+symmetry, and the step size becomes infinite (the paper's own release does so at orders 8, 12 and 20). A companion with
+the motion's singularities, but not its symmetries, is therefore integrated beside it:
 
     u = log(c + x . x) / 2,   u' = x . x' / (c + x . x)
 
-From rest it is even in time with every even coefficient, and of two neighbouring orders one is even. It grows like a
-logarithm, so that it never decides about the scale of the error. With c = 16 it costs 2 % more steps on the paper's
-arm; c = 1 brings singularities of its own (20 %), and c = 1000 guards less well.
+From rest, all even coefficients of u are nonzero, and one of two neighbouring orders is even. A logarithm grows slowly,
+so that u never decides the scale of the error. c = 16 costs 2 % more steps on the paper's arm. c = 1 adds singularities
+(20 % more steps); c = 1000 protects less.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -36,11 +37,12 @@ from twolink.integrate.state import Array
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
 DIGITS = 256  # bits of the constants behind quadruple precision
-GUARD = 16.0
-CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: a look ends a step, so that no clock may decide
+COMPANION = 16.0  # c
+CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: numbers, not seconds, as a look ends a step
 
 
 Precision = Literal["double", "extended", "quad"]
+log = logging.getLogger("twolink")
 
 
 def _kind(precision: Precision) -> Any:
@@ -118,7 +120,8 @@ def _take(name: str) -> Any:
 
 
 def _build(name: str, equations: Equations, tolerance: float, precision: Precision, compact: bool) -> Any:
-    module = heyoka()
+    module, start = heyoka(), time.perf_counter()
+    log.info("compiling Taylor's method of order %d for %s", order_of(tolerance), equations.robot.name)
     xp = Expressions(module)
     size = equations.moving
     rows = [module.par[i] for i in range(equations.space.size - size)]
@@ -126,17 +129,18 @@ def _build(name: str, equations: Equations, tolerance: float, precision: Precisi
     constants = None if precision == "double" else _exact_constants(equations, module)
     rate, x = traced_rate(equations, module.time, x, xp, constants)[:size], x[:size]
     square = (x * x).sum()
-    guard = (x * rate).sum() / (GUARD + square)
+    companion = (x * rate).sum() / (COMPANION + square)
     for joint in equations.space.curved:
         if joint.unit is not None:
             part = x[joint.unit]
             rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
-    system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("guard"), guard)]
+    system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("companion"), companion)]
     options: dict[str, Any] = {"compact_mode": compact}
     kind = _kind(precision)
     options |= {"fp_type": kind, "tol": kind(tolerance)}
     integrator = module.taylor_adaptive(system, [kind(0.0)] * (size + 1), **options)
     cache.store(name, integrator)
+    log.info("compiled in %.1f s", time.perf_counter() - start)
     return integrator
 
 
@@ -163,8 +167,8 @@ def _propagate(
     integrator.time = kind(times[0])
     integrator.state[:size] = x0
     integrator.pars[:] = rows
-    with np.errstate(over="ignore"):  # what overflows here does so in the equations, which say so
-        integrator.state[size] = kind(0.5 * np.log(GUARD + float(np.square(x0.astype(float)).sum())))
+    with np.errstate(over="ignore"):  # an overflow is reported by the equations
+        integrator.state[size] = kind(0.5 * np.log(COMPANION + float(np.square(x0.astype(float)).sum())))
     out = np.empty((len(times), size), dtype=kind)
     out[0] = x0
     done, steps, chunk, interrupted = 1, 0, CHUNK, False
@@ -172,9 +176,9 @@ def _propagate(
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
-            taken, found = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
+            taken, states = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
             steps += taken
-            out[done:stop] = found[1:, :size]
+            out[done:stop] = states[1:, :size]
             done = stop
             if steps > MAX_STEPS:
                 raise too_many_steps(float(times[done - 1]))
@@ -192,11 +196,11 @@ def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:
     """The states at the grid's times, of which the first is where the integrator is, to rounding."""
     grid = grid.copy()
     grid[0] = integrator.time
-    outcome, _, _, steps, _, found = integrator.propagate_grid(grid, max_steps=MAX_STEPS, max_delta_t=longest)
+    outcome, _, _, steps, _, states = integrator.propagate_grid(grid, max_steps=MAX_STEPS, max_delta_t=longest)
     if outcome == heyoka().taylor_outcome.time_limit:
-        return steps, found
+        return steps, states
     if outcome == heyoka().taylor_outcome.step_limit:
         raise too_many_steps(float(integrator.time))
-    # A step that is not finite may leave no time behind: then it is the last sample before it.
+    # After a step that is not finite the time may be NaN: the last sample before it is named then.
     t = float(integrator.time)
-    raise not_finite(t if math.isfinite(t) else float(grid[max(0, len(found) - 1)]))
+    raise not_finite(t if math.isfinite(t) else float(grid[max(0, len(states) - 1)]))

@@ -5,6 +5,11 @@ solution; the energy balance of a run; an explanation of what a run will take. T
 service.
 """
 
+from twolink.integrate.event import Event
+from twolink.simulation.cost import Cost
+from twolink.simulation.explanation import Explanation, explain
+from twolink.simulation.scene_run import simulate
+from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.worlds import Worlds, simulate_many
 
-__all__ = ["Worlds", "simulate_many"]
+__all__ = ["Cost", "Event", "Explanation", "Trajectory", "Worlds", "explain", "simulate", "simulate_many"]

@@ -1,4 +1,4 @@
-"""explain: what a scene computes, what each effect costs, and how it would be solved. Nothing is run to the end."""
+"""explain: what a scene computes, what each effect costs, and how it would be solved; without running it to its end."""
 
 from __future__ import annotations
 
@@ -20,30 +20,52 @@ from twolink.integrate.step_map import step_map
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of, duration_of
+from twolink.simulation.text import as_html
 
 BATCH = 1024  # worlds that an evaluation is timed in
-PILOT = 0.05  # of the duration, solved to tell what the whole will take
+PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
 ROUNDS = 5
-PATIENCE = 1.0  # seconds of solving parts of a run, after which one round must do
+MAX_SECONDS = 1.0  # of solving a part of the run several times
 LONGEST_PILOT = 10.0  # simulated seconds
 
 
 @dataclass(frozen=True)
 class Share:
-    """What one effect adds to the operations of an evaluation: what they are less without it."""
+    """How many operations of an evaluation one effect adds."""
 
     effect: str
     operations: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Explanation:
     """How a scene is computed.
 
-    formulation: the simplest that covers its effects. states: entries of x = (q, v). operations: of one evaluation of
-    x' = f(t, x), equal ones counted once. shares: by effect. nanoseconds: of one evaluation in a batch, and alone,
-    measured in compiled steps; None where steps are not compiled. expected_seconds: of solving once, extrapolated from
-    the first part of the run.
+    Parameters
+    ----------
+    scene : str
+        Its title.
+    effects : tuple of str
+        Its effects with their fields.
+    formulation : str
+        The simplest that covers the effects.
+    states : int
+        Entries of x = (q, v).
+    operations : int
+        Operations of one evaluation of x' = f(t, x); equal ones are counted once.
+    shares : tuple of Share
+        Operations by effect.
+    nanoseconds : (float, float) or None
+        Of one evaluation in a batch, and alone, measured in compiled steps; None where steps are not compiled.
+    method : str
+    setting : float
+        The method's tolerance, or its step, s.
+    why : str
+        The reason for the method.
+    accuracy, duration : float
+        Asked for, rad or m, and s.
+    expected_seconds : float
+        Of solving once, extrapolated from the first part of the run.
     """
 
     scene: str
@@ -60,7 +82,7 @@ class Explanation:
     duration: float
     expected_seconds: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [
             self.scene,
             f"  effects      {', '.join(self.effects) or 'none: free motion'}",
@@ -78,11 +100,34 @@ class Explanation:
         ]
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        return as_html(self)
+
 
 def explain(
     scene: Scene, accuracy: float = 1e-6, duration: float | None = None, *, method: str = "auto"
 ) -> Explanation:
-    """Say what a scene computes: its effects and what each costs, the formulation, the method and the expected cost."""
+    """Say what a scene computes, what each effect costs, and how it would be solved.
+
+    Parameters
+    ----------
+    scene : Scene
+    accuracy : float
+        Bound on the global error of q, rad or m.
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
+    method : str
+        "auto" or the name of a method.
+
+    Returns
+    -------
+    Explanation
+
+    Raises
+    ------
+    SceneError, AccuracyError
+        An argument does not fit, or the first part of the motion cannot be solved.
+    """
     if not isinstance(scene, Scene):
         raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
     accuracy = accuracy_of(accuracy)
@@ -133,7 +178,7 @@ def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, flo
     compiled = step_map(equations, method)
     if not compiled.compiled:
         return None
-    found = []
+    nanoseconds = []
     for worlds in (BATCH, 1):
         x = np.repeat(equations.start[:, None], worlds, axis=1)
         state = initial_state(x, 0.0, 1e-3, 1.0, np.inf)
@@ -146,21 +191,21 @@ def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, flo
             for _ in range(calls):
                 compiled(state, out)
             rounds.append((time.perf_counter() - start) / calls)
-        found.append(1e9 * float(np.median(rounds)) / (worlds * method.evaluations))
-    return found[0], found[1]
+        nanoseconds.append(1e9 * float(np.median(rounds)) / (worlds * method.evaluations))
+    return nanoseconds[0], nanoseconds[1]
 
 
 def _expected(equations: Equations, choice: MethodChoice, duration: float) -> float:
-    """Seconds of solving once: two first parts of the run tell what a call costs, and what simulated time costs."""
+    """Seconds of solving once: two first parts of the run give the cost of a call and that of simulated time."""
 
     def solved(part: float) -> Solution:
         times = np.array([0.0, part * pilot])
         return solve(equations, choice.method, times, choice.setting, None, choice.precision)
 
     def seconds(part: float) -> float:
-        solved(part)  # what is compiled is compiled now
+        solved(part)  # compiles what is not compiled yet
         taken: list[float] = []
-        while len(taken) < ROUNDS and sum(taken) < PATIENCE:
+        while len(taken) < ROUNDS and sum(taken) < MAX_SECONDS:
             start = time.perf_counter()
             compiling = solved(part).compile_seconds
             taken.append(time.perf_counter() - start - compiling)
