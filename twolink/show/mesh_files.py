@@ -51,7 +51,7 @@ def file_object(path: Path, *, file_colours: bool, rgba: Floats, uuid: str, scal
     if not raw or kind not in SUFFIXES:
         return None
     if kind == ".stl":
-        return mesh(_viewer_geometry("stl", umsgpack.Ext(0x12, raw)), phong(rgba), uuid, scale)
+        return mesh(_viewer_geometry("stl", umsgpack.Ext(0x12, raw)), [phong(rgba)], uuid, scale)
     if kind == ".obj":
         return _obj(raw.decode("utf-8", errors="replace"), path.parent, file_colours, rgba, uuid, scale)
     parts = read_collada(raw)
@@ -127,7 +127,7 @@ def _obj(text: str, folder: Path, file_colours: bool, rgba: Floats, uuid: str, s
     library = re.search(r"^mtllib\s+(.+?)\s*$", text, re.MULTILINE)
     raw = open_inside(folder, library.group(1)) if library and file_colours else None
     if raw is None:
-        return mesh(_viewer_geometry("obj", text), phong(rgba), uuid, scale)
+        return mesh(_viewer_geometry("obj", text), [phong(rgba)], uuid, scale)
     materials = raw.decode("utf-8", errors="replace")
     names = re.findall(r"^\s*(?:map_\w+|bump|disp|decal)\s+(?:.*\s)?(\S+)\s*$", materials, re.MULTILINE)
     whole: Json = {"uuid": uuid, "type": "_meshfile_object", "format": "obj", "data": text, "mtl_library": materials}

@@ -121,12 +121,12 @@ def _draw(item: Any, uuid: str) -> Json | None:
     kind = type(item.geometry).__name__
     if kind in SHAPES:
         geometry, matrix = SHAPES[kind](item.geometry)
-        return mesh(geometry, phong(rgba), uuid, matrix)
+        return mesh(geometry, [phong(rgba)], uuid, matrix)
     faces = triangles(item.geometry)
     if faces is None:
         return None
     # Without item.meshScale: the reader of the mesh has applied it.
-    return mesh(triangle_geometry(*faces), {**phong(rgba), "flatShading": True}, uuid)
+    return mesh(triangle_geometry(*faces), [{**phong(rgba), "flatShading": True}], uuid)
 
 
 def _corners(item: Any) -> Floats | None:

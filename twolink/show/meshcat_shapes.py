@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,24 +48,23 @@ def attribute(values: NDArray[Any], kind: str = "Float32Array") -> Json:
 
 
 def mesh(
-    geometry: Json, materials: Json | list[Json], uuid: str, matrix: Floats | None = None, kind: str = "Mesh"
+    geometry: Json, materials: Sequence[Json], uuid: str, matrix: Floats | None = None, kind: str = "Mesh"
 ) -> Json:
-    """A three.js object of one geometry with one material, or with one material for each group of the geometry.
+    """A three.js object of one geometry, with one material, or with one for each group of the geometry.
 
     `matrix` (4, 4) places the object in its node; `kind` is three.js's class.
     """
-    listed = materials if isinstance(materials, list) else [materials]
-    names = [f"{uuid}-material-{k}" for k in range(len(listed))]
+    names = [f"{uuid}-material-{k}" for k in range(len(materials))]
     placement = np.eye(4) if matrix is None else matrix
     return {
         "metadata": {"version": 4.5, "type": "Object"},
         "geometries": [{"uuid": f"{uuid}-geometry", **geometry}],
-        "materials": [{"uuid": name, **material} for name, material in zip(names, listed, strict=True)],
+        "materials": [{"uuid": name, **material} for name, material in zip(names, materials, strict=True)],
         "object": {
             "uuid": uuid,
             "type": kind,
             "geometry": f"{uuid}-geometry",
-            "material": names if isinstance(materials, list) else names[0],
+            "material": names if len(names) > 1 else names[0],
             "matrix": placement.T.ravel().tolist(),
         },
     }

@@ -92,7 +92,7 @@ def _grid(view: View) -> Json:
     corners = np.concatenate([ends, ends[:, ::-1]]) + middle
     position = attribute(np.column_stack([corners, np.full(len(corners), view.floor)]))
     geometry = {"type": "BufferGeometry", "data": {"attributes": {"position": position}}}
-    return mesh(geometry, {"type": "LineBasicMaterial", "color": 0xC3CAD2}, "twolink-floor", kind="LineSegments")
+    return mesh(geometry, [{"type": "LineBasicMaterial", "color": 0xC3CAD2}], "twolink-floor", kind="LineSegments")
 
 
 def to_three(vector: Floats) -> list[float]:
