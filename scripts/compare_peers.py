@@ -4,10 +4,11 @@
 
 Scenes: the arm-swing scene (10 s); UR5 and Panda (fingers locked) falling from rest (2 s); no floor, no joint limits,
 no damping, no armature. Peers get their models from the numbers in the pin.Model, and their accelerations are compared
-with pin.aba's before anything is timed. Everybody solves one trajectory on one thread, and delivers q at 21 equally
+with pin.aba's before anything is timed. All contestants solve one trajectory on one thread and deliver q at 21 equally
 spaced times; twolink also delivers its usual 200 samples a second of q, v and energy within its time.
 Error: max |q - q_ref| over those times and all joints, rad. The reference is a Taylor series in extended precision.
-Seconds: the solving call alone, models and compiled code being there; medians, everybody taking turns in every round.
+Seconds: the solving call alone, after models are built and code is compiled; medians over rounds in which all
+contestants take turns.
 A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
 Writes out/compare_peers.csv and out/compare_peers.png.
 """
@@ -39,8 +40,8 @@ from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, task_
 
 INTERVALS, SAMPLES = 20, 200  # between the common times; a second, twolink's default
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-AGREED = 1e-10  # relative: accelerations that differ by more belong to another robot
-TURN = 0.05  # seconds of calls a turn of one setting, one call at least and ten at most
+AGREED = 1e-10  # relative: accelerations that differ by more belong to a different model
+TURN = 0.05  # seconds of calls in a turn of one setting; one to ten calls
 PERTURBATION = 1e-9  # rad, rad/s: of the initial state, to see how much it grows
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -77,7 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", choices=list(scenes), action="append", help="one scene; may be repeated")
     parser.add_argument("--budget", type=float, help="seconds after which a method's settings end (1; quick: 0.3)")
-    parser.add_argument("--rounds", type=int, help="turns of everybody (3; quick: 1)")
+    parser.add_argument("--rounds", type=int, help="turns of each setting (3; quick: 1)")
     parser.add_argument("--quick", action="store_true", help="every other setting, less time, one round")
     options = parser.parse_args()
     options.budget = options.budget or (0.3 if options.quick else 1.0)
@@ -128,7 +129,7 @@ def measure(
     require_agreement(name, task, modules)
     timings = [*own_timings(scene, task.times, reference, options)]
     for peer, module in modules.items():
-        for method, settings in groupby(module.ladder(task, options.quick), key=lambda s: s.method):
+        for method, settings in groupby(module.all_settings(task, options.quick), key=lambda s: s.method):
             runs = ((s.words, prepared(module, task, s)) for s in settings)
             timings += climb(f"{NAMES[peer]} {method}", runs, reference, options.budget)
     for _ in range(options.rounds):
@@ -155,7 +156,7 @@ def error_of(q: np.ndarray, reference: np.ndarray) -> float:
 
 
 def require_agreement(name: str, task: PeerTask, modules: dict[str, ModuleType]) -> None:
-    """Print how far everybody's accelerations are from pin.aba's; end the script where they are another robot's."""
+    """Print how far all accelerations are from pin.aba's; end the script where the models differ."""
     zero = np.zeros(task.model.nv)
     others: dict[str, Acceleration] = {peer: module.accelerations(task) for peer, module in modules.items()}
     aba = others.pop("scipy")
@@ -165,7 +166,7 @@ def require_agreement(name: str, task: PeerTask, modules: dict[str, ModuleType])
     print(f"accelerations against pin.aba, 20 random states, relative: {shown}")
     for who, difference in differences.items():
         if not difference <= AGREED:
-            raise SystemExit(f"compare_peers: {who}'s model of {name} is another one: its accelerations differ from "
+            raise SystemExit(f"compare_peers: {who}'s model of {name} differs: its accelerations are off "
                              f"pin.aba's by {difference:.1e}, and {AGREED:.0e} is allowed")  # fmt: skip
 
 

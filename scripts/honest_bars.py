@@ -139,8 +139,8 @@ def check(number: int, seed: int) -> Checked:
 
 def true_error(run: tl.Trajectory, scene: tl.Scene, *, quad: bool) -> tuple[np.ndarray, np.ndarray]:
     """The run's true error at each sample, and the reference's own (n,)."""
-    reference, own = extended_reference(scene, run.t, quad=quad)
-    return distance(scene.robot, run.q.astype(np.longdouble), reference), own
+    reference, doubt = extended_reference(scene, run.t, quad=quad)
+    return distance(scene.robot, run.q.astype(np.longdouble), reference), doubt
 
 
 def print_table(checked: list[Checked]) -> None:
@@ -174,7 +174,7 @@ def print_bars(checked: list[Checked]) -> bool:
         "sum of total / sum of solving seconds, auto": (total, 3.0),
     }
     met = [(share >= 0.99, f"{what}: {share:.2%} (bar: at least 99%)") for what, share in shares.items()]
-    met += [(x <= most, f"{what}: {x:.2f} (bar: at most {most:g})") for what, (x, most) in ratios.items()]
+    met += [(x <= limit, f"{what}: {x:.2f} (bar: at most {limit:g})") for what, (x, limit) in ratios.items()]
     for good, text in met:
         print(f"{'met   ' if good else 'MISSED'}  {text}")
     return all(good for good, _ in met)

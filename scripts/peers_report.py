@@ -58,10 +58,10 @@ def print_scene(entries: list[Entry], doubt: float) -> None:
             print(f"  {level:<8.0e}the reference is too coarse")
             continue
         peer = _cheapest((e for e in entries if not e.ours), level)
-        own = _cheapest((e for e in entries if e.contestant == PLAIN), level)
+        ours = _cheapest((e for e in entries if e.contestant == PLAIN), level)
         peer_text = _shown(peer, f"{peer.contestant}, {peer.setting}" if peer else "", 41)
-        own_text = _shown(own, own.setting if own else "", 16)
-        print(f"  {level:<8.0e}{peer_text}   {own_text}{_verdict(peer, own, bars.get(level))}")
+        our_text = _shown(ours, ours.setting if ours else "", 16)
+        print(f"  {level:<8.0e}{peer_text}   {our_text}{_verdict(peer, ours, bars.get(level))}")
     _print_verifying(entries)
 
 
@@ -73,15 +73,15 @@ def _shown(entry: Entry | None, what: str, width: int) -> str:
     return f"{what:<{width}}{entry.seconds * 1e3:>10.3f}" if entry else f"{'none gets there':<{width + 10}}"
 
 
-def _verdict(peer: Entry | None, own: Entry | None, bar: float | None) -> str:
-    ratio = f"{peer.seconds / own.seconds:>7.1f}x" if peer and own else f"{'':>8}"
+def _verdict(peer: Entry | None, ours: Entry | None, bar: float | None) -> str:
+    ratio = f"{peer.seconds / ours.seconds:>7.1f}x" if peer and ours else f"{'':>8}"
     if bar is None:
         return f"{ratio}  none set"
-    if own is None:
+    if ours is None:
         return f"{ratio}  {bar:g}x missed"
     if peer is None:
         return f"{ratio}  {bar:g}x met: no peer gets there"
-    return f"{ratio}  {bar:g}x {'met' if peer.seconds >= bar * own.seconds else 'missed'}"
+    return f"{ratio}  {bar:g}x {'met' if peer.seconds >= bar * ours.seconds else 'missed'}"
 
 
 def _print_verifying(entries: list[Entry]) -> None:

@@ -40,14 +40,14 @@ def test_the_reference_is_close_to_every_peer() -> None:
     assert largest_growth(scene, task.times, reference) < 100
     settings = [Setting(method, "tol 1e-8", 1e-8) for method in scipy_peer.METHODS if method != "Radau"]
     errors = {s.method: error_of(scipy_peer.prepare(task, s)().track.q, reference) for s in settings}
-    runge_kutta = [s for s in mujoco_peer.ladder(task, coarse=True) if s.method == "RK4"][6]
+    runge_kutta = [s for s in mujoco_peer.all_settings(task, coarse=True) if s.method == "RK4"][6]
     errors["MuJoCo RK4"] = error_of(mujoco_peer.prepare(task, runge_kutta)().track.q, reference)
     assert max(errors.values()) < 1e-5, errors
 
 
 def test_settings_go_from_rough_to_fine() -> None:
     for module in (scipy_peer, mujoco_peer):
-        coarse, fine = (module.ladder(TASKS["ur5"], coarse) for coarse in (True, False))
+        coarse, fine = (module.all_settings(TASKS["ur5"], coarse) for coarse in (True, False))
         assert len(fine) > 1.8 * len(coarse)
         for method in {s.method for s in fine}:
             values = [s.tolerance or s.step for s in fine if s.method == method]

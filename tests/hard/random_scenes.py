@@ -41,38 +41,38 @@ def random_urdf(random: np.random.Generator, joints: int, kinds: tuple[str, ...]
     return f'<robot name="random">{"".join(parts)}</robot>'
 
 
-def random_robot(random: np.random.Generator, most: int = 6, kinds: tuple[str, ...] = KINDS) -> tl.Robot:
-    """A robot of up to `most` joints; a quarter of them floats."""
+def random_robot(random: np.random.Generator, max_joints: int = 6, kinds: tuple[str, ...] = KINDS) -> tl.Robot:
+    """A robot of up to `max_joints` joints; a quarter of them floats."""
     root = "free" if random.random() < 0.25 else "fixed"
-    return tl.load_robot(random_urdf(random, int(random.integers(1, most + 1)), kinds), root=root)  # type: ignore[arg-type]
+    return tl.load_robot(random_urdf(random, int(random.integers(1, max_joints + 1)), kinds), root=root)  # type: ignore[arg-type]
 
 
 def random_state(random: np.random.Generator, robot: tl.Robot, lively: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
-    """q near enough to neutral to mean something, and v."""
+    """A state (q, v) with q within 1.5 rad of neutral."""
     q = pin.integrate(robot.model, np.array(robot.neutral), random.uniform(-1.5, 1.5, robot.nv))
     return pin.normalize(robot.model, q), random.uniform(-lively, lively, robot.nv)
 
 
 def random_effects(random: np.random.Generator, robot: tl.Robot, q: np.ndarray) -> list[Any]:
-    """Gravity mostly, and some of the smooth effects and loops, which are closed at q."""
+    """Gravity in four of five scenes, and some of the smooth effects and loops, which are closed at q."""
     angles = [j.name for j in robot.joints if j.kind == "vector" and j.v.stop - j.v.start == 1]
     single = [j.name for j in robot.joints if j.v.stop - j.v.start == 1]
     links = [f"link{k}" for k in range(1, robot.model.njoints - (robot.joints[0].name == "root_joint"))]
-    found: list[Any] = [fx.Gravity()] if random.random() < 0.8 else []
+    effects: list[Any] = [fx.Gravity()] if random.random() < 0.8 else []
     if angles:
         name = str(random.choice(angles))
-        found += [fx.JointSpring({name: 10.0}, {name: 0.3})] if random.random() < 0.4 else []
-        found += [fx.Torque({name: fx.Sampled((0.0, 0.01, 0.03), (1.0, -1.0, 2.0))})] if random.random() < 0.3 else []
+        effects += [fx.JointSpring({name: 10.0}, {name: 0.3})] if random.random() < 0.4 else []
+        effects += [fx.Torque({name: fx.Sampled((0.0, 0.01, 0.03), (1.0, -1.0, 2.0))})] if random.random() < 0.3 else []
     if single:
         name = str(random.choice(single))
-        found += [fx.JointDamping({name: 0.5})] if random.random() < 0.4 else []
-        found += [fx.Torque({name: fx.Sine(2.0, 7.0)})] if random.random() < 0.4 else []
-        found += [fx.SmoothFriction({name: 0.5}, 0.1)] if random.random() < 0.2 else []
+        effects += [fx.JointDamping({name: 0.5})] if random.random() < 0.4 else []
+        effects += [fx.Torque({name: fx.Sine(2.0, 7.0)})] if random.random() < 0.4 else []
+        effects += [fx.SmoothFriction({name: 0.5}, 0.1)] if random.random() < 0.2 else []
     link = str(random.choice(links))
-    found += [fx.FrameWrench(link, (1.0, -2.0, 0.5), axes="frame")] if random.random() < 0.3 else []
+    effects += [fx.FrameWrench(link, (1.0, -2.0, 0.5), axes="frame")] if random.random() < 0.3 else []
     if random.random() < 0.3 and robot.nv <= LOOPED:
-        found.append(_loop(random, robot, q, link))
-    return found
+        effects.append(_loop(random, robot, q, link))
+    return effects
 
 
 def _loop(random: np.random.Generator, robot: tl.Robot, q: np.ndarray, link: str) -> Any:

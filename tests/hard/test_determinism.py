@@ -39,15 +39,15 @@ def test_every_method_twice(method: str) -> None:
 
 
 def test_threads_and_processes_do_not_change_bits() -> None:
-    found = set()
+    digests = set()
     for threads in ("1", "2", "3"):
         environment = {**os.environ, "TWOLINK_THREADS": threads}
         done = subprocess.run(
             [sys.executable, "-c", _BATCH], env=environment, capture_output=True, text=True, timeout=120
         )
         assert done.returncode == 0, done.stderr
-        found.add(done.stdout.strip())
-    assert len(found) == 1
+        digests.add(done.stdout.strip())
+    assert len(digests) == 1
 
 
 @pytest.mark.parametrize("verify", [False, True])

@@ -74,7 +74,7 @@ def test_what_peers_are_not_given_is_named() -> None:
         task_of(tl.Scene(tl.load_robot(tree("planar", "revolute").replace('"0 0.6 0.8"', '"0 0 1"'))), TIMES)
     moving = task_of(tl.Scene(arm, effects=[fx.Torque({"elbow": fx.Sine(1.0, 2.0)})]), TIMES)
     with pytest.raises(UnsupportedError, match="torques"):
-        drake_peer.usual(moving)
+        drake_peer.usual_settings(moving)
 
 
 def test_a_state_that_is_not_finite_is_the_peers_own_error() -> None:

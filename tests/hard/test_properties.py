@@ -59,7 +59,7 @@ def energy_rate_is_power(random: np.random.Generator) -> None:
 
 def compiled_is_portable(random: np.random.Generator) -> bool:
     """The compiled motion is SciPy's around Pinocchio, within both error bars; or one of them is refused by name."""
-    robot = random_robot(random, most=2, kinds=SMALL)
+    robot = random_robot(random, max_joints=2, kinds=SMALL)
     q, v = random_state(random, robot)
     scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.1)
     first, second = (simulated(scene, 1e-6, method, 20) for method in ("rk45", "scipy-dop853"))
@@ -74,7 +74,7 @@ def compiled_is_portable(random: np.random.Generator) -> bool:
 
 def portable_meets_its_accuracy(random: np.random.Generator) -> bool:
     """Any robot with any effects: finite numbers within the accuracy, or a refusal by name; never NaN, never a hang."""
-    robot = random_robot(random, most=3)
+    robot = random_robot(random, max_joints=3)
     q, v = random_state(random, robot)
     scene = tl.Scene(robot, q, v, random_effects(random, robot, q), duration=0.05)
     run = simulated(scene, 1e-4, "scipy-dop853", 40)

@@ -69,13 +69,13 @@ def _table(heads: Sequence[str], rows: Sequence[str], numbers: Sequence[str]) ->
 
 
 def _failed(results: Sequence[CaseResult]) -> str:
-    """Our own cases that failed, by name."""
+    """The cases in which twolink failed, by name."""
     items = "".join(f"<li>{_link(r, r.case.title)}: {_verdict(r.verdict)}</li>" for r in results if not r.passed)
     return f"<p>Cases in which twolink failed:</p><ul>{items}</ul>" if items else ""
 
 
 def _silent(results: Sequence[CaseResult]) -> str:
-    """The cases where a peer at its default setting is wrong and does not say so, with our own verdict beside it."""
+    """The cases where a peer at its default setting is wrong and does not say so, with our verdict beside it."""
     wrong = [r for r in results if r.wrong_by_default]
     if not any(r.peers for r in results):
         return ""

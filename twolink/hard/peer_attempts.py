@@ -33,7 +33,7 @@ def run_peers(case: SimulationCase, scene: Scene) -> Iterator[tuple[str, Attempt
     for name in case.peers:
         try:
             module = peer_module(name)
-            settings = module.usual(task)
+            settings = module.usual_settings(task)
         except ImportError:
             continue
         except UnsupportedError as error:

@@ -79,16 +79,16 @@ def _references() -> Any:
 def stored(name: str) -> ErrorFunction:
     """The error against a reference of references.json, which `high_precision` made."""
     reference = _references()[name]
-    return configuration_error(at_known_times(reference["t"], reference["q"]))
+    return configuration_error(at_table_times(reference["t"], reference["q"]))
 
 
-def at_known_times(times: Sequence[float], q: Sequence[Sequence[Any]]) -> ExactMotion:
+def at_table_times(times: Sequence[float], q: Sequence[Sequence[Any]]) -> ExactMotion:
     """Tabulated values (k, nq), NaN at all other times."""
-    known, values = np.asarray(times, float), np.array(q, float)
+    table, values = np.asarray(times, float), np.array(q, float)
 
     def exact(t: np.ndarray) -> np.ndarray:
-        row = np.clip(np.searchsorted(known, t - 1e-9), 0, len(known) - 1)
-        return np.where((np.abs(known[row] - t) < 1e-9)[:, None], values[row], np.nan)
+        row = np.clip(np.searchsorted(table, t - 1e-9), 0, len(table) - 1)
+        return np.where((np.abs(table[row] - t) < 1e-9)[:, None], values[row], np.nan)
 
     return exact
 

@@ -29,7 +29,7 @@ def _four_bars(number: int) -> ErrorFunction:
 
 def _crank(robot: Robot, track: Track) -> np.ndarray:
     """The error of the crank's angle at the three times that the quadrature gives."""
-    exact = truths.at_known_times([0.5, 1.0, 3.0], [[4.073130130354], [14.12789221775], [121.8862775082]])
+    exact = truths.at_table_times([0.5, 1.0, 3.0], [[4.073130130354], [14.12789221775], [121.8862775082]])
     crank = next(j for j in robot.joints if j.name == "crank_joint").q
     return np.asarray(np.abs(track.q[:, crank] - exact(track.t))[:, 0])
 

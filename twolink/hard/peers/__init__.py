@@ -3,8 +3,8 @@
 A PeerTask goes in: a robot, an initial state, times, and those effects that peers have as well. States at the times
 come out. Every peer is a module with the same functions, and takes its model from the numbers of the pin.Model:
 
-- `usual(task)`: the peer's own default setting and a tight one.
-- `ladder(task, coarse)`: settings from rough to fine, method by method.
+- `usual_settings(task)`: the peer's own default setting and a tight one.
+- `all_settings(task, coarse)`: settings from rough to fine, method by method.
 - `prepare(task, setting)`: builds the model, and returns the function that solves; calling it is what is timed.
 - `accelerations(task)`: the peer's forward dynamics without torques, for the comparison with pin.aba.
 

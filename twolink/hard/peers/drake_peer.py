@@ -27,7 +27,7 @@ METHODS = {"runge_kutta3": 1e-16, "runge_kutta5": 1e-16, "radau3": 1e-9}
 minutes without an error."""
 
 
-def usual(task: PeerTask) -> list[Setting]:
+def usual_settings(task: PeerTask) -> list[Setting]:
     """A continuous plant at the default and at a tight accuracy; with loops a discrete one at two steps."""
     if task.torques:
         raise UnsupportedError("torques in time are not modelled for Drake")
@@ -37,7 +37,7 @@ def usual(task: PeerTask) -> list[Setting]:
             Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT)]  # fmt: skip
 
 
-def ladder(task: PeerTask, coarse: bool) -> list[Setting]:
+def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
     """Integrators with error control at falling accuracies."""
     del task
     return [Setting(method, f"accuracy {a:.0e}", a) for method, smallest in METHODS.items()

@@ -27,14 +27,14 @@ KINDS = {"revolute": mujoco.mjtJoint.mjJNT_HINGE, "continuous": mujoco.mjtJoint.
 WARNINGS = tuple(getattr(mujoco.mjtWarning, f"mjWARN_{name}") for name in ("BADQPOS", "BADQVEL", "BADQACC", "INERTIA"))
 
 
-def usual(task: PeerTask) -> list[Setting]:
+def usual_settings(task: PeerTask) -> list[Setting]:
     """The default (Euler, 2 ms), and RK4 at 0.1 ms."""
     del task
     return [Setting("Euler", "default: 2 ms", step=DEFAULT_STEP, default=True),
             Setting("RK4", f"{FINE_STEP * 1e3:g} ms", step=FINE_STEP)]  # fmt: skip
 
 
-def ladder(task: PeerTask, coarse: bool) -> list[Setting]:
+def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
     """Steps that divide the interval between two times, each about a square root of two shorter, or half as long."""
     factor, first = 2.0 if coarse else 2**0.5, int(np.ceil(task.interval / LONGEST_STEP))
     count = int(np.log(MAX_STEPS / first) / np.log(factor))

@@ -27,7 +27,7 @@ METHODS = ("RK45", "DOP853", "LSODA", "Radau", ODEINT, ODE)
 Rate = Callable[[float, np.ndarray], np.ndarray]
 
 
-def usual(task: PeerTask) -> list[Setting]:
+def usual_settings(task: PeerTask) -> list[Setting]:
     """solve_ivp with its defaults, and with a method of order 8 at a tolerance near rounding."""
     if task.loops:
         raise UnsupportedError("solve_ivp has no constraints, and pin.aba no loops")
@@ -35,7 +35,7 @@ def usual(task: PeerTask) -> list[Setting]:
             Setting("DOP853", f"rtol = atol = {TIGHT:.0e}", TIGHT)]  # fmt: skip
 
 
-def ladder(task: PeerTask, coarse: bool) -> list[Setting]:
+def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
     """All methods with rtol = atol."""
     del task
     return [Setting(m, f"tol {tol:.0e}", tol) for m in METHODS for tol in tolerances(coarse) if tol >= SMALLEST]

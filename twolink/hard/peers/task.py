@@ -19,7 +19,7 @@ Loop = tuple[int, np.ndarray, int, np.ndarray]
 
 
 class UnsupportedError(Exception):
-    """The peer lacks a feature that the task needs, or is not given it here."""
+    """The peer lacks a feature that the task needs, or it is not modelled here."""
 
 
 class PeerError(Exception):
@@ -109,7 +109,7 @@ class PeerTask:
 
 
 def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
-    """The task of a scene. Raises UnsupportedError for effects and joints that peers are not given."""
+    """The task of a scene. Raises UnsupportedError for effects and joints that are not modelled for peers."""
     springs: dict[str, tuple[float, float]] = {}
     damping: dict[str, float] = {}
     torques: dict[str, Any] = {}
