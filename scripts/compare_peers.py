@@ -36,7 +36,7 @@ from twolink.errors import TwolinkError
 from twolink.hard.case import Track
 from twolink.hard.extended_precision import COARSE, FINE, extended_reference
 from twolink.hard.peers import NAMES, peer_module
-from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, task_of
+from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
 
 INTERVALS, SAMPLES = 20, 200  # between the common times; a second, twolink's default
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
@@ -130,7 +130,7 @@ def measure(
     timings = [*own_timings(scene, task.times, reference, options)]
     for peer, module in modules.items():
         for method, settings in groupby(module.all_settings(task, options.quick), key=lambda s: s.method):
-            runs = ((s.words, prepared(module, task, s)) for s in settings)
+            runs = ((s.words, module.prepare(task, s)) for s in settings)
             timings += climb(f"{NAMES[peer]} {method}", runs, reference, options.budget)
     for _ in range(options.rounds):
         for timing in timings:
@@ -202,10 +202,6 @@ def own_timings(
     for name, verify in ((PLAIN, False), (VERIFIED, True)):
         runs = ((f"accuracy {a:.0e}", prepared_own(a, verify)) for a in accuracies)
         yield from climb(name, runs, reference, options.budget)
-
-
-def prepared(module: ModuleType, task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
-    return module.prepare(task, setting)
 
 
 def climb(
