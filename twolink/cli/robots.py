@@ -80,6 +80,4 @@ def _engines(robot: Robot) -> str:
         return "by Pinocchio alone; heyoka, which compiles them, is not installed here"
     if robot.has_mimic:
         return "by Pinocchio alone; mimic joints are not compiled"
-    ready = [name for name in ("forward_dynamics", "inverse_dynamics") if robot.compiled().is_ready(name)]
-    cached = f"; compiled already: {', '.join(ready)}" if ready else ""
-    return f"compiled by heyoka {module.__version__} where that is faster, certified against Pinocchio{cached}"
+    return f"compiled by heyoka {module.__version__} where that is faster, certified against Pinocchio"

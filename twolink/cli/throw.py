@@ -52,19 +52,16 @@ def throw(
 
 def _record(search: SearchResult) -> dict[str, Any]:
     """A search as plain data."""
-    best, errors = search.best, search.best.errors or {}
+    best, shown = search.best, ("times", "speed", "elevation", "end")
     return {
         "scene": search.name,
         "aim": f"{search.aim.what} ({search.aim.unit})",
         "accuracy": search.accuracy,
-        "times": dict(best.times),
+        "times": best.times,
         "times_error": search.resolution,
-        "best": {name: {"value": value, "error": errors[name]} for name, value in best.quantities.items()},
+        "best": {name: {"value": getattr(best, name), "error": error} for name, error in best.errors.items()},
         "error": None if best.run.error is None else float(best.run.error.max()),
-        "throws": [
-            {"times": dict(one.times), "speed": one.speed, "elevation": one.elevation, "end": one.end}
-            for one in search.tried
-        ],
+        "throws": [{name: getattr(one, name) for name in shown} for one in search.tried],
         "seconds": search.seconds,
         "interrupted": search.interrupted,
     }
@@ -72,14 +69,13 @@ def _record(search: SearchResult) -> dict[str, Any]:
 
 def _text(search: SearchResult) -> str:
     """A search for people: the best times, and what the best throw reaches."""
-    best, aim = search.best, search.aim
+    best, aim, degree = search.best, search.aim, np.degrees(1.0)
     lines = [f"{search.name}: the best of {len(search.tried)} throws, each simulated to {search.accuracy:g} rad or m"]
     lines += [_line(f"{what} let go", 1e3 * at, 1e3 * search.resolution, "ms") for what, at in best.times.items()]
-    units = {"speed": "m/s", "end": aim.unit}
     labels = {"shoulder": "shoulder then", "elbow": "elbow then", "end": aim.what}
-    for name, value in best.quantities.items():
-        factor, unit = (1.0, units[name]) if name in units else (np.degrees(1.0), "degrees")
-        lines.append(_line(labels.get(name, name), factor * value, factor * (best.errors or {})[name], unit))
+    for name, error in best.errors.items():
+        factor, unit = {"speed": (1.0, "m/s"), "end": (1.0, aim.unit)}.get(name, (degree, "degrees"))
+        lines.append(_line(labels.get(name, name), factor * getattr(best, name), factor * error, unit))
     note = "(± of times: resolution of the search; of the others: error bar of this throw)"
     return "\n".join([*lines, f"  {note}  {search.seconds:.1f} s"])
 

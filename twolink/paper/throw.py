@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -56,39 +56,30 @@ AIMS = {
 }
 
 
+QUANTITIES = ("shoulder", "elbow", "elevation", "speed", "end")
+
+
 @dataclass(frozen=True)
 class Throw:
     """One throw.
 
-    times: the release times [s]. angles: of shoulder and elbow at the release [rad]. velocity: of the ball at the
-    release (3,) [m/s]. end: the quantity aimed at; 0 where the ball does not arrive within the scene's duration.
-    joints: positions of shoulder, elbow and ball at the release (3, 3) [m]. run: the simulation. errors: of each of
-    `quantities`; None where the throw is not verified.
+    times: the release times [s]. shoulder, elbow: their angles at the ball's release [rad]. elevation: the angle of the
+    ball's velocity above the horizontal [rad], speed: of the ball [m/s], velocity: of the ball (3,) [m/s], all at its
+    release. end: the quantity aimed at; 0 where the ball does not arrive within the scene's duration. joints: positions
+    of shoulder, elbow and ball at the release (3, 3) [m]. run: the simulation. errors: of each of QUANTITIES; empty
+    where the throw is not verified.
     """
 
     times: Mapping[str, float]
-    angles: tuple[float, float]
-    velocity: np.ndarray
+    shoulder: float
+    elbow: float
+    elevation: float
+    speed: float
     end: float
+    velocity: np.ndarray
     joints: np.ndarray
     run: Trajectory
-    errors: Mapping[str, float] | None = None
-
-    @property
-    def speed(self) -> float:
-        """The ball's speed at its release [m/s]."""
-        return float(np.linalg.norm(self.velocity))
-
-    @property
-    def elevation(self) -> float:
-        """The angle of the ball's velocity above the horizontal at its release [rad]."""
-        return float(np.arctan2(self.velocity[2], self.velocity[0]))
-
-    @property
-    def quantities(self) -> dict[str, float]:
-        """The quantities that a verified throw has errors of."""
-        shoulder, elbow = self.angles
-        return {"shoulder": shoulder, "elbow": elbow, "elevation": self.elevation, "speed": self.speed, "end": self.end}
+    errors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def flight(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -204,8 +195,8 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
         return _throw_from(aim, times, run, released[-1], ended[-1] if ended else None)
     # A verified run is solved twice; the last solution is the more accurate one.
     result, finer = (_throw_from(aim, times, run, released[i], ended[i] if ended else None) for i in (-2, -1))
-    pairs = zip(result.quantities.items(), finer.quantities.values(), strict=True)
-    errors = {what: SAFETY * abs(value - other) + accuracy / 1000 for (what, value), other in pairs}
+    distances = {name: abs(getattr(result, name) - getattr(finer, name)) for name in QUANTITIES}
+    errors = {name: SAFETY * distance + accuracy / 1000 for name, distance in distances.items()}
     return dataclasses.replace(result, errors=errors)
 
 
@@ -229,13 +220,13 @@ def _throw_from(aim: Aim, times: Mapping[str, float], run: Trajectory, released:
     """A throw from its states at the release and at the end."""
     robot, q = run.robot, run.robot.normalize(released[0])
     joints = np.array([robot.frame_pose(q, link)[1] for link in ("upper_arm", "forearm", "ball")])
-    entries = {joint.name: joint.q.start for joint in robot.joints}
-    shoulder, elbow = (float(q[entries[joint]]) for joint in ("shoulder", "elbow"))
+    shoulder, elbow = (float(q[joint.q][0]) for joint in robot.joints if joint.name in ("shoulder", "elbow"))
+    velocity = ball_state(robot, *released)[1]
+    elevation, speed = float(np.arctan2(velocity[2], velocity[0])), float(np.linalg.norm(velocity))
     end = 0.0
     if ended is not None:
-        position, velocity = ball_state(robot, *ended)
-        end = float(position[0] if aim.unit == "m" else velocity[0])
-    return Throw(dict(times), (shoulder, elbow), ball_state(robot, *released)[1], end, joints, run)
+        end = float(ball_state(robot, *ended)[0 if aim.unit == "m" else 1][0])
+    return Throw(dict(times), shoulder, elbow, elevation, speed, end, velocity, joints, run)
 
 
 def ball_state(robot: Robot, q: np.ndarray, v: np.ndarray) -> State:
