@@ -68,13 +68,12 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
         "derived": _by_sympy(samples),
         "printed": _by_hand(samples, "printed"),
     }
-    verdicts = {verdict.entry: verdict for verdict in derive.compare()}
+    differences = derive.compare()
     rows = []
     for name, values in expected.items():
         errors = {key: float(np.max(np.abs(c[name] - values) / scale[name])) for key, c in equations.items()}
-        verdict = verdicts.get(name)
-        differences = (verdict.corrected, verdict.printed) if verdict else (None, None)
-        rows.append(Comparison(name, errors["corrected"], errors["derived"], errors["printed"], *differences))
+        symbolic = differences.get(name, (None, None))
+        rows.append(Comparison(name, errors["corrected"], errors["derived"], errors["printed"], *symbolic))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 

@@ -50,15 +50,6 @@ class ArmEquations:
         return dict(zip(ENTRIES, [*self.A, *self.B, *self.C, *self.D], strict=True))
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """One entry of the hand-derived equations minus the derived one: "0" when symbolically equal."""
-
-    entry: str
-    corrected: str
-    printed: str
-
-
 def energies(theta: sp.Matrix, speed: sp.Matrix) -> tuple[sp.Expr, sp.Expr]:
     """Kinetic and potential energy of the arm as SymPy expressions of theta and speed, (2, 1) each."""
     l1, l2, m1, m2, g = PARAMETERS
@@ -100,14 +91,16 @@ def symbolic(variant: formulas.Variant) -> ArmEquations:
     return ArmEquations(sp.Matrix(mass), sp.Matrix(products), sp.Matrix(squares), sp.Matrix(weight))
 
 
-def compare() -> tuple[Verdict, ...]:
-    """By hand minus derived for every entry of ENTRIES; "0" means equal for all arms and states."""
-    derived = derive().entries()
-    by_hand = {variant: symbolic(variant).entries() for variant in ("corrected", "printed")}
-    return tuple(
-        Verdict(name, **{variant: str(_normal(hand[name] - derived[name])) for variant, hand in by_hand.items()})
-        for name in ENTRIES
-    )
+def compare() -> dict[str, tuple[str, str]]:
+    """The equations by hand, (corrected, printed), minus the derived ones for every entry of ENTRIES.
+
+    "0" means equal for all arms and states.
+    """
+    derived, corrected, printed = derive().entries(), symbolic("corrected").entries(), symbolic("printed").entries()
+    return {
+        name: (str(_normal(corrected[name] - entry)), str(_normal(printed[name] - entry)))
+        for name, entry in derived.items()
+    }
 
 
 def numeric() -> Callable[[Sequence[Array], Array], tuple[Array, Array, Array, Array]]:

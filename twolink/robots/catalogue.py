@@ -24,11 +24,10 @@ _NOT_URDF = {
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """A robot known by name: its URDF, where its meshes are, and the root it is meant to have."""
+    """A robot known by name: its URDF, the root it is meant to have, and the package it comes from."""
 
     name: str
     path: Path
-    package_dirs: tuple[Path, ...]
     usual_root: Root
     origin: str
 
@@ -37,11 +36,8 @@ class CatalogueEntry:
 def examples_share() -> Path | None:
     """The folder that `package://example-robot-data/...` counts from, or None when it is not installed."""
     paths = sysconfig.get_paths()
-    for key in ("purelib", "platlib"):
-        share = Path(paths[key]) / "cmeel.prefix" / "share"
-        if (share / "example-robot-data" / "robots").is_dir():
-            return share
-    return None
+    shares = (Path(paths[key]) / "cmeel.prefix" / "share" for key in ("purelib", "platlib"))
+    return next((share for share in shares if (share / "example-robot-data" / "robots").is_dir()), None)
 
 
 @functools.cache
@@ -76,12 +72,11 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """
     ours = our_urdfs() / f"{name}.urdf"
     if ours.stem == name and ours in our_urdfs().glob("*.urdf"):
-        return CatalogueEntry(name, ours, (our_urdfs(),), "fixed", "twolink")
+        return CatalogueEntry(name, ours, "fixed", "twolink")
     share = examples_share()
     if name in _examples() and share is not None:
         file, root = _examples()[name]
-        path = share / "example-robot-data" / "robots" / file
-        return CatalogueEntry(name, path, (share,), root, "example-robot-data")
+        return CatalogueEntry(name, share / "example-robot-data" / "robots" / file, root, "example-robot-data")
     where, code = f"robot {name!r}", "unknown-robot"
     if name in _NOT_URDF:
         raise RobotError(_NOT_URDF[name], where=where, remedy="pass a URDF of it", code=code)

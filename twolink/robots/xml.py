@@ -136,11 +136,11 @@ class Reader:
         """An error at an element."""
         return RobotError(what, where=self.where(element, owner), remedy=remedy, code="urdf")
 
-    def name(self, element: Element, owner: str = "") -> str:
-        """The name of a link or joint; for a part of one, `owner` says whose."""
+    def name(self, element: Element) -> str:
+        """The name of a link or joint."""
         value = element.attributes.get("name", "")
         if not value.strip():
-            raise self.error(element, owner, f"<{element.tag}> has no name", 'add name="..."')
+            raise self.error(element, "", f"<{element.tag}> has no name", 'add name="..."')
         return value
 
     def numbers(self, element: Element, key: str, owner: str, count: int, default: Vector | None = None) -> Vector:
