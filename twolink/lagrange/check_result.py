@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from twolink.io.listing import Table
+
 LIMIT = 1e-12
 MEASURE = (
     "error = largest difference from Pinocchio over all samples, relative to the largest magnitude in the\n"
@@ -115,23 +117,21 @@ class CheckReport:
 
     def text(self) -> str:
         """A plain table."""
-        lines = [
-            f"{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, limit {LIMIT:g}",
-            MEASURE,
-            "",
-            f"{'quantity':<28}{'corrected':>10}{'derived':>10}{'printed':>10}  symbolically",
-        ]
+        rows = []
         for row in self.rows:
-            numbers = f"{row.corrected:>10.1e}{row.derived:>10.1e}{row.printed:>10.1e}"
-            lines.append(f"{row.quantity:<28}{numbers}  {row.verdict}{'' if row.right else '  <- fails'}".rstrip())
-        lines += [
-            "",
-            "B is compared by row sums: both its columns multiply td1 td2, and no motion tells them apart.",
-            f"largest condition number of the mass matrix: {self.largest_condition:.0f}",
-            "",
-            f"True energy over {self.horizon:g} s from horizontal rest at 0 J (l = 1, 1 m; m = 3, 1 kg):",
-            f"{'motion by':<12}{'at the end':>14}{'largest':>14}",
-        ]
-        lines += [f"{e.model:<12}{e.final:>12.3g} J{e.largest:>12.3g} J" for e in self.energies]
-        verdict = "PASSED" if self.passed else "FAILED"
-        return "\n".join([*lines, "", f"{verdict}: the paper errs in {', '.join(self.misprints) or 'no entry'}"])
+            errors = (f"{error:.1e}" for error in (row.corrected, row.derived, row.printed))
+            rows.append((row.quantity, *errors, row.verdict, "" if row.right else "fails"))
+        energies = [(e.model, f"{e.final:.3g} J", f"{e.largest:.3g} J") for e in self.energies]
+        misprints = ", ".join(self.misprints) or "no entry"
+        return f"""{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, limit {LIMIT:g}
+{MEASURE}
+
+{Table(("quantity", "corrected", "derived", "printed", "symbolically", ""), tuple(rows))}
+
+B is compared by row sums: both its columns multiply td1 td2, and no motion tells them apart.
+largest condition number of the mass matrix: {self.largest_condition:.0f}
+
+True energy over {self.horizon:g} s from horizontal rest at 0 J (l = 1, 1 m; m = 3, 1 kg):
+{Table(("motion by", "at the end", "largest"), tuple(energies))}
+
+{"PASSED" if self.passed else "FAILED"}: the paper errs in {misprints}"""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections import Counter
+import tomllib
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -19,28 +22,6 @@ from twolink.robots.xml import Element
 Kind = Literal["read", "ignored", "repaired", "assumed"]
 KINDS: tuple[Kind, ...] = ("read", "ignored", "repaired", "assumed")
 
-_ELEMENTS = {
-    "robot": {"link", "joint", "material"},
-    "link": {"inertial", "visual", "collision"},
-    "inertial": {"origin", "mass", "inertia"},
-    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"},
-}
-_ATTRIBUTES = {
-    "robot": {"name", "version"},
-    "link": {"name", "type"},
-    "inertial": set(),
-    "joint": {"name", "type"},
-    "origin": {"xyz", "rpy"},
-    "mass": {"value"},
-    "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
-    "parent": {"link"},
-    "child": {"link"},
-    "axis": {"xyz"},
-    "limit": {"lower", "upper", "effort", "velocity"},
-    "dynamics": {"damping", "friction"},
-    "mimic": {"joint", "multiplier", "offset"},
-}
-_REPEATABLE = {"link", "joint", "material", "visual", "collision"}
 # Common elements of other programs, which do not belong to rigid-body dynamics.
 _FOREIGN = {
     "transmission": "transmissions (rotor inertia and gearing are not modelled from them)",
@@ -223,35 +204,40 @@ def choice_findings(
     return statements
 
 
+@functools.cache
+def _elements() -> dict[str, dict[str, Any]]:
+    """The elements of a URDF with their attributes and children."""
+    return tomllib.loads((Path(__file__).parent / "urdf_elements.toml").read_text(encoding="utf-8"))
+
+
 def _unknown_content(robot: Element) -> list[Finding]:
     """Elements, attributes and text that are not URDF's, because of another program or a typing error."""
     foreign: Counter[str] = Counter()
-    kinds = ("unknown elements", "unknown attributes", "text", "repeated elements")
-    unknown: dict[str, list[str]] = {kind: [] for kind in kinds}
+    unknown: dict[str, dict[str, None]] = defaultdict(dict)
+    known = _elements()
 
     def look(element: Element) -> None:
         tag, line = element.tag, element.line
-        if tag in _ATTRIBUTES:
-            unknown["unknown attributes"] += [
-                f"{key}= in <{tag}>, line {line} ({nearest(key, sorted(_ATTRIBUTES[tag]))})"
-                for key in element.attributes
-                if key not in _ATTRIBUTES[tag] and not key.startswith("xmlns")
-            ]
-            unknown["text"] += [f"in <{tag}>, line {line}"] if element.has_text else []
+        attributes: list[str] | None = known.get(tag, {}).get("attributes")
+        children: list[str] | None = known.get(tag, {}).get("children")
+        if attributes is not None:
+            for key in element.attributes:
+                if key not in attributes and not key.startswith("xmlns"):
+                    unknown["unknown attributes"][f"{key}= in <{tag}>, line {line} ({nearest(key, attributes)})"] = None
+            if element.has_text:
+                unknown["text"][f"in <{tag}>, line {line}"] = None
         seen: set[str] = set()
         for child in element.children:
             if child.tag in _FOREIGN:
                 foreign[_FOREIGN[child.tag]] += 1
-            elif tag in _ELEMENTS and child.tag not in _ELEMENTS[tag]:
-                hint = nearest(child.tag, sorted(_ELEMENTS[tag]))
-                unknown["unknown elements"].append(f"<{child.tag}> in <{tag}> ({hint})")
+            elif children is not None and child.tag not in children:
+                unknown["unknown elements"][f"<{child.tag}> in <{tag}> ({nearest(child.tag, children)})"] = None
             else:
-                if tag in _ELEMENTS and child.tag in seen and child.tag not in _REPEATABLE:
+                if children is not None and child.tag in seen and not known[child.tag].get("repeatable"):
                     place = f"<{child.tag}> in <{tag}>, line {child.line}"
-                    unknown["repeated elements"].append(f"{place}: the first one counts")
+                    unknown["repeated elements"][f"{place}: the first one counts"] = None
                 seen.add(child.tag)
                 look(child)
 
     look(robot)
-    counted = [Finding("ignored", f"{count} x {what}") for what, count in foreign.items()]
-    return [*counted, *findings("ignored", {what: dict.fromkeys(names) for what, names in unknown.items()})]
+    return [Finding("ignored", f"{count} x {what}") for what, count in foreign.items()] + findings("ignored", unknown)
