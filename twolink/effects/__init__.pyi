@@ -5,6 +5,7 @@ from twolink.effects.computed_torque import ComputedTorque as ComputedTorque
 from twolink.effects.conditions import FrameReaches as FrameReaches
 from twolink.effects.conditions import JointReaches as JointReaches
 from twolink.effects.coupling import Coupling as Coupling
+from twolink.effects.detent import Detent as Detent
 from twolink.effects.dry_friction import DryFriction as DryFriction
 from twolink.effects.effect import Effect as Effect
 from twolink.effects.frame_wrench import FrameWrench as FrameWrench

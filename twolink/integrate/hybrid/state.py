@@ -81,14 +81,15 @@ class RunState:
                 self._rest_noted.add(name)
 
     def require_room(self, who: str) -> None:
-        """Require a state within stops and above planes; one that is beyond by a rounding is moved onto them."""
+        """Require a state within stops and above planes. What is there but for a rounding is moved there exactly."""
         for stop in self.system.stops:
             room = stop.side * (self.x[stop.entry] - stop.position)
             if room < -BEYOND:
                 raise SceneError(f"{who} has joint {stop.name!r} {-room:.3g} beyond its stop at {stop.position:g}",
                                  where="q", remedy="keep it within its limits", code="beyond-stop")  # fmt: skip
-            if abs(room) <= BEYOND:
-                self.x[stop.entry] = stop.position
+        for _, hold in self.system.switching.holds:
+            if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
+                self.x[hold.entry] = hold.position
         for i, contact in enumerate(self.system.contacts):
             gap = float(self.system.look(self.mode, self.x, self.t).contacts[i, 0, 0])
             if gap < -BEYOND:
