@@ -44,6 +44,8 @@ class Layout:
 
     def numbers_at(self, t: float, slots: Mapping[str, float] = NO_SLOTS, locks: Array | None = None) -> Array:
         """The numbers of the piece at time t, (size - moving,). locks: locked (1 or 0), then friction torques."""
+        if not self.tables and locks is not None:
+            return locks
         parts = ([slots.get(x.name, 0.0)] if isinstance(x, Slot) else x.rows_at(t) for x in self.tables)
         return np.concatenate([np.empty(0), *parts, np.zeros(2 * len(self.lockable)) if locks is None else locks])
 

@@ -34,7 +34,7 @@ from twolink.integrate.step_map import LANES, StepMap
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
 BLOCK = 256  # steps between two looks at what they gave
-FIRST_BLOCK = 4  # after an event, where the next one may be near; then twice as many each time
+FIRST_BLOCK = 8  # after an event, where the next one may be near; then twice as many each time
 BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
@@ -68,18 +68,20 @@ def integrate(
     *,
     watcher: Watcher | None = None,
     longest: float | None = None,
+    rate: Array | None = None,
 ) -> Solution:
     """Solve from the equations' start at times[0] for the samples `times` (n,).
 
     setting: the tolerance of an adaptive method, or the step [s], which is shortened so that equal steps end at the
     last sample. watcher: the first event that it finds ends the solution. longest: no step of an adaptive method is
-    longer, s; by default 1 / MIN_STEPS of the time from the first sample to the last. Raises AccuracyError when the
+    longer, s; by default 1 / MIN_STEPS of the time from the first sample to the last. rate: of (q, v) at the start
+    (nq + nv, 1), where the caller knows it. Raises AccuracyError when the
     step size collapses or the state stops being finite.
     """
     equations, method = step_map.equations, step_map.method
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
     longest = longest or (end - start) / MIN_STEPS
-    state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest)
+    state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest, rate=rate)
     out = np.empty((len(times), size, 1))
     out[0, :, 0] = equations.start
     done, interrupted, hit, last = 1, False, None, state[:, 0]
@@ -236,13 +238,16 @@ def start_state(
     setting: float,
     parameters: Array | None = None,
     longest: float = math.inf,
+    rate: Array | None = None,
 ) -> tuple[Array, int]:
     """The state array of worlds x (size, n) with their first steps, and the limit of steps.
 
-    start, end: times, or one of each world (n,). Raises AccuracyError where no world has a finite rate.
+    start, end: times, or one of each world (n,). rate: of (q, v), where the caller knows it.
+    Raises AccuracyError where no world has a finite rate.
     """
     equations, method = step_map.equations, step_map.method
-    duration, rate = np.asarray(end - start, dtype=float), np.abs(rate_by_pinocchio(equations, start, x))
+    rate = np.abs(rate_by_pinocchio(equations, start, x)[: equations.moving] if rate is None else rate)
+    duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
         raise acceleration_not_finite(float(np.min(start)))
@@ -254,7 +259,7 @@ def start_state(
                                 argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
         return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(most) + BLOCK
     # A fraction of the time in which the state changes by its own size; the control lengthens it step by step.
-    change = (rate / (1.0 + np.abs(x))).max(axis=0, initial=0.0)
+    change = (rate / (1.0 + np.abs(x[: len(rate)]))).max(axis=0, initial=0.0)
     change[~finite] = np.inf  # a step of 0, which counts as collapsed
     # It depends on the tolerance even where the duration is short: otherwise two tolerances could take the same steps,
     # and the distance of their solutions would say nothing about the error.

@@ -91,11 +91,10 @@ class _Engine:
         run, begin = self.run, self.run.t
         grid, extra = piece_times(self.times, begin, stop)
         equations, part, hit = self._piece(grid, stop)
-        taken = np.isin(part.t, self.times)
-        taken[0] &= first
+        taken = slice(0 if first else 1, len(part.t) - int(extra and len(part.t) == len(grid)))
         moving = self.whole.moving
         kept = replace(part, t=part.t[taken], x=part.x[:moving, taken],
-                       pieces=(Piece(equations, begin, int(taken.sum())),))  # fmt: skip
+                       pieces=(Piece(equations, begin, len(part.t[taken])),))  # fmt: skip
         if part.interrupted:
             return kept
         if hit is not None and not extra and same_time(hit.t, stop) and kept.t[-1:] != stop:
@@ -131,10 +130,13 @@ class _Engine:
         own = run.system.in_mode(run.mode, run.x)
         equations = run.system.starting_at(run.mode, run.x, 0.5 * (run.t + stop))
         steps = step_map(equations, self.method)
-        guards = guards_of(run)
+        here = run.system.look(run.mode, run.x, run.t)
+        guards = guards_of(run, here)
         watcher = Watcher(own.evaluate, steps, guards, self.perturbation.touch_margin)
         longest = self.span / self.perturbation.min_steps
-        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest)
+        space = equations.space
+        rate = np.concatenate([space.rate(here.x[: space.nq], here.x[space.nq :]), here.a])
+        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
         for guard in guards:

@@ -47,15 +47,15 @@ class Guard:
 
     def observe(self, t: Array, raw: Array) -> Array:
         """Values at increasing times, above 0 while the mode lasts; infinite before it has moved away from 0."""
-        quiet = np.zeros(len(t), dtype=bool)
+        quiet: Array | None = None
         if not self.moved:
             quiet = ~np.logical_or.accumulate((np.abs(raw) > self.noise) & (t > self.start))
             self.moved = not quiet.all()
         if self.side is None:
-            seen = raw[~quiet & np.isfinite(raw) & (raw != 0.0)]
+            seen = raw[np.isfinite(raw) & (raw != 0.0) & (True if quiet is None else ~quiet)]
             self.side = float(np.sign(seen[0])) if seen.size else None
         values = self.signed(t, raw)
-        return np.where(quiet, math.inf, values) if quiet.any() else values
+        return values if quiet is None else np.where(quiet, math.inf, values)
 
     def signed(self, t: Array, raw: Array) -> Array:
         """Values above 0 while the mode lasts."""

@@ -71,7 +71,7 @@ def contact_touch(system: System, mode: Mode, x: Array, t: float, i: int) -> Tou
     """A contact that is hit or closed. Its velocities are linear in v: their rows are those of unit velocities."""
     own, contact = system.in_mode(mode, x), system.contacts[i]
     nv = system.robot.nv
-    states = np.repeat(system.starting_at(mode, x, t).start[:, None], nv, axis=1)
+    states = np.repeat(system.full_state(mode, x, t)[:, None], nv, axis=1)
     states[system.nq : system.nq + nv] = np.eye(nv)
     velocities = own.evaluate(np.full(nv, t), states).contacts[i, 1:4]
     return Touch(contact.name, velocities if contact.friction else velocities[:1], contact.restitution,

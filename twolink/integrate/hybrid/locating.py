@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,15 +34,18 @@ class Hit:
     guard: Guard
 
 
-@dataclass(frozen=True)
-class _Bracket:
-    """Times between which a guard passes a level: 0, or the margin of a near touch; None: it ends at once."""
+class _Bracket(NamedTuple):
+    """Increasing times around the first zero of a guard, and its values there. level: what is subtracted of them."""
 
-    a: float
-    b: float
-    fa: float
-    fb: float
+    times: Array
+    values: Array
     level: float = 0.0
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The times between which the guard passes 0."""
+        end = int(np.argmax(self.values <= 0.0))
+        return float(self.times[max(0, end - 1)]), float(self.times[end])
 
 
 class Watcher:
@@ -50,12 +53,14 @@ class Watcher:
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
         self.evaluate, self.map, self.guards, self.margin = evaluate, step_map, guards, margin
+        self._margins = np.array([[self._margin(guard)] for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
     def first(self, t: Array, x: Array) -> Hit | None:
         """The first event along states x (k, size) at times t (k,), which do not decrease; None if there is none."""
-        moved = np.append(np.diff(t) > 0, True)
-        t, x = t[moved], x[moved]
+        if (np.diff(t) <= 0.0).any():  # of refused steps
+            moved = np.append(np.diff(t) > 0, True)
+            t, x = t[moved], x[moved]
         if not self.guards or len(t) < 2:
             return None
         before, self._before = self._before, (float(t[-2]), np.array(x[-2]))
@@ -64,19 +69,21 @@ class Watcher:
         times, states = self._within(t, x)
         snapshot = self.evaluate(times, states)
         with np.errstate(all="ignore"):
-            values = np.array([guard.observe(times, _row(guard.value(snapshot), times))
-                               for guard in self.guards])  # fmt: skip
+            values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in self.guards])
             dips = self._dips(values)
+        hits = (values <= 0.0).any(axis=1) | dips.any(axis=1)
+        if not hits.any():
+            return None
         brackets = {}
-        for j in np.flatnonzero((values <= 0.0).any(axis=1) | dips.any(axis=1)).tolist():
+        for j in np.flatnonzero(hits).tolist():
             bracket = self._bracket(self.guards[j], times, values[j], dips[j], t, x)
             if bracket is not None:
                 brackets[j] = bracket
         if not brackets:
             return None
-        earliest = min(bracket.b for bracket in brackets.values())
+        earliest = min(bracket.ends[1] for bracket in brackets.values())
         time, j = min((self._root(self.guards[j], bracket, t, x), j)
-                      for j, bracket in brackets.items() if bracket.a <= earliest)  # fmt: skip
+                      for j, bracket in brackets.items() if bracket.ends[0] <= earliest)  # fmt: skip
         return Hit(time, self._at(np.array([time]), t, x)[:, 0], self.guards[j])
 
     def _within(self, t: Array, x: Array) -> tuple[Array, Array]:
@@ -93,10 +100,12 @@ class Watcher:
     def _dips(self, values: Array) -> Array:
         """Where values (guards, m) have low points between their ends that may reach 0, or the margin."""
         before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
-        margins = np.array([[self._margin(guard)] for guard in self.guards])
-        depth = np.maximum(before, after) - here
-        low = (here < before) & (here <= after) & (here < np.maximum(margins, DIP * depth)) & np.isfinite(depth)
-        return np.pad(low, ((0, 0), (1, 1)))
+        dips = np.zeros(values.shape, dtype=bool)
+        low = (here < before) & (here <= after)
+        if low.any():
+            depth = np.maximum(before, after) - here
+            dips[:, 1:-1] = low & (here < np.maximum(self._margins, DIP * depth)) & np.isfinite(depth)
+        return dips
 
     def _margin(self, guard: Guard) -> float:
         return self.margin if guard.touching and not guard.at_zero else 0.0
@@ -106,26 +115,24 @@ class Watcher:
         below = np.flatnonzero(g <= 0.0)  # NaN is neither
         last = int(below[0]) if below.size else len(g)
         if last == 0:  # the mode ends where it begins
-            return _Bracket(float(times[0]), float(times[0]), 0.0, 0.0)
+            return _Bracket(times[:1], g[:1])
         margin = self._margin(guard)
-        for i in np.flatnonzero(dips[:last]):
-            bottom, value = roots.lowest(
-                lambda s: self._values(guard, s, t, x), float(times[i - 1]), float(times[i + 1])
-            )
+        for i in np.flatnonzero(dips[:last]).tolist():
+            bottom, value = roots.lowest(lambda s: self._values(guard, s, t, x), float(times[i - 1]),
+                                         float(times[i + 1]))  # fmt: skip
             if value <= margin < g[i - 1]:
                 level = margin if value > 0.0 else 0.0
-                return _Bracket(float(times[i - 1]), bottom, float(g[i - 1]), value, level)
-        if last == len(g):
-            return None
-        return _Bracket(float(times[last - 1]), float(times[last]), float(g[last - 1]), float(g[last]))
+                return _Bracket(np.array([times[i - 1], bottom]), np.array([g[i - 1], value]) - level, level)
+        near = slice(max(0, last - 2), last + 2)
+        return None if last == len(g) else _Bracket(times[near], g[near])
 
     def _root(self, guard: Guard, bracket: _Bracket, t: Array, x: Array) -> float:
         """Where the guard passes the bracket's level."""
-        a, b, level = bracket.a, bracket.b, bracket.level
+        a, b = bracket.ends
         if a == b:
             return a
-        return roots.crossing(lambda s: self._values(guard, s, t, x) - level, a, b, bracket.fa - level,
-                              bracket.fb - level, EXACT * max(1.0, abs(b)))  # fmt: skip
+        return roots.crossing(lambda s: self._values(guard, s, t, x) - bracket.level, bracket.times, bracket.values,
+                              EXACT * max(1.0, abs(b)))  # fmt: skip
 
     def _values(self, guard: Guard, times: Array, t: Array, x: Array) -> Array:
         """The guard's values (n,) at times (n,), above 0 while the mode lasts."""
@@ -144,4 +151,5 @@ class Watcher:
 
 def _row(value: Any, times: Array) -> Array:
     """A guard's value as numbers (n,)."""
-    return np.broadcast_to(np.asarray(value, dtype=float), times.shape)
+    row = np.asarray(value, dtype=float)
+    return row if row.shape == times.shape else np.broadcast_to(row, times.shape)

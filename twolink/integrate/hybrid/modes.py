@@ -96,6 +96,7 @@ class System:
         self._holds: dict[int, list[Hold]] = {k: [] for k in self.lockable}
         for _, hold in self.switching.holds:
             self._holds[hold.dof].append(hold)
+        self._kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
         self.rubbing = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
@@ -129,16 +130,21 @@ class System:
 
     def starting_at(self, mode: Mode, x: Array, t: float) -> Equations:
         """The equations in a mode from a state on, at a time within a piece of tables."""
+        equations = self.in_mode(mode, x).equations
+        return replace(equations, start=self.full_state(mode, x, t))
+
+    def full_state(self, mode: Mode, x: Array, t: float) -> Array:
+        """The state x = (q, v) in a mode with the numbers behind it, (size,)."""
         locks = [1.0 if k in mode.locked else 0.0 for k in self.lockable]
-        friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * sum(h.kinetic for h in self._holds[k])
-                    for k in self.lockable]  # fmt: skip
+        friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * self._kinetic[k] for k in self.lockable]
         slots = {slot.name: value for i, direction in enumerate(mode.directions)
                  for slot, value in zip(_slots(i), direction, strict=True)}  # fmt: skip
-        return self.in_mode(mode, x).equations.starting_at(x, t, np.array([*locks, *friction]), slots)
+        layout = self.in_mode(mode, x).equations.layout
+        return np.concatenate([x[: self.whole.moving], layout.numbers_at(t, slots, np.array(locks + friction))])
 
     def look(self, mode: Mode, x: Array, t: float) -> Snapshot:
         """The snapshot of one state in a mode."""
-        return self.in_mode(mode, x).evaluate(np.array([t]), self.starting_at(mode, x, t).start[:, None])
+        return self.in_mode(mode, x).evaluate(np.array([t]), self.full_state(mode, x, t)[:, None])
 
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
         closed = {i: self.contacts[i].constraint(kind == "rolling", _slots(i))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -11,43 +12,52 @@ from twolink.integrate.state import Array
 
 Function = Callable[[Array], Array]
 
-AROUND = np.array([-3e-2, -1e-3, -1e-6, 0.0, 1e-6, 1e-3, 3e-2])  # of the bracket, about an estimate of the zero
+OFFSETS = 10.0 ** np.array([-10, -8, -6, -4, -2])
+AROUND = np.concatenate([-OFFSETS[::-1], [0.0], OFFSETS])  # of the bracket, about an estimate of the zero
 SHRUNK = 1e-6  # of the first bracket of a minimum
 BATCHES = 60
 
 
-def crossing(f: Function, a: float, b: float, fa: float, fb: float, resolution: float) -> float:
-    """Where f passes from above 0 at a to 0 or below at b, to the resolution; the end at which it is not above 0.
+def crossing(f: Function, points: Array, values: Array, resolution: float) -> float:
+    """Where f passes from above 0 to 0 or below, to the resolution; the end of the bracket at which it is not above 0.
 
-    A batch is the middle, and an estimate by inverse interpolation with points around it, at distances that shrink
+    points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch is the
+    middle of the bracket, and an estimate by inverse interpolation with points around it, at distances that shrink
     faster than its error. Where f is not a finite number it counts as above 0.
     """
-    points, values = np.array([a, b]), np.array([fa, fb])
-    for _ in range(BATCHES):
+    for batches in range(BATCHES):
+        end = int(np.argmax(values <= 0.0))
+        a, b = float(points[end - 1]), float(points[end])
         if b - a <= resolution:
             break
-        batch = _estimate(points, values, a, b) + (b - a) * AROUND
-        batch = np.append(batch, 0.5 * (a + b))
+        reach = max(1, 3 - batches)  # points on each side; the nearer they lie, the more their differences are rounding
+        near = slice(max(0, end - reach), end + reach)
+        points, values, end = points[near], values[near], end - near.start
+        estimate = _estimate(points, values, end)
+        # A good estimate ends the search: the zero lies between its two neighbours at the resolution.
+        ends = (estimate - 0.4 * resolution, estimate + 0.4 * resolution, 0.5 * (a + b))
+        batch = np.concatenate([estimate + (b - a) * AROUND, ends])
         batch = np.sort(batch[(batch > a) & (batch < b)])
         if not batch.size:
             break
-        points, values = np.array([a, *batch, b]), np.array([fa, *f(batch), fb])
-        end = int(np.argmax(values <= 0.0))
-        a, b, fa, fb = float(points[end - 1]), float(points[end]), float(values[end - 1]), float(values[end])
-        near = slice(max(0, end - 2), end + 2)
-        points, values = points[near], values[near]
+        points = np.concatenate([points[:end], batch, points[end:]])
+        values = np.concatenate([values[:end], f(batch), values[end:]])
     return b
 
 
-def _estimate(points: Array, values: Array, a: float, b: float) -> float:
-    """The zero in [a, b] of the polynomial that gives the points for the values; the middle where there is none."""
-    finite = np.isfinite(values)
-    x, y = points[finite].tolist(), values[finite].tolist()
-    if len(x) < 2 or any(later >= before for before, later in itertools.pairwise(y)):
-        return 0.5 * (a + b)
-    for k in range(1, len(x)):  # Neville's scheme at y = 0
+def _estimate(points: Array, values: Array, end: int) -> float:
+    """The zero between points[end - 1] and points[end], where the values pass it.
+
+    It is that of the polynomial which gives the points for the values (Neville's scheme), if the values decrease; else
+    of the chord, else the middle.
+    """
+    x, y = points.tolist(), values.tolist()
+    a, b = x[end - 1], x[end]
+    if any(not later < before < math.inf for before, later in itertools.pairwise(y)):
+        x, y = [a, b], [y[end - 1], y[end]]
+    for k in range(1, len(x)):
         x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]
-    return x[0] if a < x[0] < b else 0.5 * (a + b)
+    return x[0] if a <= x[0] <= b else 0.5 * (a + b)
 
 
 def lowest(f: Function, a: float, b: float) -> tuple[float, float]:

@@ -26,10 +26,10 @@ FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads
 Value = Callable[[Snapshot], Any]
 
 
-def guards_of(run: RunState) -> list[Guard]:
-    """The guards of the mode of a run, from its state on."""
+def guards_of(run: RunState, here: Snapshot) -> list[Guard]:
+    """The guards of the mode of a run, from its state on, of which `here` is the snapshot."""
     system, mode = run.system, run.mode
-    own, here = system.in_mode(mode, run.x), system.look(mode, run.x, run.t)
+    own = system.in_mode(mode, run.x)
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
     force = FORCE_AT_ZERO * own.largest_load(here)
     guards: list[Guard] = []
