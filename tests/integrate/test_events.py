@@ -10,7 +10,7 @@ from tests.effects.bodies import G, bouncing, planar, slider, sliders, times
 from tests.effects.cases import E
 from tests.effects.test_dry_friction import spring_and_friction
 
-RUB = (E.JointSpring({"x": 100.0}), E.DryFriction({"x": 3.0}))
+SPRING_AND_FRICTION = (E.JointSpring({"x": 100.0}), E.DryFriction({"x": 3.0}))
 
 
 def bounce(e: float = 0.5) -> tl.Scene:
@@ -19,7 +19,7 @@ def bounce(e: float = 0.5) -> tl.Scene:
 
 @pytest.mark.parametrize(("method", "order"), [("rk4", 4), ("semi-implicit-euler", 1)])
 def test_methods_of_fixed_steps_keep_their_order_across_events(method: str, order: int) -> None:
-    scene = tl.Scene(slider(), [1.0], effects=RUB)
+    scene = tl.Scene(slider(), [1.0], effects=SPRING_AND_FRICTION)
     errors = []
     for step in (0.01, 0.005, 0.0025):
         run = tl.simulate(scene, 4.0, method=method, step=step, verify=False, samples=25)
@@ -30,7 +30,7 @@ def test_methods_of_fixed_steps_keep_their_order_across_events(method: str, orde
 
 @pytest.mark.parametrize("method", ["auto", "rk45", "dop853", "esdirk43", "rk4"])
 def test_error_bars_hold_for_every_method(method: str) -> None:
-    scene = tl.Scene(slider(), [1.0], effects=RUB)
+    scene = tl.Scene(slider(), [1.0], effects=SPRING_AND_FRICTION)
     run = tl.simulate(scene, 4.0, 1e-5, method=method)
     assert np.all(np.abs(run.q[:, 0] - spring_and_friction(run.t, 1.0, 10.0, 0.03)) <= run.error)
     assert run.error[-1] <= 1e-5
@@ -39,7 +39,7 @@ def test_error_bars_hold_for_every_method(method: str) -> None:
 @pytest.mark.parametrize("method", ["taylor", "scipy-dop853"])
 def test_methods_that_cannot_locate_say_so(method: str) -> None:
     with pytest.raises(tl.errors.SceneError, match="does not locate events"):
-        tl.simulate(tl.Scene(slider(), [1.0], effects=RUB), 1.0, method=method)
+        tl.simulate(tl.Scene(slider(), [1.0], effects=SPRING_AND_FRICTION), 1.0, method=method)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.8])
@@ -85,12 +85,14 @@ def test_two_zeros_within_a_step_are_both_found() -> None:
     assert found == pytest.approx([0.5 - 0.5e-4, 0.5 + 0.5e-4], abs=1e-9)
 
 
-def test_a_watch_that_only_touches_is_noted_at_most_twice() -> None:
-    end = E.Watch("end", when=E.JointReaches("x", -1.0))
+@pytest.mark.parametrize("beyond", [1e-6, -1e-6])
+def test_a_watch_near_a_turning_point_is_noted_twice_or_not_at_all(beyond: float) -> None:
+    """x = cos(2 t) passes -1 + 1e-6 in both directions, 0.5 acos(1 - 1e-6) s before and after its turn."""
+    end = E.Watch("end", when=E.JointReaches("x", -1.0 + beyond))
     scene = tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 4.0}), end])
-    found = times(tl.simulate(scene, 3.0, 1e-9), "watch")
-    assert len(found) in (0, 1, 2)
-    assert np.all(np.abs(found - math.pi / 2) < 1e-4)
+    half = 0.5 * math.acos(1 - 1e-6)
+    expected = [math.pi / 2 - half, math.pi / 2 + half] if beyond > 0 else []
+    assert times(tl.simulate(scene, 3.0, 1e-10), "watch") == pytest.approx(expected, abs=1e-7)
 
 
 @pytest.mark.parametrize("start", [0.0, 1.0])
@@ -122,7 +124,7 @@ def test_two_stops_let_go_at_the_same_instant() -> None:
 
 
 def test_nothing_is_ever_nan() -> None:
-    for scene in (bounce(0.9), tl.Scene(slider(), [1.0], effects=RUB)):
+    for scene in (bounce(0.9), tl.Scene(slider(), [1.0], effects=SPRING_AND_FRICTION)):
         run = tl.simulate(scene, 3.0, 1e-3)
         for part in (run.q, run.v, run.error, run.energy):
             assert np.isfinite(part).all()

@@ -14,6 +14,7 @@ Function = Callable[[Array], Array]
 
 OFFSETS = 10.0 ** np.array([-10, -8, -6, -4, -2])
 AROUND = np.concatenate([-OFFSETS[::-1], [0.0], OFFSETS])  # of the bracket, about an estimate of the zero
+QUARTERS = np.array([0.25, 0.5, 0.75])
 SHRUNK = 1e-6  # of the first bracket of a minimum
 BATCHES = 60
 
@@ -21,8 +22,8 @@ BATCHES = 60
 def crossing(f: Function, points: Array, values: Array, resolution: float) -> float:
     """Where f passes from above 0 to 0 or below, to the resolution; the end of the bracket at which it is not above 0.
 
-    points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch is the
-    middle of the bracket, and an estimate by inverse interpolation with points around it, at distances that shrink
+    points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch
+    quarters the bracket, and has an estimate by inverse interpolation with points around it, at distances that shrink
     faster than its error. Where f is not a finite number it counts as above 0.
     """
     for batches in range(BATCHES):
@@ -35,8 +36,8 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
         points, values, end = points[near], values[near], end - near.start
         estimate = _estimate(points, values, end)
         # A good estimate ends the search: the zero lies between its two neighbours at the resolution.
-        ends = (estimate - 0.4 * resolution, estimate + 0.4 * resolution, 0.5 * (a + b))
-        batch = np.concatenate([estimate + (b - a) * AROUND, ends])
+        ends = (estimate - 0.4 * resolution, estimate + 0.4 * resolution)
+        batch = np.concatenate([estimate + (b - a) * AROUND, ends, a + (b - a) * QUARTERS])
         batch = np.sort(batch[(batch > a) & (batch < b)])
         if not batch.size:
             break
@@ -57,7 +58,7 @@ def _estimate(points: Array, values: Array, end: int) -> float:
         x, y = [a, b], [y[end - 1], y[end]]
     for k in range(1, len(x)):
         x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]
-    return x[0] if a <= x[0] <= b else 0.5 * (a + b)
+    return float(x[0]) if a <= x[0] <= b else 0.5 * (a + b)
 
 
 def lowest(f: Function, a: float, b: float) -> tuple[float, float]:
