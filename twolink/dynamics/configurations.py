@@ -16,7 +16,11 @@ def difference(robot: RobotModel, q0: ArrayLike, q1: ArrayLike) -> Array:
     """The tangent vector (..., nv) from q0 to q1; see `Robot.difference`."""
     start, end = (configuration(name, q, robot.nq, robot.joints) for name, q in (("q0", q0), ("q1", q1)))
     batch = batch_shape(q0=start, q1=end)
-    start, end = rows(start, batch), rows(end, batch)
+    return difference_rows(robot, rows(start, batch), rows(end, batch)).reshape(*batch, robot.nv)
+
+
+def difference_rows(robot: RobotModel, start: Array, end: Array) -> Array:
+    """The tangent vectors (n, nv) between rows of configurations (n, nq), which are not checked."""
     out = np.empty((len(start), robot.nv))
     for i, pair in enumerate(zip(start, end, strict=True)):
         out[i] = pin.difference(robot.model, *pair)
@@ -26,7 +30,7 @@ def difference(robot: RobotModel, q0: ArrayLike, q1: ArrayLike) -> Array:
             out[:, joint.v] = _angle(start[:, joint.q], end[:, joint.q])[:, None]
         elif joint.kind == "planar":
             out[:, joint.v] = _planar(start[:, joint.q], end[:, joint.q])
-    return out.reshape(*batch, robot.nv)
+    return out
 
 
 def _angle(start: Array, end: Array) -> Array:

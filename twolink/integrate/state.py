@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.dynamics import Robot
+from twolink.dynamics.configurations import difference_rows
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -66,20 +66,10 @@ class StateSpace:
         return x
 
     def distance(self, q: Array, other: Array) -> Array:
-        """max |difference(q, other)| over the tangent space, rad or m, for rows (n, nq).
-
-        Angles between (cos, sin) pairs are computed here: pin.difference gives exactly 0 for many below 1e-8.
-        """
+        """max |difference(q, other)| over the tangent space, rad or m, for rows (n, nq)."""
         if not self.curved:
             return np.asarray(np.abs(q - other).max(axis=-1, initial=0.0))
-        model = self.robot.model
-        pairs = zip(q, other, strict=True)
-        difference = np.array([pin.difference(model, a, b) for a, b in pairs]).reshape(len(q), self.nv)
-        for joint in self.curved:
-            if joint.kind in ("cos-sin", "planar") and joint.unit is not None:
-                (c1, s1), (c2, s2) = q[:, joint.unit].T, other[:, joint.unit].T
-                difference[:, joint.v.stop - 1] = np.arctan2(c1 * s2 - s1 * c2, c1 * c2 + s1 * s2)
-        return np.asarray(np.abs(difference).max(axis=-1, initial=0.0))
+        return np.asarray(np.abs(difference_rows(self.robot, q, other)).max(axis=-1, initial=0.0))
 
 
 def _curved_rate(kind: str, q: Array, v: Array) -> Array:
