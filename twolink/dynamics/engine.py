@@ -12,6 +12,7 @@ Smaller batches take milliseconds either way; engine="compiled" answers them in 
 
 from __future__ import annotations
 
+import functools
 import math
 
 ENGINES = ("auto", "pinocchio", "compiled")
@@ -36,6 +37,7 @@ _COMPILING = {
 }
 
 
+@functools.lru_cache(1024)
 def compiled_from(name: str, nv: int) -> int:
     """The number of states from which the compiled function answers."""
     constant, slope = _STATE.get(name, (2e-6, 1e-7))

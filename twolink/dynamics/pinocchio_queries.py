@@ -34,43 +34,40 @@ PARALLEL_FROM = 64
 _local = threading.local()
 
 
+Shape = tuple[int | Literal["nv"], ...]
+
+
 @dataclass(frozen=True)
 class Query:
-    """A dynamics query as Pinocchio answers it.
+    """A dynamics query as Pinocchio answers it for a robot.
 
-    arguments: their names, q first. shape: of the answer for one state, "nv" standing for the robot's nv.
+    arguments: their names, q first. shape: of the answer for one state.
     one: the answer from (model, data, *arguments), and from the joint forces where the query takes wrenches.
     parallel: Pinocchio's algorithm for columns of states, if there is one.
     """
 
     name: str
     arguments: tuple[str, ...]
-    shape: tuple[int | Literal["nv"], ...]
+    shape: tuple[int, ...]
     one: Callable[..., Array]
     parallel: Callable[..., None] | None = None
 
-    def entries(self, nv: int) -> tuple[int, ...]:
-        """The shape of the answer for one state of a robot with nv degrees of freedom."""
-        return tuple(nv if n == "nv" else n for n in self.shape)
-
 
 def query_of(robot: RobotModel, name: str) -> Query:
-    """The query of this name; of a frame as in "frame_pose:tip". Raises QueryError for an unknown frame."""
+    """The query of this name; of a frame as in "frame_pose:tip".
+
+    Raises QueryError for an unknown frame, or where Pinocchio has no algorithm for mimic joints.
+    """
     kind, _, frame = name.partition(":")
-    if kind in _OF_FRAMES:
-        arguments, shape, algorithm = _OF_FRAMES[kind]
-        return Query(name, arguments, shape, partial(algorithm, frame_index(robot.model, frame)))
-    if not robot.has_mimic:
-        return _QUERIES[name]
-    one = _WITH_MIMIC.get(name, _QUERIES[name].one)
-    if one is None:
-        raise QueryError(
-            f"{name.replace('_', ' ')} is not available for mimic joints",
-            where="robot",
-            remedy=_INSTEAD_WITH_MIMIC.get(name, "load it with mimic=False"),
-            code="mimic-joints",
-        )
-    return replace(_QUERIES[name], one=one)
+    arguments, shape, one = _QUERIES[kind]
+    if kind.startswith("frame_"):
+        one = partial(one, frame_index(robot.model, frame))
+    if robot.has_mimic and kind in _NOT_WITH_MIMIC:
+        what = f"{kind.replace('_', ' ')} is not available for mimic joints"
+        raise QueryError(what, where="robot", remedy=_NOT_WITH_MIMIC[kind], code="mimic-joints")
+    if robot.has_mimic:
+        one = _WITH_MIMIC.get(kind, one)
+    return Query(name, arguments, tuple(robot.nv if n == "nv" else n for n in shape), one, _PARALLEL.get(kind))
 
 
 def answer(
@@ -90,8 +87,7 @@ def answer(
         result = _forward_by_matrix(robot, columns, applied)
     else:
         result = answer_rows(robot, query, columns, applied)
-    shape = query.entries(robot.nv)
-    return require_finite(result, batch, shape, robot.name).reshape(*batch, *shape)
+    return require_finite(result, batch, query.shape, robot.name).reshape(*batch, *query.shape)
 
 
 def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: list[Applied]) -> Array:
@@ -102,12 +98,11 @@ def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: l
         columns = np.empty((model.nv, count), order="F")
         query.parallel(threads, _pool(model, threads), *(x.T for x in states), columns)
         return columns.T
-    out = np.empty((count, *query.entries(robot.nv)))
-    for i in range(count):
-        state = [x[i] for x in states]
+    out = np.empty((count, *query.shape))
+    for i, state in enumerate(zip(*states, strict=True)):
         if applied:
             wrenches = [replace(w, value=w.value[i]) for w in applied]
-            state.append(joint_forces(model, data, states[0][i], wrenches))
+            state = (*state, joint_forces(model, data, state[0], wrenches))
         out[i] = query.one(model, data, *state)
     return out
 
@@ -213,36 +208,32 @@ def _energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -
     return np.array([kinetic, -mass * (model.gravity.linear @ pin.centerOfMass(model, data, q, False))])
 
 
-_MATRICES: tuple[int | Literal["nv"], ...] = (3, "nv", "nv")
-_QUERIES = {
-    query.name: query
-    for query in (
-        Query("forward_dynamics", ("q", "v", "tau"), ("nv",), pin.aba, pin.abaInParallel),
-        Query("inverse_dynamics", ("q", "v", "a"), ("nv",), pin.rnea, pin.rneaInParallel),
-        Query("mass_matrix", ("q",), ("nv", "nv"), pin.crba),
-        Query("bias", ("q", "v"), ("nv",), pin.nonLinearEffects),
-        Query("coriolis", ("q", "v"), ("nv", "nv"), pin.computeCoriolisMatrix),
-        Query("gravity_torque", ("q",), ("nv",), pin.computeGeneralizedGravity),
-        Query("energy", ("q", "v"), (2,), _energies),
-        Query("centre_of_mass", ("q",), (3,), _centre_of_mass),
-        Query("momentum", ("q", "v"), (6,), _momentum),
-        Query("forward_dynamics_derivatives", ("q", "v", "tau"), _MATRICES, _forward_derivatives),
-        Query("inverse_dynamics_derivatives", ("q", "v", "a"), _MATRICES, _inverse_derivatives),
-    )
-}
-_WITH_MIMIC: dict[str, Callable[..., Array] | None] = {
-    "mass_matrix": mass_matrix_by_columns,
-    "energy": _energies_with_mimic,
-    "coriolis": None,
-    "forward_dynamics_derivatives": None,
-    "inverse_dynamics_derivatives": None,
-}
-_INSTEAD_WITH_MIMIC = {"coriolis": "use bias - gravity_torque"}
 _LOCAL, _ALIGNED = pin.ReferenceFrame.LOCAL, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-_OF_FRAMES: dict[str, tuple[tuple[str, ...], tuple[int | Literal["nv"], ...], Callable[..., Array]]] = {
+_FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
+_MATRICES: Shape = (3, "nv", "nv")
+# Arguments, shape, algorithm; the algorithms of frames take the frame's number first.
+_QUERIES: dict[str, tuple[tuple[str, ...], Shape, Callable[..., Array]]] = {
+    "forward_dynamics": (_FORWARD, ("nv",), pin.aba),
+    "inverse_dynamics": (_INVERSE, ("nv",), pin.rnea),
+    "mass_matrix": (("q",), ("nv", "nv"), pin.crba),
+    "bias": (("q", "v"), ("nv",), pin.nonLinearEffects),
+    "coriolis": (("q", "v"), ("nv", "nv"), pin.computeCoriolisMatrix),
+    "gravity_torque": (("q",), ("nv",), pin.computeGeneralizedGravity),
+    "energy": (("q", "v"), (2,), _energies),
+    "centre_of_mass": (("q",), (3,), _centre_of_mass),
+    "momentum": (("q", "v"), (6,), _momentum),
+    "forward_dynamics_derivatives": (_FORWARD, _MATRICES, _forward_derivatives),
+    "inverse_dynamics_derivatives": (_INVERSE, _MATRICES, _inverse_derivatives),
     "frame_pose": (("q",), (12,), _frame_pose),
     "frame_velocity_local": (("q", "v"), (6,), partial(_frame_velocity, _LOCAL)),
     "frame_velocity_aligned": (("q", "v"), (6,), partial(_frame_velocity, _ALIGNED)),
     "frame_jacobian_local": (("q",), (6, "nv"), partial(_frame_jacobian, _LOCAL)),
     "frame_jacobian_aligned": (("q",), (6, "nv"), partial(_frame_jacobian, _ALIGNED)),
+}
+_PARALLEL = {"forward_dynamics": pin.abaInParallel, "inverse_dynamics": pin.rneaInParallel}
+_WITH_MIMIC: dict[str, Callable[..., Array]] = {"mass_matrix": mass_matrix_by_columns, "energy": _energies_with_mimic}
+_NOT_WITH_MIMIC = {  # and the remedy
+    "coriolis": "use bias - gravity_torque",
+    "forward_dynamics_derivatives": "load it with mimic=False",
+    "inverse_dynamics_derivatives": "load it with mimic=False",
 }
