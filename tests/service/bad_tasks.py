@@ -9,40 +9,40 @@ from typing import Any
 from twolink.errors import RobotError
 
 
-def crash(**_: Any) -> None:
+def crash() -> None:
     ctypes.string_at(0)
 
 
-def leave(**_: Any) -> None:
+def leave() -> None:
     os._exit(3)
 
 
-def sleep(*, nap: float, report: Any, **_: Any) -> int:
+def sleep(*, nap: float, report: Any) -> int:
     report(os.getpid())
     time.sleep(nap)
     return os.getpid()
 
 
-def hoard(**_: Any) -> int:
+def hoard() -> int:
     return len(bytearray(10**12))
 
 
-def chatter(**_: Any) -> str:
+def chatter() -> str:
     print("noise on stdout", flush=True)
     sys.stderr.write("noise on stderr\n")
     os.write(1, b"more noise\n")
     return "heard"
 
 
-def large(**_: Any) -> bytes:
+def large() -> bytes:
     return bytes(20_000_000)
 
 
-def refuse(**_: Any) -> None:
+def refuse() -> None:
     raise RobotError("it broke", where="there", remedy="mend it")
 
 
-def fail(**_: Any) -> None:
+def fail() -> None:
     raise KeyError("secret detail")
 
 

@@ -1,4 +1,4 @@
-"""Who may call: hosts, origins, tokens, rates, sizes; and what every answer carries."""
+"""Who may call: hosts, origins, tokens, sizes; and what every answer carries."""
 
 from __future__ import annotations
 
@@ -42,17 +42,8 @@ def test_every_answer_carries_the_security_headers(http: httpx.Client) -> None:
         assert "server" not in answer.headers
 
 
-def test_tokens_hosts_origins_and_rate(tmp_path: Path) -> None:
-    options = [
-        "--token",
-        "first",
-        "--allow-host",
-        "lab.example",
-        "--allow-origin",
-        "https://lab.example",
-        "--rate",
-        "50",
-    ]
+def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
+    options = ["--token", "first", "--allow-host", "lab.example", "--allow-origin", "https://lab.example"]
     with (
         serving(tmp_path / "data", *options, environment={"TWOLINK_TOKEN": "second"}) as served,
         served.client() as http,
@@ -70,10 +61,6 @@ def test_tokens_hosts_origins_and_rate(tmp_path: Path) -> None:
         answer = http.post(PATH, json=BODY, headers=own)
         assert answer.headers["access-control-allow-origin"] == "https://lab.example"
         assert http.options(PATH, headers={"Origin": "https://lab.example"}).status_code == 204
-        statuses = [http.get("/health").status_code for _ in range(400)]
-        assert {200, 429} == set(statuses)
-        refused = next(a for a in (http.get("/health") for _ in range(400)) if a.status_code == 429)
-        assert int(refused.headers["retry-after"]) >= 1
 
 
 def test_bodies_too_large_are_not_read(tmp_path: Path) -> None:

@@ -10,10 +10,7 @@ import typer
 from typer import Option
 
 from twolink.cli.failures import Misuse
-from twolink.dynamics.arguments import positive
-from twolink.errors import QueryError, import_extra
-
-RATE = "200 beyond this machine, else no limit"
+from twolink.errors import import_extra
 
 
 def serve(
@@ -22,7 +19,6 @@ def serve(
     data: Annotated[Path | None, Option(help="Folder of the results.", show_default="your user data folder")] = None,
     token: Annotated[list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token; repeatable.")] = None,
     quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
-    rate: Annotated[float | None, Option(help="Requests a second from one address.", show_default=RATE)] = None,
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
 ) -> None:
@@ -41,7 +37,7 @@ def serve(
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
     survive a restart; the next start names the jobs that were interrupted. Ctrl-C ends the service.
     """
-    from twolink.service.settings import OPEN_RATE, Quotas, Settings, default_folder, is_loopback, read_quotas
+    from twolink.service.settings import Quotas, Settings, default_folder, is_loopback, read_quotas
 
     if quota and "help" in quota:
         for name, value in zip(Quotas.__struct_fields__, Quotas.__struct_defaults__, strict=True):
@@ -50,9 +46,6 @@ def serve(
     tokens = [*(token or []), *os.environ.get("TWOLINK_TOKEN", "").split(",")]
     if any(not part.isascii() for part in tokens):
         raise Misuse("a token has letters beyond ASCII", where="token", remedy="take plain letters and digits")
-    if rate is not None:
-        positive(rate, "rate", QueryError, "such as 100")
-    local = is_loopback(host)
     settings = Settings(
         data=str(data or default_folder()),
         host=host,
@@ -60,10 +53,9 @@ def serve(
         tokens=tuple(text.strip() for text in tokens if text.strip()),
         hosts=tuple(allow_host or []),
         origins=tuple(allow_origin or []),
-        rate=rate if rate is not None or local else OPEN_RATE,
         quotas=read_quotas(quota or []),
     )
-    if not local and not settings.tokens:
+    if not is_loopback(host) and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
     server = import_extra("twolink.service.server", "service")
     data_note = f"(data in {settings.data}; Ctrl-C ends it)"

@@ -1,10 +1,8 @@
-"""Who may call: host check against DNS rebinding, origin check, bearer tokens, rate limit; and the security headers."""
+"""Who may call: host check against DNS rebinding, origin check, bearer tokens; and the security headers."""
 
 from __future__ import annotations
 
 import hmac
-import time
-from collections import OrderedDict
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -25,8 +23,6 @@ DENY_ALL: Header = (b"content-security-policy", b"default-src 'none'; frame-ance
 _OPEN_PATHS = ("/health", "/", "/docs", "/docs/")  # what a browser or a monitor asks for before it has a token
 _OPEN_PREFIX = "/page/"
 _MAX_HOSTS = 1000  # checked ones that are remembered
-_MAX_CLIENTS = 10_000
-_BURST = 2.0  # seconds of the rate that a client may use at once
 
 
 class AccessControl:
@@ -36,8 +32,6 @@ class AccessControl:
         self._tokens = [token.encode() for token in settings.tokens]
         self._hosts = {"localhost", settings.host.lower(), *(host.lower() for host in settings.hosts)}
         self._origins = {origin.encode() for origin in settings.origins}
-        self._rate = settings.rate
-        self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()  # requests left, and when
         self._checked_hosts: set[bytes] = set()
 
     def check(self, scope: Any) -> bytes | None:
@@ -46,8 +40,6 @@ class AccessControl:
         host = headers.get(b"host", b"")
         if host not in self._checked_hosts:
             self._check_host(host)
-        if self._rate is not None:
-            self._spend(scope["client"][0] if scope.get("client") else "", self._rate)
         origin = headers.get(b"origin")
         foreign = None if origin is None or _is_own(origin, host) else origin
         if foreign is not None and foreign not in self._origins:
@@ -77,21 +69,6 @@ class AccessControl:
         if kind.lower() != b"bearer" or not any(matches):
             what = "the token is not one of the service's" if authorization else "a token is required"
             raise Refusal(401, what, where="header: Authorization", remedy="send Authorization: Bearer TOKEN")
-
-    def _spend(self, client: str, rate: float) -> None:
-        """Take one request from the client's bucket, which fills at the rate [1/s]."""
-        now, size = time.monotonic(), max(1.0, rate * _BURST)
-        left, then = self._buckets.pop(client, (size, now))
-        left = min(size, left + (now - then) * rate)
-        self._buckets[client] = (left - 1.0 if left >= 1.0 else left, now)
-        if left < 1.0:
-            remedy = "wait, or send states in batches"
-            wait = (1.0 - left) / rate
-            raise Refusal(
-                429, f"more than {rate:g} requests a second", where="request", remedy=remedy, retry_after=wait
-            )
-        if len(self._buckets) > _MAX_CLIENTS:
-            self._buckets.popitem(last=False)
 
 
 def _is_own(origin: bytes, host: bytes) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import shutil
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 from litestar import MediaType, Request, Response, delete, get, post
-from litestar.params import Parameter
+from litestar.datastructures import MultiDict
 
 from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
@@ -18,7 +18,7 @@ from twolink.service.components import Service, Shared
 from twolink.service.http_io import JSON, UNSPECIFIED, media_type
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
-from twolink.service.robot_tasks import RobotOptions
+from twolink.service.robot_tasks import ReceivedRobot, RobotOptions
 
 _XML = ("application/xml", "text/xml", "application/urdf+xml")
 _ZIP = ("application/zip", "application/x-zip-compressed")
@@ -61,21 +61,12 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)
-async def upload_robot(
-    request: Request[Any, Any, Any],
-    service: Shared,
-    root: str | None = None,
-    mimic: str | None = None,
-    unphysical: str | None = None,
-    urdf: str | None = None,
-    gravity: str | None = None,
-    lock: Annotated[list[str] | None, Parameter(query="lock")] = None,
-) -> Response[dict[str, Any]]:
+async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
     """Load a URDF (application/xml), a zip of one with its meshes (application/zip), or JSON that says either.
 
-    The parameters are for bodies that are not JSON: gravity as "0,0,-9.81", lock as "elbow:0.5". The answer is as of
-    GET /v1/robots/{robot}, with the robot's id, which comes from its content: the same upload has the same id (200
-    instead of 201).
+    The query string has the options of bodies that are not JSON: root, mimic, unphysical, urdf, gravity as
+    "0,0,-9.81", lock as "elbow:0.5" (repeatable). The answer is as of GET /v1/robots/{robot}, with the robot's id,
+    which comes from its content: the same upload has the same id (200 instead of 201).
     """
     body = await request.body()
     media = media_type(request.headers.get("content-type", "").encode())
@@ -84,7 +75,7 @@ async def upload_robot(
         kind, options, content = _from_json(body)
     elif media in _XML or media in _ZIP:
         kind, content = "zip" if media in _ZIP else "urdf", body
-        options = _options(gravity, lock, root=root, mimic=mimic, unphysical=unphysical, urdf=urdf)
+        options = _options(request.query_params)
     else:
         remedy = "send application/xml, application/zip or application/json"
         raise Refusal(415, f"{media[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
@@ -113,13 +104,13 @@ def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
     return "source" if upload.source else "urdf", options, upload.text.encode()
 
 
-def _options(gravity: str | None, lock: list[str] | None, **texts: str | None) -> RobotOptions:
+def _options(query: MultiDict[str]) -> RobotOptions:
     """The options in a query string."""
-    plain: dict[str, Any] = {name: text for name, text in texts.items() if text is not None}
-    if gravity is not None:
-        plain["gravity"] = gravity.split(",")
-    if lock is not None:
-        pairs = (text.rpartition(":") for text in lock)
+    plain: dict[str, Any] = {name: query[name] for name in ("root", "mimic", "unphysical", "urdf") if name in query}
+    if "gravity" in query:
+        plain["gravity"] = query["gravity"].split(",")
+    if "lock" in query:
+        pairs = (text.rpartition(":") for text in query.getall("lock"))
         plain["lock"] = {name: [part for part in value.split(",") if part] for name, _, value in pairs}
     try:
         return msgspec.convert(plain, RobotOptions, strict=False)
@@ -140,14 +131,14 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
     staged.mkdir(mode=0o700)
     try:
         (staged / "body").write_bytes(content)
-        plain = msgspec.to_builtins(options)
-        limits = {"bytes": int(quotas.upload_mb * 2**20), "files": quotas.files, "nv": quotas.moving_joints}
-        loaded = await service.read("receive", folder=str(staged), kind=kind, options=plain, limits=limits)
-        description = {"id": key, "origin": "uploaded", **plain, "root": options.root, **loaded["description"]}
+        answer = await service.read("receive", folder=str(staged), kind=kind, options=options, quotas=quotas)
+        loaded = msgspec.convert(answer, ReceivedRobot)
+        plain = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
+        description = {**plain, **loaded.description}
         store.add_robot(key, staged, description)
     finally:
         shutil.rmtree(staged, ignore_errors=True)
-    service.robots.put(key, loaded["robot"])
+    service.robots.put(key, loaded.robot)
     return description
 
 

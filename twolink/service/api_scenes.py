@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 from litestar import get, post
 
 from twolink.integrate.methods import methods
@@ -45,14 +44,13 @@ async def list_methods() -> list[dict[str, Any]]:
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
 async def validate(service: Shared, data: SceneRequest) -> dict[str, Any]:
     """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
-    return await service.read("validate", request=msgspec.to_builtins(data))  # type: ignore[no-any-return]
+    return await service.read("validate", request=data)  # type: ignore[no-any-return]
 
 
 @post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
 async def explain(service: Shared, data: ExplainRequest) -> dict[str, Any]:
     """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
-    quotas = msgspec.to_builtins(service.settings.quotas)
-    return await service.read("explain", request=msgspec.to_builtins(data), quotas=quotas)  # type: ignore[no-any-return]
+    return await service.read("explain", request=data, quotas=service.settings.quotas)  # type: ignore[no-any-return]
 
 
 HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain]

@@ -111,8 +111,7 @@ class Jobs:
 
         return await self._workers.run(
             _TASKS[kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
-            request=msgspec.to_builtins(request), robots=str(self._store.folder / "robots"),
-            quotas=msgspec.to_builtins(self._quotas),
+            request=request, robots=str(self._store.folder / "robots"), quotas=self._quotas,
         )  # fmt: skip
 
     async def _wait(self, key: str, seconds: float) -> None:

@@ -15,6 +15,7 @@ from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError
 from twolink.io.text import decode
 from twolink.robots.catalogue import catalogue_names
+from twolink.service.settings import Quotas
 from twolink.service.uploads import check_files, choose_urdf, local_urdf, unpack
 from twolink.service.visuals import visuals_of
 
@@ -37,24 +38,31 @@ class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     unphysical: Literal["refuse", "report"] = "refuse"
 
 
-def receive(*, folder: str, kind: str, options: dict[str, Any], limits: dict[str, int], **_: Any) -> dict[str, Any]:
+class ReceivedRobot(msgspec.Struct):
+    """A robot that a worker has loaded: pickled, and as a record."""
+
+    robot: bytes
+    description: dict[str, Any]
+
+
+def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas) -> ReceivedRobot:
     """Check and load what was uploaded into `folder` (as "body"), and leave there what is needed to load it again."""
-    place, chosen = Path(folder), msgspec.convert(options, RobotOptions)
+    place = Path(folder)
     body, files = place / "body", place / _FILES
     if kind != "source":
         files.mkdir()
-        names = unpack(body, files, max_bytes=limits["bytes"], max_files=limits["files"]) if kind == "zip" else []
+        names = unpack(body, files, quotas) if kind == "zip" else []
         check_files(files, names)
-        urdf = Path(choose_urdf(names, chosen.urdf)) if kind == "zip" else Path(_URDF)
+        urdf = Path(choose_urdf(names, options.urdf)) if kind == "zip" else Path(_URDF)
         text = decode((files / urdf if kind == "zip" else body).read_bytes(), urdf, RobotError)
         (place / _URDF).write_text(local_urdf(text, urdf.as_posix(), names), encoding="utf-8")
     body.unlink()
-    (place / _OPTIONS).write_bytes(msgspec.json.encode(chosen))
+    (place / _OPTIONS).write_bytes(msgspec.json.encode(options))
     robot = _load(folder)
-    if robot.nv > limits["nv"]:
-        what = f"{robot.nv} degrees of freedom, the service takes up to {limits['nv']}"
+    if robot.nv > quotas.moving_joints:
+        what = f"{robot.nv} degrees of freedom, the service takes up to {quotas.moving_joints}"
         raise RobotError(what, where=robot.name, remedy="lock some joints, or start it with a larger quota")
-    return {"robot": pickle.dumps(robot), "description": robot_record(robot)}
+    return ReceivedRobot(pickle.dumps(robot), robot_record(robot))
 
 
 @functools.lru_cache(16)
@@ -88,11 +96,11 @@ def _of_catalogue(name: str) -> Robot:
     return load_robot(name)
 
 
-def load(*, key: str, robots: str, **_: Any) -> bytes:
+def load(*, key: str, robots: str) -> bytes:
     """An uploaded robot, pickled."""
     return pickle.dumps(robot_by_id(key, robots))
 
 
-def draw(*, key: str, robots: str, target: str, **_: Any) -> None:
+def draw(*, key: str, robots: str, target: str) -> None:
     """Write what a robot looks like into a file."""
     Path(target).write_bytes(visuals_of(robot_by_id(key, robots)))

@@ -30,9 +30,9 @@ SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulat
 _REPORT_EVERY = 0.1  # seconds
 
 
-def validate(*, request: dict[str, Any], robots: str, **_: Any) -> dict[str, Any]:
-    """A scene as it is understood."""
-    scene = scene_of(msgspec.convert(request, SceneRequest).scene, robots)
+def validate(*, request: SceneRequest, robots: str) -> dict[str, Any]:
+    """A scene as it is understood. robots: the folder of uploaded robots."""
+    scene = scene_of(request.scene, robots)
     return {
         "title": scene.title,
         "robot": robot_record(scene.robot),
@@ -43,47 +43,42 @@ def validate(*, request: dict[str, Any], robots: str, **_: Any) -> dict[str, Any
     }
 
 
-def explain(*, request: dict[str, Any], robots: str, quotas: dict[str, Any], **_: Any) -> dict[str, Any]:
+def explain(*, request: ExplainRequest, robots: str, quotas: Quotas) -> dict[str, Any]:
     """What a scene computes, and what a run will take."""
-    asked = msgspec.convert(request, ExplainRequest)
-    scene, duration = _allowed_scene(asked, asked.duration, 1.0, robots, msgspec.convert(quotas, Quotas))
-    explanation = explain_scene(scene, asked.accuracy, duration, method=asked.method)
+    scene, duration = _allowed_scene(request, 1.0, robots, quotas)
+    explanation = explain_scene(scene, request.accuracy, duration, method=request.method)
     return {**dataclasses.asdict(explanation), "text": str(explanation)}
 
 
 def _allowed_scene(
-    asked: SceneRequest, duration: float | None, samples: float, robots: str, quotas: Quotas
+    request: ExplainRequest | StudyRequest, samples: float, robots: str, quotas: Quotas
 ) -> tuple[Scene, float]:
     """The scene and its duration [s]. Raises SceneError for a run that is longer, or has more samples, than allowed."""
-    scene = scene_of(asked.scene, robots)
-    seconds = duration or scene.duration
+    scene = scene_of(request.scene, robots)
+    seconds = request.duration or scene.duration
     if seconds > quotas.duration:
         what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"
-        raise SceneError(what, where="duration", argument="duration", remedy="ask for less")
+        raise SceneError(what, argument="duration", remedy="ask for less")
     if seconds * samples > quotas.samples:
         what = f"{seconds * samples:.3g} samples are too many, the limit is {quotas.samples}"
-        remedy = "ask for fewer a second, or a shorter duration"
-        raise SceneError(what, where="samples", argument="samples", remedy=remedy)
+        raise SceneError(what, argument="samples", remedy="ask for fewer a second, or a shorter duration")
     return scene, seconds
 
 
-def simulate(
-    *, request: dict[str, Any], robots: str, quotas: dict[str, Any], folder: str, report: Report
-) -> dict[str, Any]:
+def simulate(*, request: SimulationRequest, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Simulate, write the samples and the robot into `folder`, and return the record of the run."""
-    asked, limits = msgspec.convert(request, SimulationRequest), msgspec.convert(quotas, Quotas)
-    scene, duration = _allowed_scene(asked, asked.duration, asked.samples, robots, limits)
+    scene, duration = _allowed_scene(request, request.samples, robots, quotas)
     run = simulate_scene(
-        scene, duration, asked.accuracy, method=asked.method, samples=asked.samples, verify=asked.verify,
-        precision=asked.precision, tolerance=asked.tolerance, step=asked.step,
-        progress=_Progress(duration, 2 if asked.verify else 1, report),
+        scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
+        precision=request.precision, tolerance=request.tolerance, step=request.step,
+        progress=_Progress(duration, 2 if request.verify else 1, report),
     )  # fmt: skip
     path = Path(folder) / SAMPLES
     run.save(path)
-    if path.stat().st_size > limits.result_mb * 2**20:
+    if path.stat().st_size > quotas.result_mb * 2**20:
         path.unlink()
-        what = f"the result takes more than {limits.result_mb:g} MB"
-        raise SceneError(what, where="samples", argument="samples", remedy="ask for fewer samples")
+        what = f"the result takes more than {quotas.result_mb:g} MB"
+        raise SceneError(what, argument="samples", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(pickle.dumps(run.robot))
     return {"title": scene.title, **run_record(run)}
 
@@ -106,26 +101,22 @@ class _Progress:
             self._report({"fraction": self._fraction, "t": t, "solution": self._done + 1})
 
 
-def study(
-    *, request: dict[str, Any], robots: str, quotas: dict[str, Any], folder: str, report: Report
-) -> dict[str, Any]:
+def study(*, request: StudyRequest, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Study what accuracy costs, write the study into `folder`, and return it."""
-    asked = msgspec.convert(request, StudyRequest)
-    limits = msgspec.convert(quotas, Quotas)
-    scene, duration = _allowed_scene(asked, asked.duration, asked.samples, robots, limits)
+    scene, duration = _allowed_scene(request, request.samples, robots, quotas)
 
     def progress(done: int, total: int, label: str) -> None:
         report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})
 
     result = accuracy_study(
-        scene, duration, methods=asked.methods, tolerances=asked.tolerances, repeats=asked.repeats,
-        samples=asked.samples, budget=asked.budget, progress=progress,
+        scene, duration, methods=request.methods, tolerances=request.tolerances, repeats=request.repeats,
+        samples=request.samples, budget=request.budget, progress=progress,
     )  # fmt: skip
     result.save(Path(folder) / ROWS)
     return result.to_dict()
 
 
-def export(*, path: str, **_: Any) -> None:
+def export(*, path: str) -> None:
     """Write a result in another format, beside it: a table, a figure or a playback by the ending of the path."""
     target = Path(path)
     rows = target.with_name(ROWS)
@@ -136,7 +127,7 @@ def export(*, path: str, **_: Any) -> None:
         (result.plot if target.suffix in (".svg", ".png") else result.save)(target)
 
 
-def motion(*, path: str, frames: int, **_: Any) -> None:
+def motion(*, path: str, frames: int) -> None:
     """Write where the links are at `frames` times at equal distances, as JSON."""
     target = Path(path)
     run = _run_in(target.parent)

@@ -14,7 +14,6 @@ from twolink.errors import TwolinkError, nearest
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
 Amount = Annotated[float, msgspec.Meta(gt=0)]
-OPEN_RATE = 200.0  # requests a second and address, where strangers may call
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,7 +50,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
     called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
-    rate: requests a second from one address; None: no limit.
     """
 
     data: str
@@ -60,7 +58,6 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     tokens: tuple[str, ...] = ()
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
-    rate: float | None = None
     quotas: Quotas = Quotas()
 
 

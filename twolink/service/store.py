@@ -19,26 +19,6 @@ VERSION = 2
 ENDED_JOBS = 5000  # that are remembered; failed ones take no space but a row
 LISTED_JOBS = 200
 ACTIVE = ("queued", "running")
-_ROBOTS = """
-CREATE TABLE robots (id TEXT PRIMARY KEY, created REAL, used REAL, bytes INTEGER, description TEXT) WITHOUT ROWID;
-"""
-_JOBS = """
-CREATE TABLE jobs (
-    id TEXT PRIMARY KEY, kind TEXT, state TEXT, created REAL, started REAL, ended REAL, used REAL,
-    bytes INTEGER DEFAULT 0, request TEXT, progress TEXT, problem TEXT, result TEXT
-) WITHOUT ROWID;
-CREATE INDEX jobs_by_state ON jobs (state);
-"""
-# Results of version 1 have another form: their jobs can be run again.
-_FROM_VERSION_1 = f"""
-DROP INDEX jobs_by_state;
-ALTER TABLE jobs RENAME TO jobs_1;
-{_JOBS}
-INSERT INTO jobs (id, kind, state, created, started, ended, used, bytes, request)
-    SELECT id, kind, 'interrupted', created, started, ended, used, bytes, request FROM jobs_1;
-DROP TABLE jobs_1;
-"""
-_STEPS = {0: _ROBOTS + _JOBS, 1: _FROM_VERSION_1}
 
 
 class Job(msgspec.Struct, frozen=True):
@@ -86,7 +66,8 @@ class Store:
         if version > VERSION:
             raise sqlite3.Error(f"it is of a newer version of twolink ({version}, this one has {VERSION})")
         if version < VERSION:
-            self._database.executescript(f"BEGIN; {_STEPS[version]} PRAGMA user_version = {VERSION}; COMMIT")
+            schema = Path(__file__).with_name(f"schema_{version}_to_{VERSION}.sql").read_text(encoding="utf-8")
+            self._database.executescript(f"BEGIN; {schema} COMMIT")
 
     def close(self) -> None:
         """Let go of the database and its lock."""

@@ -17,6 +17,7 @@ from xml.sax.saxutils import escape
 
 from twolink.errors import RobotError, nearest
 from twolink.robots.xml import Element, parse_xml
+from twolink.service.settings import Quotas
 
 _MESHES = (".stl", ".dae", ".obj")
 _TEXTS = (".dae", ".mtl", ".obj")
@@ -27,15 +28,15 @@ _POINTERS = re.compile(r"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<|^\s*(?:ma
                        re.MULTILINE)  # fmt: skip
 
 
-def unpack(archive: Path, folder: Path, *, max_bytes: int, max_files: int) -> list[str]:
+def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
     """Unpack the robots and meshes of a zip into an empty folder. Returns their names. Raises RobotError."""
     try:
         with zipfile.ZipFile(archive) as opened:
             members = [member for member in opened.infolist() if not member.is_dir()]
-            if len(members) > max_files:
-                raise _refused(f"{len(members)} files, the limit is {max_files}", "send only files the URDF uses")
-            if sum(member.file_size for member in members) > max_bytes:
-                raise _refused(f"more than {max_bytes} bytes unpacked", "simplify the meshes")
+            if len(members) > quotas.files:
+                raise _refused(f"{len(members)} files, the limit is {quotas.files}", "send only files the URDF uses")
+            if sum(member.file_size for member in members) > quotas.upload_mb * 2**20:
+                raise _refused(f"more than {quotas.upload_mb:g} MB unpacked", "simplify the meshes")
             by_name = {_safe(member.filename): member for member in reversed(members)}
             names = [name for name in by_name if name.lower().endswith(_KEPT)]
             for name in names:

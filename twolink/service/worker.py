@@ -1,5 +1,8 @@
 """A worker process: runs one task after another for the service, under limits, and may die without harm to it.
 
+A task is a function with annotated keyword arguments: they are converted to these types. An argument `report` is a
+function that sends the progress.
+
 Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
 `Done` or `Failed`.
 """
@@ -7,14 +10,14 @@ Messages are msgpack with their length before them (8 bytes): `Call` on stdin; o
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib
 import os
+import signal
 import sys
-import threading
-import time
 import traceback
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -22,6 +25,7 @@ import numpy as np
 from twolink.service.problems import Problem, Refusal, problem_of
 
 LENGTH = 8
+_PR_SET_PDEATHSIG = 1
 Report = Callable[[Any], None]  # how a task reports its progress
 
 
@@ -73,7 +77,8 @@ def limit_memory(megabytes: float) -> None:
 def main(tasks: str, megabytes: float) -> None:
     """Run tasks until stdin ends. tasks: the module whose TASKS are the functions by name."""
     limit_memory(megabytes)
-    _end_with_the_service()
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a killed service cannot end its workers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the messages
     functions = importlib.import_module(tasks).TASKS
@@ -89,25 +94,15 @@ def main(tasks: str, megabytes: float) -> None:
 
 def _answer(function: Callable[..., Any], arguments: dict[str, Any], report: Report) -> Done | Failed:
     try:
-        return Done(function(report=report, **arguments))
+        kinds = get_type_hints(function)
+        converted = {name: msgspec.convert(value, kinds[name]) for name, value in arguments.items() if name in kinds}
+        return Done(function(**converted, **({"report": report} if "report" in kinds else {})))
     except MemoryError:
         what = "it takes more memory than a worker process may have"
         return Failed(problem_of(Refusal(422, what, code="too-large", remedy="send something smaller")))
     except Exception as error:
         problem = problem_of(error)
         return Failed(problem, traceback.format_exc() if problem.status >= 500 else "")
-
-
-def _end_with_the_service() -> None:
-    """End this process when the service has been killed and cannot do it."""
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="twolink-watch", daemon=True).start()
 
 
 if __name__ == "__main__":
