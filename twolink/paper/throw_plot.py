@@ -23,13 +23,9 @@ LANE = (-0.6, 4.5)  # m: the part of the lane that is drawn, because the ball is
 def plot_search(result: SearchResult, path: Path) -> Path:
     """Draw the paths above; below, the speed along them, and the aim over the elevation at the release."""
     figure, axes = new_figure(2, 2, size=(11, 6.8), height_ratios=[1.15, 1])
-    for axis in axes[0]:
-        axis.remove()
-    above = figure.add_subplot(axes[0, 0].get_gridspec()[0, :])
-    above.grid(True, color="0.9", linewidth=0.6)
-    above.set_axisbelow(True)
-    above.spines[["top", "right"]].set_visible(False)
-    _draw_paths(figure, above, result)
+    axes[0, 1].remove()
+    axes[0, 0].set_subplotspec(axes[0, 0].get_gridspec()[0, :])  # the paths take the whole row
+    _draw_paths(figure, axes[0, 0], result)
     _draw_speeds(axes[1, 0], result)
     _draw_aim(axes[1, 1], result)
     best, aim = result.best, result.aim
