@@ -1,23 +1,15 @@
-"""The table of methods: what each is, what it is good for, and where it comes from. A new one adds no stepping code."""
+"""The table of methods, read from methods.toml. A new Runge-Kutta method is an entry there, and no stepping code."""
 
 from __future__ import annotations
 
 import functools
+import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from twolink.errors import SceneError, nearest
-from twolink.integrate.coefficients import (
-    DOP853,
-    ESDIRK,
-    IMPLICIT_MIDPOINT,
-    MIDPOINT,
-    RK4,
-    RK23,
-    RK45,
-    SUZUKI,
-)
-from twolink.integrate.tableau import Tableau
+from twolink.integrate.tableau import Tableau, tableau_of
 from twolink.io.listing import Table
 
 ITERATIONS = 6  # of Newton's method a stage: from a guess within 1e-2 to rounding, as the matrix is kept for a step
@@ -61,81 +53,18 @@ class Method:
         return len(self.tableau.b) - implicit + implicit * ITERATIONS + (self.tableau.diagonal[0] != 0.0)
 
 
-_HAIRER = "Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I"
+def _load() -> dict[str, Method]:
+    """The methods by name, from methods.toml."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    methods = {}
+    for name, entry in table.items():
+        rows = entry.pop("tableau", None)
+        tableau = None if rows is None else tableau_of(entry["order"], **rows)
+        methods[name] = Method(name, **entry, tableau=tableau)
+    return methods
 
-METHODS: dict[str, Method] = {
-    m.name: m
-    for m in (
-        Method(
-            "semi-implicit-euler",
-            1,
-            "semi-implicit",
-            "comparison with game and robot simulators, which use it",
-            "v_new = v + h a(q, v), q_new = q + h v_new; Hairer, Lubich, Wanner: Geometric Numerical Integration, I.1",
-        ),
-        Method("midpoint", 2, "explicit", "teaching", f"Runge 1895; {_HAIRER}, II.1", MIDPOINT),
-        Method("rk4", 4, "explicit", "fixed steps, and comparison with others' results", "Kutta 1901", RK4),
-        Method("rk23", 3, "explicit", "rough accuracies, 1e-2", "Bogacki, Shampine: Appl. Math. Lett. 2 (1989)", RK23),
-        Method(
-            "rk45",
-            5,
-            "explicit",
-            "accuracies of 1e-3 to 1e-5",
-            "Dormand, Prince: J. Comp. Appl. Math. 6 (1980) 19-26",
-            RK45,
-        ),
-        Method(
-            "dop853",
-            8,
-            "explicit",
-            "smooth scenes at 1e-5 and better, any robot",
-            f"Dormand, Prince; {_HAIRER}, II.5",
-            DOP853,
-        ),
-        Method(
-            "implicit-midpoint",
-            2,
-            "implicit",
-            "millions of steps: symmetric, no drift of energy in regular motion",
-            "Hairer, Lubich, Wanner: Geometric Numerical Integration, II.1.4 and VI.4",
-            IMPLICIT_MIDPOINT,
-        ),
-        Method(
-            "suzuki4",
-            4,
-            "implicit",
-            "millions of steps, more exactly: symmetric like its midpoint steps",
-            "Suzuki: Phys. Lett. A 146 (1990) 319-323, of midpoint steps",
-            SUZUKI,
-        ),
-        Method(
-            "esdirk43",
-            4,
-            "implicit",
-            "stiff scenes: hard springs and dampers (L-stable)",
-            "ARK4(3)6L[2]SA of Kennedy, Carpenter: Appl. Numer. Math. 44 (2003) 139-181",
-            ESDIRK,
-        ),
-        Method(
-            "taylor",
-            20,
-            "taylor",
-            "the highest accuracies, small robots; in quadruple precision on request",
-            "Jorba, Zou: Exp. Math. 14 (2005) 99-117; Biscani, Izzo: MNRAS 504 (2021) 2614-2628 (heyoka)",
-        ),
-        Method("scipy-rk45", 5, "scipy", "a peer; any system", "SciPy", solver="RK45"),
-        Method("scipy-dop853", 8, "scipy", "a peer; any system", "SciPy", solver="DOP853"),
-        Method("scipy-lsoda", 12, "scipy", "a peer; stiff or not", "Petzold 1983 (ODEPACK), by SciPy", solver="LSODA"),
-        Method(
-            "scipy-radau",
-            5,
-            "scipy",
-            "very stiff scenes, any robot",
-            "Hairer, Wanner: Solving Ordinary Differential Equations II, IV.8, by SciPy",
-            solver="Radau",
-        ),
-    )
-}
+
+METHODS = _load()
 
 
 def method_named(name: str, argument: str = "method") -> Method:

@@ -12,6 +12,7 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -63,6 +64,27 @@ class Tableau:
         for i, row in enumerate(self.a):
             full[i, : len(row)] = row
         return full
+
+
+def tableau_of(
+    order: int,
+    a: Sequence[Sequence[float | str]],
+    b: Sequence[float | str],
+    errors: Sequence[Sequence[float | str]] = (),
+    embedded: Sequence[Sequence[float | str]] = (),
+    error_orders: Sequence[int] = (),
+) -> Tableau:
+    """A tableau from coefficients that are numbers or fractions as texts; embedded: weights b - e in place of e."""
+    weights = [Fraction(w) for w in b]
+    estimates = [[Fraction(e) for e in row] for row in errors]
+    estimates += [[w - Fraction(e) for w, e in zip(weights, row, strict=True)] for row in embedded]
+    return Tableau(
+        tuple(tuple(float(Fraction(x)) for x in row) for row in a),
+        tuple(map(float, weights)),
+        order,
+        tuple(tuple(map(float, row)) for row in estimates),
+        tuple(error_orders),
+    )
 
 
 def trees(nodes: int) -> Iterator[Tree]:
