@@ -8,14 +8,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+from twolink.accuracy import settings as plan
 from twolink.accuracy.reference_solution import ReferenceSolution
-from twolink.accuracy.settings import (
-    STEP_SIZES,
-    adaptive_settings,
-    step_factor,
-    steps_for,
-    why_not_here,
-)
 from twolink.accuracy.study_data import Failure, Row
 from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, TwolinkError
@@ -143,7 +137,7 @@ def measure_method(
     with the number of each row and its setting.
     """
     equations = measurements.equations
-    reason = why_not_here(equations, method)
+    reason = plan.why_not_here(equations, method)
     if reason is not None:
         measurements.fail(method, None, reason)
         return
@@ -152,8 +146,8 @@ def measure_method(
     if not method.adaptive and tolerances is None:
         _measure_step_sizes(progression, min(longest, first_setting(equations, method, ROUGH)), longest)
         return
-    settings = (adaptive_settings(method, tolerances) if method.adaptive
-                else steps_for(equations, method, tolerances or (), longest))  # fmt: skip
+    settings = (plan.adaptive_settings(method, tolerances) if method.adaptive
+                else plan.steps_for(equations, method, tolerances or (), longest))  # fmt: skip
     for setting in settings:
         progression.measure(setting)
         if progression.ended:
@@ -162,14 +156,14 @@ def measure_method(
 
 def _measure_step_sizes(progression: _Progression, start: float, longest: float) -> None:
     """Longer steps from the start while the error is well below ROUGH, then shorter ones, a decade of error each."""
-    factor, step = step_factor(progression.method), start
+    factor, step = plan.step_factor(progression.method), start
     row = progression.measure(step)
     while row is not None and row.error < ROUGH / 3 and step * factor <= longest:
-        if progression.ended or progression.number >= STEP_SIZES // 2:
+        if progression.ended or progression.number >= plan.STEP_SIZES // 2:
             break
         step *= factor
         row = progression.measure(step)
-    for i in range(1, STEP_SIZES - progression.number + 1):
+    for i in range(1, plan.STEP_SIZES - progression.number + 1):
         if progression.ended:
             return
         progression.measure(start / factor**i)

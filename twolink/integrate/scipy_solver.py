@@ -10,15 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from twolink.integrate import failures
 from twolink.integrate.equations import Equations
-from twolink.integrate.failures import (
-    MAX_STEPS,
-    acceleration_not_finite,
-    collapsed,
-    is_hopeless,
-    not_finite,
-    too_many_steps,
-)
 from twolink.integrate.methods import Method
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
@@ -50,7 +43,7 @@ def solve(
         while solver.status == "running" and done < len(times):
             solver.step()
             steps += 1
-            _require_going_on(solver, steps, start)
+            _require_progress(solver, steps, start)
             reached = int(np.searchsorted(times, solver.t, side="right"))
             if reached > done:
                 out[:, done:reached] = solver.dense_output()(times[done:reached])
@@ -65,40 +58,33 @@ def solve(
 
 
 def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarray]:
-    """x' of one state (size,), straight from Pinocchio: without checks, for it is asked a thousand times."""
-    space, model = equations.space, equations.robot.model
-    data, nq, tau = model.createData(), space.nq, np.zeros(space.nv)
+    """x' of one state (size,), straight from Pinocchio and without checks, since SciPy asks for it thousands of times.
 
-    def flat(t: float, x: np.ndarray) -> np.ndarray:
-        return _finite(t, np.concatenate([x[nq:], pin.aba(model, data, x[:nq], x[nq:], tau)]))
+    A rate that is not finite is an error: from NaN a solver would shorten its step without end.
+    """
+    space, model, robot = equations.space, equations.robot.model, equations.robot
+    data, nq, tau, rows = model.createData(), space.nq, np.zeros(space.nv), equations.start[equations.moving :]
+    bare = not equations.effects and equations.constraints is None
 
-    def curved(t: float, x: np.ndarray) -> np.ndarray:
-        q = equations.robot.normalize(x[:nq])
-        return _finite(t, np.concatenate([space.rate(x[:nq], x[nq:]), pin.aba(model, data, q, x[nq:], tau)]))
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        if bare:
+            q = robot.normalize(x[:nq]) if space.curved else x[:nq]
+            out = np.concatenate([space.rate(x[:nq], x[nq:]), pin.aba(model, data, q, x[nq:], tau)])
+        else:
+            out = rate_by_pinocchio(equations, t, np.append(x, rows)[:, None])[: len(x), 0]
+        if not math.isfinite(sum(out.tolist())):
+            raise failures.acceleration_not_finite(t)
+        return out
 
-    rows = equations.start[equations.moving :]
-
-    def acted(t: float, x: np.ndarray) -> np.ndarray:
-        return _finite(t, rate_by_pinocchio(equations, t, np.append(x, rows)[:, None])[: len(x), 0])
-
-    if equations.effects or equations.constraints is not None:
-        return acted
-    return curved if space.curved else flat
-
-
-def _finite(t: float, rate: np.ndarray) -> np.ndarray:
-    """The rate, or an error: from NaN a solver would shorten its step without end."""
-    if not math.isfinite(sum(rate.tolist())):
-        raise acceleration_not_finite(t)
     return rate
 
 
-def _require_going_on(solver: Any, steps: int, start: float) -> None:
+def _require_progress(solver: Any, steps: int, start: float) -> None:
     t = float(solver.t)
     if solver.status == "failed":
-        raise collapsed(t)
+        raise failures.collapsed(t)
     if not np.isfinite(solver.y).all():
-        raise not_finite(t)
-    slow = steps >= PACE_FROM and is_hopeless(steps, MAX_STEPS, t, start, solver.t_bound)
-    if steps >= MAX_STEPS or slow:
-        raise too_many_steps(t)
+        raise failures.not_finite(t)
+    slow = steps >= PACE_FROM and failures.is_hopeless(steps, failures.MAX_STEPS, t, start, solver.t_bound)
+    if slow or steps >= failures.MAX_STEPS:
+        raise failures.too_many_steps(t)

@@ -15,15 +15,7 @@ import numpy as np
 
 from twolink.algorithms import sincos
 from twolink.errors import AccuracyError
-from twolink.integrate.failures import (
-    MAX_STEPS,
-    acceleration_not_finite,
-    angle_out_of_reach,
-    collapsed,
-    is_hopeless,
-    not_finite,
-    too_many_steps,
-)
+from twolink.integrate import failures
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
@@ -250,7 +242,7 @@ def start_state(
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
-        raise acceleration_not_finite(float(np.min(start)))
+        raise failures.acceleration_not_finite(float(np.min(start)))
     if not method.adaptive:
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
         most = float(steps.max(initial=0.0))
@@ -269,7 +261,7 @@ def start_state(
     # differently, and a world's steps must not.
     mantissa, exponent = np.frexp(first)
     first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
-    return initial_state(x, start, first, end, setting, longest, parameters), MAX_STEPS
+    return initial_state(x, start, first, end, setting, longest, parameters), failures.MAX_STEPS
 
 
 def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:
@@ -278,7 +270,7 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
     outcome = np.full(len(t), FINE)
     left = t < end
-    slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
+    slow = (tried > PACE_FROM) & failures.is_hopeless(tried, limit, t, start, end)
     outcome[left & (slow | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
@@ -293,7 +285,8 @@ def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
     if outcome == NOT_FINITE:
         bad = ~np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
         step = None if step_map.method.adaptive else float(block.states[0, step_map.rows.step, 0])
-        return not_finite(float(t[max(0, int(np.argmax(bad)) - 1)]), step)
+        return failures.not_finite(float(t[max(0, int(np.argmax(bad)) - 1)]), step)
+    last = float(t[-1])
     if outcome == OUT_OF_REACH:
-        return angle_out_of_reach(float(t[-1]), sincos.LIMIT)
-    return collapsed(float(t[-1])) if outcome == COLLAPSED else too_many_steps(float(t[-1]), limit)
+        return failures.angle_out_of_reach(last, sincos.LIMIT)
+    return failures.collapsed(last) if outcome == COLLAPSED else failures.too_many_steps(last, limit)

@@ -17,6 +17,7 @@ import logging
 import math
 import threading
 import time
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -73,33 +74,22 @@ def solve(
     second and run at about half the speed. No step goes across a time at which the equations are not smooth. Raises
     AccuracyError when a step or the state stops being finite.
     """
-    return in_pieces(
-        equations, times, lambda e, part: _solve_piece(e, part, tolerance, progress, precision, min_steps, compact)
-    )
-
-
-def _solve_piece(
-    equations: Equations,
-    times: Array,
-    tolerance: float,
-    progress: Progress | None,
-    precision: Precision,
-    min_steps: float,
-    compact: bool,
-) -> Solution:
-    module = heyoka()
-    if module is None:
+    if heyoka() is None:
         raise MissingExtraError("Taylor's method needs heyoka", remedy='pip install heyoka, or method="dop853"')
-    order = order_of(tolerance)
-    compact = compact or equations.space.nv >= COMPACT_FROM or precision == "quad"
-    name = equations.key("taylor", str(order), precision, "compact" if compact else "straight")
-    start = time.perf_counter()
-    integrator = _take(name) or _build(name, equations, tolerance, precision, compact)
-    compile_seconds = time.perf_counter() - start
-    try:
-        return _propagate(integrator, equations, times, progress, precision, min_steps, compile_seconds, order)
-    finally:
-        _pool.setdefault(name, []).append(integrator)
+
+    def piece(equations: Equations, times: Array) -> Solution:
+        loops = compact or equations.space.nv >= COMPACT_FROM or precision == "quad"
+        name = equations.key("taylor", str(order_of(tolerance)), precision, "compact" if loops else "straight")
+        start = time.perf_counter()
+        integrator = _take(name) or _build(name, equations, tolerance, precision, loops)
+        seconds = time.perf_counter() - start
+        try:
+            solution = _propagate(integrator, equations, times, progress, precision, min_steps)
+        finally:
+            _pool.setdefault(name, []).append(integrator)
+        return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=seconds)
+
+    return in_pieces(equations, times, piece)
 
 
 _pool: dict[str, list[Any]] = {}
@@ -135,10 +125,9 @@ def _build(name: str, equations: Equations, tolerance: float, precision: Precisi
             part = x[joint.unit]
             rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
     system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("companion"), companion)]
-    options: dict[str, Any] = {"compact_mode": compact}
     kind = _kind(precision)
-    options |= {"fp_type": kind, "tol": kind(tolerance)}
-    integrator = module.taylor_adaptive(system, [kind(0.0)] * (size + 1), **options)
+    start_values = [kind(0.0)] * (size + 1)
+    integrator = module.taylor_adaptive(system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance))
     cache.store(name, integrator)
     log.info("compiled in %.1f s", time.perf_counter() - start)
     return integrator
@@ -159,8 +148,6 @@ def _propagate(
     progress: Progress | None,
     precision: Precision,
     min_steps: float,
-    compile_seconds: float,
-    order: int,
 ) -> Solution:
     size, kind = equations.moving, _kind(precision)
     x0, rows = equations.start[:size].astype(kind), equations.start[size:].astype(kind)
@@ -188,8 +175,8 @@ def _propagate(
     except KeyboardInterrupt:
         interrupted = True
     double = out[:done].astype(float, copy=False).T
-    return Solution(times[:done], double, steps, steps * order, 0, compile_seconds, True, interrupted,
-                    None if precision == "double" else out[:done])  # fmt: skip
+    precise = None if precision == "double" else out[:done]
+    return Solution(times[:done], double, steps, 0, compiled=True, interrupted=interrupted, precise=precise)
 
 
 def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:

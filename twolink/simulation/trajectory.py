@@ -20,16 +20,9 @@ from twolink.errors import SceneError, ShowError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
+from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.cost import Cost
 from twolink.simulation.text import as_html
-from twolink.simulation.trajectory_tables import (
-    Samples,
-    as_dataset,
-    as_frame,
-    columns,
-    coordinate_names,
-    read_samples,
-)
 
 log = logging.getLogger("twolink")
 
@@ -167,12 +160,12 @@ class Trajectory:
         return self.solution
 
     @property
-    def _samples(self) -> Samples:
-        return Samples(self.robot, self.t, self.q, self.v, self.energy, self.error)
+    def _samples(self) -> tables.Samples:
+        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error)
 
     def columns(self) -> dict[str, np.ndarray]:
         """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), energy, error."""
-        return columns(self._samples)
+        return tables.columns(self._samples)
 
     def to_xarray(self) -> Any:
         """The samples as an xarray.Dataset.
@@ -193,14 +186,14 @@ class Trajectory:
             attributes["accuracy"] = self.accuracy
         if self.cost is not None:
             attributes |= {"method": self.cost.method, "setting": self.cost.setting}
-        return as_dataset(self._samples, attributes)
+        return tables.as_dataset(self._samples, attributes)
 
     def to_pandas(self) -> Any:
         """The samples as a pandas.DataFrame: the columns of `columns()`, with t as the index.
 
         Raises MissingExtraError where pandas is not installed.
         """
-        return as_frame(self._samples)
+        return tables.as_frame(self._samples)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
@@ -228,7 +221,7 @@ class Trajectory:
         SceneError
             The robot is another one, or the file is not a trajectory.
         """
-        samples = read_samples(Path(path), robot)
+        samples = tables.read_samples(Path(path), robot)
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy)
 
     def plot(self, path: str | os.PathLike[str]) -> Path:
@@ -236,7 +229,7 @@ class Trajectory:
         from twolink.show.trajectory_plot import plot_trajectory
 
         title = f"{self.robot.name}: {self.t[-1]:g} s"
-        q, v = (dict(zip(coordinate_names(self.robot, letter), values.T, strict=True))
+        q, v = (dict(zip(tables.coordinate_names(self.robot, letter), values.T, strict=True))
                 for letter, values in (("q", self.q), ("v", self.v)))  # fmt: skip
         return plot_trajectory(Path(path), title, self.t, q, v, self.energy, self.error)
 
