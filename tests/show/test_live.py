@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 import os
-import signal
-import socket
 import subprocess
 import sys
 import textwrap
 import threading
 import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,33 +29,10 @@ from twolink.show.motion_samples import resample
 URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 
 
-def servers() -> set[int]:
-    """The process ids of all meshcat servers on this machine."""
-    pids = set()
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            command = (process / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if b"meshcat.servers.zmqserver" in command and b"python" in command:
-            pids.add(int(process.name))
-    return pids
-
-
 @pytest.fixture
 def arm() -> tuple[Any, Any]:
     model = pin.buildModelFromUrdf(str(URDF))
     return model, pin.buildGeomFromUrdf(model, str(URDF), pin.GeometryType.VISUAL)
-
-
-@pytest.fixture(autouse=True)
-def _no_server_stays() -> Any:
-    before = servers()
-    yield
-    end = time.monotonic() + 5.0  # a killed process takes a moment to leave /proc
-    while (left := servers() - before) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert not left
 
 
 def motion(seconds: float) -> tuple[np.ndarray, np.ndarray]:
@@ -61,31 +40,67 @@ def motion(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     return t, np.column_stack([-1.5 * t / seconds, 0.8 * t / seconds])
 
 
-def test_without_a_browser_playing_ends_in_an_error(arm: tuple[Any, Any]) -> None:
+def answers(url: str) -> bool:
+    """Whether a server answers at the address."""
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(url, timeout=5.0) as answer:
+            return bool(answer.read())
+    except (urllib.error.URLError, ConnectionError):
+        return False
+
+
+@contextmanager
+def player(*arguments: Any, **options: Any) -> Iterator[tuple[str, threading.Thread]]:
+    """The address at which a thread waits to play; the thread must end without a failure."""
+    announced, urls, failures = threading.Event(), [], []
+
+    def announce(url: str) -> None:
+        urls.append(url)
+        announced.set()
+
+    def play() -> None:
+        try:
+            play_live(*arguments, open_browser=False, on_url=announce, **options)
+        except BaseException as failure:
+            failures.append(failure)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    try:
+        assert announced.wait(60.0), failures
+        yield urls[0], thread
+    finally:
+        thread.join(90.0)
+    assert not thread.is_alive()
+    assert failures == []
+
+
+def test_without_a_browser_playing_ends_in_an_error(arm: tuple[Any, Any], capfd: pytest.CaptureFixture[str]) -> None:
     urls: list[str] = []
-    begun = time.monotonic()
+    begin = time.monotonic()
     with pytest.raises(ShowError, match="no browser opened http://127") as failure:
         play_live(*arm, *motion(1.0), open_browser=False, wait=0.5, on_url=urls.append)
+    assert failure.value.code == "no-browser"
     assert urls[0] in str(failure.value)
-    assert time.monotonic() - begun < 30.0
-
-
-def test_nothing_is_printed(arm: tuple[Any, Any], capfd: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(ShowError):
-        play_live(*arm, *motion(1.0), open_browser=False, wait=0.2)
+    assert time.monotonic() - begin < 30.0
+    assert not answers(urls[0])
     assert capfd.readouterr() == ("", "")
 
 
 def test_the_server_ends_when_the_caller_is_interrupted(arm: tuple[Any, Any]) -> None:
-    def interrupt(_: str) -> None:
-        assert servers()
+    urls: list[str] = []
+
+    def interrupt(url: str) -> None:
+        urls.append(url)
+        assert answers(url)
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         play_live(*arm, *motion(1.0), open_browser=False, on_url=interrupt)
+    assert not answers(urls[0])
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_the_server_ends_when_the_caller_is_killed() -> None:
     script = f"""
         import pinocchio as pin
@@ -99,9 +114,17 @@ def test_the_server_ends_when_the_caller_is_killed() -> None:
     command = [sys.executable, "-c", textwrap.dedent(script)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith("http://")
-        assert servers()
-        process.kill()  # the autouse fixture looks that nothing is left
+        url = process.stdout.readline().strip()
+        assert answers(url)
+        process.kill()
+    assert not answers(url)
+
+
+def test_only_the_page_is_served(arm: tuple[Any, Any]) -> None:
+    with player(*arm, *motion(0.1)) as (url, _):
+        assert answers(url)
+        assert not answers(url + "etc/passwd")
+        assert not answers(url + "started")  # an empty answer, which starts the time
 
 
 def test_the_motion_is_checked_first(arm: tuple[Any, Any]) -> None:
@@ -119,79 +142,30 @@ def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], n
 
 
 @pytest.mark.browser
-def test_a_browser_shows_the_motion_with_the_usual_ports_taken(
-    arm: tuple[Any, Any],
-    browser: Browser,  # noqa: F811
-) -> None:
-    t, q = motion(6.0)
-    busy = []
-    for port in (6000, 7000):  # the server's usual ports: taken, by us or by someone else
-        taken = socket.socket()
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            taken.bind(("127.0.0.1", port))
-            taken.listen()
-        except OSError:
-            taken.close()
-            continue
-        busy.append(taken)
-    address: list[str] = []
-    announced, failures = threading.Event(), []
-
-    def announce(url: str) -> None:
-        address.append(url)
-        announced.set()
-
-    def play() -> None:
-        try:
-            play_live(*arm, t, q, open_browser=False, on_url=announce)
-        except BaseException as failure:
-            failures.append(failure)
-
-    player = threading.Thread(target=play)
-    player.start()
-    try:
-        assert announced.wait(60.0), failures
-        assert not address[0].endswith(":7000/static/")
-        browser.open(address[0])
-        pictures = []
-        while player.is_alive() and len(pictures) < 50:
+def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser) -> None:  # noqa: F811
+    pictures = []
+    with player(*arm, *motion(6.0)) as (url, thread):
+        browser.open(url)
+        while thread.is_alive() and len(pictures) < 50:
             pictures.append(browser.screenshot())
-        player.join(30.0)
-        assert not player.is_alive()
-        assert not failures
-    finally:
-        player.join(60.0)
-        for taken in busy:
-            taken.close()
     moved = [(a != b).any(axis=-1).sum() for a, b in itertools.pairwise(pictures)]
     assert sum(pixels > 500 for pixels in moved) >= 2, moved
-    assert [error for error in browser.errors if "favicon.ico" not in error] == []  # meshcat has none
+    browser.wait_for("!viewer.animator.playing")  # the page stays, with the last pose
+    assert browser.evaluate("document.getElementById('time').textContent") == "t = 6.00 s"
+    assert {request.rpartition("/")[0] + "/" for request in browser.requests if "data:" not in request} == {url}
+    assert browser.errors == []
 
 
 @pytest.mark.browser
-def test_two_seconds_take_two_seconds(
-    arm: tuple[Any, Any],
-    browser: Browser,  # noqa: F811
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import twolink.show.live as live
-
-    seconds: list[float] = []
-    play = live._play
-
-    def timed(*arguments: Any) -> None:
-        begun = time.monotonic()
-        play(*arguments)
-        seconds.append(time.monotonic() - begun)
-
-    monkeypatch.setattr(live, "_play", timed)
-    urls: list[str] = []
-    options = {"speed": 2.0, "open_browser": False, "on_url": urls.append}
-    player = threading.Thread(target=play_live, args=(*arm, *motion(4.0)), kwargs=options)
-    player.start()
-    while not urls and player.is_alive():
-        time.sleep(0.05)
-    browser.open(urls[0])
-    player.join(60.0)
-    assert seconds[0] == pytest.approx(2.0, rel=0.25)
+def test_speed_two_plays_four_seconds_in_two(arm: tuple[Any, Any], browser: Browser) -> None:  # noqa: F811
+    rate = """new Promise(done => {
+        const begin = [performance.now(), viewer.animator.time];
+        setTimeout(() => done(1000 * (viewer.animator.time - begin[1]) / (performance.now() - begin[0])), 1000);
+    })"""
+    begin = time.monotonic()
+    with player(*arm, *motion(4.0), speed=2.0) as (url, _):
+        browser.open(url)
+        browser.wait_for("viewer.animator.time > 0")
+        assert browser.evaluate(rate) == pytest.approx(1.0, abs=0.2)  # s of playing per s
+    assert browser.evaluate("facts.duration * facts.speed") == pytest.approx(4.0)
+    assert time.monotonic() - begin > 2.0

@@ -12,7 +12,7 @@ from twolink.show.meshcat_shapes import Floats, Json, attribute, mesh
 
 FIELD_OF_VIEW = 32.0  # degrees, vertical; narrow, so that parallel rods look parallel
 MARGIN = 1.15  # empty space round the motion
-SAMPLES = 300  # configurations that decide on the view, at most
+_SAMPLES = 300  # configurations that decide on the view, at most
 _ASPECT = 1.6  # width to height of a window of unknown size
 _SLANTED, _FROM_ABOVE = (0.75, -1.0, 0.5), (0.0, -1e-3, 1.0)  # directions towards the camera
 _CAMERA = "/Cameras/default/rotated/<object>"
@@ -45,7 +45,7 @@ def look_at(nodes: Sequence[Node], placed: Floats) -> View:
     placed : array (n, len(nodes), 7)
         Their poses along the motion, as from `meshcat_scene.poses`.
     """
-    points = _reached(nodes, placed[:: max(1, len(placed) // SAMPLES)])
+    points = _reached(nodes, placed[:: max(1, len(placed) // _SAMPLES)])
     direction = _direction(points)
     right = np.cross([0.0, 0.0, 1.0], direction)
     right /= np.linalg.norm(right)

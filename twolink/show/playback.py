@@ -1,7 +1,4 @@
-"""A motion as one HTML file that plays in any browser, without network and server.
-
-The file holds meshcat's viewer, the scene and the animation.
-"""
+"""A motion as one page of HTML that plays in any browser: it holds meshcat's viewer, the scene and the animation."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ import importlib.util
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +21,7 @@ from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
 from twolink.show.meshcat_scene import Node, poses, require_nodes
 from twolink.show.meshcat_shapes import Floats, Json, packed
-from twolink.show.meshcat_view import View, look_at, opening_commands, to_three
+from twolink.show.meshcat_view import look_at, opening_commands, to_three
 from twolink.show.motion_samples import check_motion, resample
 
 _MIN_FRAMES = 30  # with fewer a motion cannot be recognized
@@ -34,20 +32,33 @@ _AT_REST = 1e-7  # m, and in quaternions: a smaller range is no motion
 
 
 def write_playback(
+    model: pin.Model, visuals: pin.GeometryModel, t: ArrayLike, q: ArrayLike, path: str | Path, **options: Any
+) -> Path:
+    """Write the motion q(t) of a robot as an .html file that plays it again and again. Returns its path.
+
+    The arguments are those of `playback_page`. Raises ShowError also for another ending than .html (code
+    "unknown-format"), and for a path that cannot be written.
+    """
+    require_format(Path(path), (".html",), ShowError)
+    page = playback_page(model, visuals, t, q, **options)
+    return write_atomic(Path(path), lambda file: file.write(page), error=ShowError)
+
+
+def playback_page(
     model: pin.Model,
     visuals: pin.GeometryModel,
     t: ArrayLike,
     q: ArrayLike,
-    path: str | Path,
     *,
     title: str = "twolink",
     speed: float = 1.0,
     fps: float = 60.0,
     max_frames: int = 3600,
     max_bytes: int = 50_000_000,
+    live: bool = False,
     on_skipped: Callable[[list[str]], None] | None = None,
-) -> Path:
-    """Write the motion q(t) of a robot as a page that plays it again and again.
+) -> bytes:
+    """The page that plays the motion q(t) of a robot.
 
     Parameters
     ----------
@@ -59,8 +70,6 @@ def write_playback(
         Times in s, increasing.
     q : array_like (n, nq)
         Configurations.
-    path : str or Path
-        The page, an .html file.
     title : str
         The page's title.
     speed : float
@@ -69,22 +78,21 @@ def write_playback(
         Frames per second of playing.
     max_frames, max_bytes : int
         Limits. The motion is shown with fewer frames where it would exceed them, and the page says so.
+    live : bool
+        Whether the page plays once, and tells its server when it starts.
     on_skipped : callable, optional
         Called with the names of the pieces that cannot be drawn, if any. The page names them too.
 
     Returns
     -------
-    Path
-        The page.
+    bytes
+        The page, in UTF-8. It needs no network.
 
     Raises
     ------
     ShowError
-        For a motion that cannot be shown, another ending than .html (code "unknown-format"), a page that would be
-        too large, and a path that cannot be written.
+        For a motion that cannot be shown, and for a page that would be too large (code "page-too-large").
     """
-    file = Path(path)
-    require_format(file, (".html",), ShowError)
     times, configurations = check_motion(model, t, q, speed)
     if not (fps > 0 and max_frames >= 2):
         remedy = "60 and 3600 are the usual ones"
@@ -95,19 +103,28 @@ def write_playback(
     shown, note = choose_frames(times, speed, fps, min(max_frames, max(affordable, _MIN_FRAMES)))
     placed = poses(model, visuals, resample(model, times, configurations, shown), nodes)
     view = look_at(nodes, placed)
-    commands = opening_commands(nodes, placed, view) + _animation(nodes, placed, (shown - times[0]) / speed)
+    commands = opening_commands(nodes, placed, view)
+    commands += _animation(nodes, placed, (shown - times[0]) / speed, 1.0 if live else float("inf"))
     notes = [
         f"speed {speed:g}×" if speed != 1.0 else "",
         note,
         f"grid {view.cell:g} m",
         f"not drawn: {', '.join(skipped)}" if skipped else "",
     ]
-    page = _page(commands, title, " · ".join(filter(None, notes)), view, shown, speed)
+    facts = {
+        "start": float(shown[0]),
+        "duration": float(shown[-1] - shown[0]) / speed,
+        "speed": speed,
+        "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
+        "direction": to_three(view.direction),
+        "live": live,
+    }
+    page = _page(commands, title, " · ".join(filter(None, notes)), facts)
     if len(page) > max_bytes:
         what = f"the page would take {len(page) / 1e6:.1f} MB, more than max_bytes ({max_bytes / 1e6:.1f} MB)"
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
-        raise ShowError(what, where=str(path), remedy=remedy, code="page-too-large", bytes=len(page))
-    return write_atomic(file, lambda out: out.write(page), error=ShowError)
+        raise ShowError(what, where="playback", remedy=remedy, code="page-too-large", bytes=len(page))
+    return page
 
 
 def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> tuple[Floats, str]:
@@ -122,8 +139,8 @@ def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> tuple
     return np.linspace(t[0], t[-1], count), note
 
 
-def _animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> list[Json]:
-    """The command that animates the nodes that move, endlessly; none when all are at rest.
+def _animation(nodes: Sequence[Node], placed: Floats, times: Floats, repetitions: float) -> list[Json]:
+    """The command that animates the nodes that move; none when all are at rest.
 
     `placed` is (n, len(nodes), 7), `times` (n,) s of playing.
     """
@@ -138,19 +155,12 @@ def _animation(nodes: Sequence[Node], placed: Floats, times: Floats) -> list[Jso
                 tracks.append({"name": f".{name}", "type": kind, **numbers})
         if tracks:
             animations.append({"path": node.path, "clip": {"fps": 1, "name": "default", "tracks": tracks}})
-    options = {"play": True, "repetitions": float("inf")}
+    options = {"play": True, "repetitions": repetitions}
     return [{"type": "set_animation", "animations": animations, "options": options, "path": ""}] if animations else []
 
 
-def _page(commands: Sequence[Json], title: str, notes: str, view: View, shown: Floats, speed: float) -> bytes:
+def _page(commands: Sequence[Json], title: str, notes: str, facts: Json) -> bytes:
     """The page as UTF-8. Texts from outside enter it as base64, escaped HTML, or JSON without "<"."""
-    facts = {
-        "start": float(shown[0]),
-        "duration": float(shown[-1] - shown[0]) / speed,
-        "speed": speed,
-        "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
-        "direction": to_three(view.direction),
-    }
     parts = {
         "TITLE": html.escape(title),
         "NOTES": html.escape(notes),

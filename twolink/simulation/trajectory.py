@@ -267,6 +267,7 @@ class Trajectory:
             self._visuals(),
             self.t,
             self.q,
+            title=self.robot.name,
             speed=speed,
             open_browser=open_browser,
             on_url=on_url or _log_url,

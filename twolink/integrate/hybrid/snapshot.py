@@ -12,7 +12,7 @@ import hashlib
 import itertools
 import threading
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
-from twolink.effects.conditions import Condition
 from twolink.effects.motion import Motion
 from twolink.effects.switching import Contact
 from twolink.errors import CertificationError
@@ -29,6 +28,9 @@ from twolink.integrate.compile_time import compiling_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
+
+if TYPE_CHECKING:
+    from twolink.effects.conditions import Condition
 
 PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
