@@ -29,6 +29,7 @@ from random_robots import random_scene
 
 import twolink as tl
 from twolink.errors import AccuracyError, CertificationError
+from twolink.hard.deadline import TooSlowError, deadline
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.truths import distance
 
@@ -43,10 +44,6 @@ OUTCOMES = ("kept", "refused", "broken", "unknown", "uncertified", "slow")
 PATIENCE = 15.0  # seconds of solving a scene may take: fixed steps may be millions
 AUTO = 2 / 3  # the share of scenes for method "auto"
 SCENES_A_PROCESS = 25  # compiled code of scenes that do not come again is freed with its process
-
-
-class TooSlowError(Exception):
-    """A scene took longer than PATIENCE."""
 
 
 @dataclass(frozen=True)
@@ -106,16 +103,9 @@ def check(number: int, seed: int) -> Checked:
     asked = "auto" if random.random() < AUTO else str(random.choice(list(FINEST)))
     accuracy = float(10 ** random.uniform(FINEST.get(asked, -11), -3))
     row = Checked(number, name, scene.robot.nv, duration, asked, accuracy, asked, "refused")
-    refused, began = False, 0.0
-
-    def patience(t: float) -> None:
-        nonlocal began  # the first call, so that compiling does not count
-        began = began or time.perf_counter()
-        if time.perf_counter() - began > PATIENCE and t > 0:
-            raise TooSlowError
-
+    refused = False
     try:
-        run = tl.simulate(scene, duration, accuracy, method=asked, samples=SAMPLES, progress=patience)
+        run = tl.simulate(scene, duration, accuracy, method=asked, samples=SAMPLES, progress=deadline(PATIENCE))
     except AccuracyError as error:
         refused, run = True, error.run
     except (CertificationError, TooSlowError) as error:

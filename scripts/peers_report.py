@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
-
-from matplotlib.lines import Line2D
 
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
@@ -19,11 +18,7 @@ BARS = {
 }
 """How many times faster than the cheapest peer twolink is to be, unverified."""
 VERIFY_BAR = 3.0  # times the seconds, with the error bar
-COLOUR = {PLAIN: COLOURS[5], VERIFIED: COLOURS[1], "SciPy": COLOURS[0], "SciPy od": COLOURS[4], "MuJoCo": COLOURS[3],
-          "Drake": COLOURS[2]}  # fmt: skip
-MARKER = {"RK45": "o", "DOP853": "s", "LSODA": "^", "Radau": "D", "odeint (LSODA)": "^", "ode (dop853)": "s",
-          "Euler": "o", "implicitfast": "x", "RK4": "s", "runge_kutta3": "o", "runge_kutta5": "s",
-          "radau3": "D"}  # fmt: skip
+MARKERS = "os^Dxv"
 
 
 @dataclass(frozen=True)
@@ -105,29 +100,26 @@ def _unbeaten(entries: Iterable[Entry]) -> list[Entry]:
     return kept
 
 
-def _style(name: str) -> dict[str, object]:
-    """A colour for each package, a marker for each method, and thick lines for twolink."""
-    package, _, method = name.partition(" ")
-    ours = name in (PLAIN, VERIFIED)
-    colour = COLOUR[name if ours else "SciPy od" if method.startswith("od") else package]
-    return {"color": colour, "marker": MARKER.get(method, "o"), "linewidth": 2.4 if ours else 0.9,
-            "markersize": 5 if ours else 3.2, "markerfacecolor": colour if ours else "white"}  # fmt: skip
-
-
 def picture(entries: list[Entry], path: Path) -> None:
-    """Seconds against error, one panel a scene, a line a contestant, without settings that its others beat."""
+    """Seconds against error, one panel a scene, a line a contestant, without settings that its others beat.
+
+    A colour for each package, a marker for each of its methods, and thick lines for twolink.
+    """
     scenes, names = (list(dict.fromkeys(x)) for x in ([e.scene for e in entries], [e.contestant for e in entries]))
     figure, axes = new_figure(1, len(scenes), size=(4.6 * len(scenes) + 1.8, 5.2), sharey=True)
+    packages = groupby(names, key=lambda name: name.replace(",", " ").split()[0])
+    styles = {name: (colour, marker) for colour, (_, methods) in zip(COLOURS, packages, strict=False)
+              for marker, name in zip(MARKERS, methods, strict=False)}  # fmt: skip
     for axis, scene in zip(axes[0], scenes, strict=True):
-        for name in names:
+        for name, (colour, marker) in styles.items():
             best = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
-            axis.plot([e.error_rad for e in best], [e.seconds for e in best], zorder=3, **_style(name))
+            axis.plot([e.error_rad for e in best], [e.seconds for e in best], label=name, color=colour, marker=marker,
+                      linewidth=2.4 if name in (PLAIN, VERIFIED) else 0.9, markersize=4)  # fmt: skip
         for level in LEVELS:
             axis.axvline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
         axis.set(xscale="log", yscale="log", xlim=(0.3, 1e-14), xlabel="error: max |q - reference| (rad)")
         axis.set_title(scene, fontsize=10)
     axes[0, 0].set_ylabel("seconds")
-    handles = [Line2D([], [], label=name, **_style(name)) for name in names]
-    figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right upper", fontsize=8, frameon=False)
     figure.suptitle("The same motion, one thread: below is faster, to the right is more accurate", fontsize=11)
     save_figure(figure, path)

@@ -12,11 +12,7 @@ KINDS = {"revolute": 0.55, "continuous": 0.25, "prismatic": 0.2}
 FLOATING = 0.15  # the share of robots with a floating base, which have 1 or 2 joints in addition
 GRAVITY = 0.8
 
-_LINK = """<link name="{name}"><inertial><origin xyz="{com}" rpy="{rpy}"/><mass value="{mass:.6f}"/>
-<inertia ixx="{ixx:.9f}" iyy="{iyy:.9f}" izz="{izz:.9f}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-_JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
-<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>"""
-_LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
+LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 
 
 def random_scene(
@@ -47,20 +43,15 @@ def random_scene(
 
 def random_urdf(random: np.random.Generator, joints: int, base: bool) -> tuple[str, list[str]]:
     """The text of a URDF with this number of joints, and their kinds. base: whether the first link has a mass."""
-    links = [_link(random, "link0") if base else '<link name="link0"/>']
-    kinds, lines = [], []
+    text = _link(random, "link0") if base else '<link name="link0"/>'
+    kinds = []
     for i in range(1, joints + 1):
         kinds.append(str(random.choice(list(KINDS), p=list(KINDS.values()))))
         parent = i - 1 if random.random() < 0.7 else int(random.integers(0, i))
-        links.append(_link(random, f"link{i}"))
-        lines.append(
-            _JOINT.format(
-                name=f"joint{i}", kind=kinds[-1], parent=f"link{parent}", child=f"link{i}",
-                xyz=_numbers(random.uniform(-0.5, 0.5, 3)), rpy=_numbers(_angles(random)), axis=_axis(random),
-                limit=_LIMIT if kinds[-1] != "continuous" else "",
-            )
-        )  # fmt: skip
-    return f'<robot name="random">{"".join(links)}{"".join(lines)}</robot>', kinds
+        text += f"""{_link(random, f"link{i}")}<joint name="joint{i}" type="{kinds[-1]}">
+<parent link="link{parent}"/><child link="link{i}"/><origin xyz="{_numbers(random.uniform(-0.5, 0.5, 3))}"
+rpy="{_numbers(_angles(random))}"/><axis xyz="{_axis(random)}"/>{LIMIT if kinds[-1] != "continuous" else ""}</joint>"""
+    return f'<robot name="random">{text}</robot>', kinds
 
 
 def _link(random: np.random.Generator, name: str) -> str:
@@ -68,10 +59,9 @@ def _link(random: np.random.Generator, name: str) -> str:
     a, b, c = random.uniform(0.05, 0.5, 3)
     mass = random.uniform(0.3, 3.0)
     ixx, iyy, izz = mass / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-    return _LINK.format(
-        name=name, com=_numbers(random.uniform(-0.4, 0.4, 3)), rpy=_numbers(_angles(random)), mass=mass,
-        ixx=ixx, iyy=iyy, izz=izz,
-    )  # fmt: skip
+    return f"""<link name="{name}"><inertial><origin xyz="{_numbers(random.uniform(-0.4, 0.4, 3))}"
+rpy="{_numbers(_angles(random))}"/><mass value="{mass:.6f}"/>
+<inertia ixx="{ixx:.9f}" iyy="{iyy:.9f}" izz="{izz:.9f}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 
 
 def _axis(random: np.random.Generator) -> str:

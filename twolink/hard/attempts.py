@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,15 +12,12 @@ import numpy as np
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
 from twolink.hard.case_result import MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
+from twolink.hard.deadline import TooSlowError, deadline
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
 
 PATIENCE = 120.0  # seconds of an attempt; longer counts as a hang
-
-
-class _TooSlowError(Exception):
-    """An attempt took longer than its time."""
 
 
 def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> CaseResult:
@@ -33,7 +30,7 @@ def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> 
     peers : bool
         Whether SciPy, MuJoCo and Drake run it too, where they are installed.
     patience : float
-        Seconds after which an attempt is given up.
+        Seconds of solving after which an attempt is given up.
 
     Returns
     -------
@@ -64,12 +61,12 @@ def _attempt(case: SimulationCase, scene: Scene, setting: Mapping[str, Any], pat
     label, accuracy = _label(setting), float(setting["accuracy"])
     run, message, verdict = None, "", MISSED
     try:
-        run = simulate(scene, case.duration, samples=case.samples, progress=_deadline(start + patience), **setting)
+        run = simulate(scene, case.duration, samples=case.samples, progress=deadline(patience), **setting)
     except TwolinkError as error:
         run, message = error.run if isinstance(error, AccuracyError) else None, str(error)
         verdict = SAID if accuracy <= case.may_refuse else MISSED
-    except _TooSlowError:
-        message = f"given up after {patience:g} s"
+    except TooSlowError as error:
+        message = str(error)
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - start
@@ -78,14 +75,6 @@ def _attempt(case: SimulationCase, scene: Scene, setting: Mapping[str, Any], pat
     if run.interrupted:
         raise KeyboardInterrupt
     return _judged(case, scene, run, accuracy, Attempt(label, verdict, seconds=seconds, message=message))
-
-
-def _deadline(end: float) -> Callable[[float], None]:
-    def progress(_: float) -> None:
-        if time.perf_counter() > end:
-            raise _TooSlowError
-
-    return progress
 
 
 def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float, attempt: Attempt) -> Attempt:

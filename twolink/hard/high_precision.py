@@ -30,18 +30,16 @@ def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence
     def exact(value: float) -> Any:
         return hy.expression(hy.real(float(value), BITS))
 
-    theta, rate = hy.make_vars("a", "b"), hy.make_vars("c", "d")
+    theta, rate = hy.make_vars("a", "b"), np.array(hy.make_vars("c", "d"))
     sizes, kilos = (exact(lengths[0]), exact(lengths[1])), (exact(masses[0]), exact(masses[1]))
-    a = formulas.mass_entries(sizes, kilos, theta, hy)
-    b = formulas.product_entries(sizes, kilos, theta, hy)
-    c = formulas.square_entries(sizes, kilos, theta, hy, "corrected")
-    d = formulas.gravity_entries(sizes, kilos, exact(G), theta, hy)
-    torque = [-(b[i][0] + b[i][1]) * (rate[0] * rate[1]) - c[i][0] * rate[0] ** 2 - c[i][1] * rate[1] ** 2 - d[i]
-              for i in range(2)]  # fmt: skip
-    determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]
-    first = (a[1][1] * torque[0] - a[0][1] * torque[1]) / determinant
-    second = (a[0][0] * torque[1] - a[1][0] * torque[0]) / determinant
-    system = [(theta[0], rate[0]), (theta[1], rate[1]), (rate[0], first), (rate[1], second)]
+    a, b, c, d = (np.array(entries, dtype=object) for entries in (
+        formulas.mass_entries(sizes, kilos, theta, hy), formulas.product_entries(sizes, kilos, theta, hy),
+        formulas.square_entries(sizes, kilos, theta, hy, "corrected"),
+        formulas.gravity_entries(sizes, kilos, exact(G), theta, hy),
+    ))  # fmt: skip
+    torque = -(b.sum(axis=1) * rate[0] * rate[1] + c @ rate**2 + d)
+    inverse = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]]) / (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0])
+    system = [*zip(theta, rate, strict=True), *zip(rate, inverse @ torque, strict=True)]
     return _solved(system, [*theta0, 0.0, 0.0], times, 2)
 
 
@@ -49,19 +47,17 @@ def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[f
     """Position (0, 0, 0) and quaternion (x, y, z, w) of a free body, by Euler's equations."""
     import heyoka as hy
 
-    w, p = hy.make_vars("w1", "w2", "w3"), hy.make_vars("x", "y", "z", "s")
-    i = [hy.expression(hy.real(float(m), BITS)) for m in moments]
-    half = hy.expression(hy.real(0.5, BITS))
-    system = [
-        (w[0], (i[1] - i[2]) / i[0] * w[1] * w[2]), (w[1], (i[2] - i[0]) / i[1] * w[2] * w[0]),
-        (w[2], (i[0] - i[1]) / i[2] * w[0] * w[1]),
-        (p[0], half * (p[3] * w[0] + p[1] * w[2] - p[2] * w[1])),
-        (p[1], half * (p[3] * w[1] + p[2] * w[0] - p[0] * w[2])),
-        (p[2], half * (p[3] * w[2] + p[0] * w[1] - p[1] * w[0])),
-        (p[3], -half * (p[0] * w[0] + p[1] * w[1] + p[2] * w[2])),
-    ]  # fmt: skip
+    w, p = np.array(hy.make_vars("w1", "w2", "w3")), np.array(hy.make_vars("x", "y", "z"))
+    s, half = hy.make_vars("s"), hy.expression(hy.real(0.5, BITS))
+    i = np.array([hy.expression(hy.real(float(m), BITS)) for m in moments])
+    rates = [*(_cross(i * w, w) / i), *(half * (s * w + _cross(p, w))), -half * (p @ w)]
+    system = list(zip([*w, *p, s], rates, strict=True))
     rows = _solved(system, [*spin, 0.0, 0.0, 0.0, 1.0], times, 7)
     return [["0", "0", "0", *row[3:]] for row in rows]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.roll(a, -1) * np.roll(b, 1) - np.roll(a, 1) * np.roll(b, -1)
 
 
 def _solved(system: Any, start: Sequence[float], times: Sequence[float], count: int) -> list[list[str]]:

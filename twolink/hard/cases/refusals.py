@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -13,6 +12,7 @@ from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
 from twolink.hard.case import SCENES as FOLDER
 from twolink.hard.case import ErrorCheck
+from twolink.hard.deadline import deadline
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many
@@ -42,14 +42,7 @@ def _arm(*effects: Any, q: Any = None, v: Any = None) -> Scene:
 
 
 def _run(*effects: Any, **options: Any) -> object:
-    """A run of the arm, which ends with TimeoutError after HANG seconds."""
-    start = time.perf_counter()
-
-    def progress(t: float) -> None:
-        if time.perf_counter() - start > HANG:
-            raise TimeoutError(f"at t = {t:.3g} s after {HANG:g} s of waiting")
-
-    return simulate(_arm(*effects), progress=progress, **options)
+    return simulate(_arm(*effects), progress=deadline(HANG), **options)
 
 
 def _massless(name: str, kind: str = "revolute", inertial: str = "", more: str = "") -> Callable[[], object]:

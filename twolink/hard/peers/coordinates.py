@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -47,3 +49,21 @@ def _turned(task: PeerTask, q: np.ndarray, v: np.ndarray, body_spin: bool, *, in
             for part in (slice(at, at + 3), slice(at + 3, at + 6))[: 1 if body_spin else 2]:
                 v[:, part] = turn.apply(v[:, part], inverse=inverse)
     return v
+
+
+def peer_columns(
+    task: PeerTask,
+    starts: Iterable[tuple[int, int]],
+    free_q: Sequence[int] = range(7),
+    free_v: Sequence[int] = range(6),
+) -> tuple[np.ndarray, np.ndarray]:
+    """The entries of a peer's q and v in the order of `to_peer`.
+
+    starts: where each joint's entries begin in q and in v. free_q, free_v: the order of a free body's entries.
+    """
+    q: list[int] = []
+    v: list[int] = []
+    for joint, (q_start, v_start) in zip(task.joints, starts, strict=True):
+        q += [q_start + k for k in (free_q if joint.kind == "free" else (0,))]
+        v += [v_start + k for k in (free_v if joint.kind == "free" else (0,))]
+    return np.array(q), np.array(v)

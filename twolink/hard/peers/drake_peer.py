@@ -16,7 +16,7 @@ from pydrake.multibody import plant as multibody
 from pydrake.multibody import tree
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-from twolink.hard.peers.coordinates import from_peer, to_peer
+from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
 from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting, UnsupportedError, tolerances
 
 VERSION = version("drake")
@@ -101,13 +101,9 @@ def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
         raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
-    q: list[int] = []
-    v: list[int] = []
-    for joint, made in zip(task.joints, joints, strict=True):
-        free = joint.kind == "free"  # Drake has the quaternion before the position, and angular velocities first
-        q += [made.position_start() + k for k in ((4, 5, 6, 0, 1, 2, 3) if free else (0,))]
-        v += [made.velocity_start() + k for k in ((3, 4, 5, 0, 1, 2) if free else (0,))]
-    return plant, np.array(q), np.array(v)
+    starts = [(joint.position_start(), joint.velocity_start()) for joint in joints]
+    # Drake has the quaternion before the position, and the angular velocity first.
+    return plant, *peer_columns(task, starts, (4, 5, 6, 0, 1, 2, 3), (3, 4, 5, 0, 1, 2))
 
 
 def _add_joint(task: PeerTask, plant: Any, bodies: list[Any], joint: PeerJoint) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.effects.inputs import value_at
-from twolink.hard.peers.coordinates import from_peer, to_peer
+from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
 from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting
 
 VERSION = mujoco.__version__
@@ -134,14 +134,8 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
 
 def _columns(task: PeerTask, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """The entries of qpos and qvel in the order of the task's joints."""
-    q: list[int] = []
-    v: list[int] = []
-    for joint in task.joints:
-        index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.name)
-        free = joint.kind == "free"
-        q += [int(model.jnt_qposadr[index]) + k for k in range(7 if free else 1)]
-        v += [int(model.jnt_dofadr[index]) + k for k in range(6 if free else 1)]
-    return np.array(q), np.array(v)
+    indices = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.name) for joint in task.joints]
+    return peer_columns(task, [(int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i])) for i in indices])
 
 
 def _advance(task: PeerTask, model: Any, data: Any, v_at: np.ndarray, t: float, steps: int) -> None:
