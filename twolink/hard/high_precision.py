@@ -57,7 +57,7 @@ def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[f
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.roll(a, -1) * np.roll(b, 1) - np.roll(a, 1) * np.roll(b, -1)
+    return np.asarray(np.roll(a, -1) * np.roll(b, 1) - np.roll(a, 1) * np.roll(b, -1))
 
 
 def _solved(system: Any, start: Sequence[float], times: Sequence[float], count: int) -> list[list[str]]:
