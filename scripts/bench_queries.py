@@ -7,7 +7,7 @@
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
 (n, nv) arrays are in its time. The contestants take turns, a warm-up and five calls each, in every round; the table has
 medians of all calls. Agreement is the largest difference of the results from Pinocchio's, relative to the largest
-entry of the batch. Writes out/bench_queries.csv and out/bench_queries.png.
+entry of the batch. Writes out/bench_queries.csv.
 """
 
 import argparse
@@ -217,40 +217,7 @@ def compare(chosen: dict[str, tl.Robot], states: int, rounds: int) -> None:
     with (OUT / "bench_queries.csv").open("w", newline="") as file:
         header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error"]
         csv.writer(file).writerows([header, *rows])
-    picture(rows)
-    print(f"\nwrote {OUT / 'bench_queries.csv'} and {OUT / 'bench_queries.png'}")
-
-
-def picture(rows: list[list]) -> None:
-    """Nanoseconds a state against degrees of freedom, one colour a contestant."""
-    from matplotlib.ticker import NullLocator, ScalarFormatter
-
-    from twolink.show.figure import COLOURS, new_figure, save_figure
-
-    colour_of = {
-        "pin.aba, loop": COLOURS[4], "pin.abaInParallel": COLOURS[0],
-        "pin.rnea, loop": COLOURS[4], "pin.rneaInParallel": COLOURS[0],
-        "mujoco rollout, one step": COLOURS[3],
-        "twolink, rows": COLOURS[1], "twolink, columns": COLOURS[5],
-    }  # fmt: skip
-    figure, axes = new_figure(1, 2, size=(11, 4.8), sharey=True)
-    for axis, query in zip(axes[0], ("forward", "inverse"), strict=True):
-        for who in dict.fromkeys(r[4] for r in rows if r[1] == query):
-            mine = [r for r in rows if r[1] == query and r[4] == who]
-            chains = sorted((r[2], r[5]) for r in mine if r[0].startswith("chain"))
-            others = [(r[2], r[5]) for r in mine if not r[0].startswith("chain")]
-            if len(chains) > 1:
-                axis.plot(*zip(*chains, strict=True), "-", color=colour_of[who], linewidth=1.5)
-            axis.plot(*zip(*others, strict=True), "o", color=colour_of[who], label=who, markersize=5)
-        axis.set(xscale="log", yscale="log", xlabel="degrees of freedom", title=f"{query} dynamics")
-        axis.set_xticks([2, 4, 8, 15, 30, 60])
-        axis.xaxis.set_major_formatter(ScalarFormatter())
-        axis.xaxis.set_minor_locator(NullLocator())
-        axis.legend(fontsize=8, frameon=False, loc="upper left")
-    axes[0, 0].set_ylabel("nanoseconds a state")
-    axes[0, 0].set_ylim(top=6e5)
-    figure.suptitle("Batches of states: chains as lines; arm, UR5, Panda, ANYmal and Talos as dots", fontsize=11)
-    save_figure(figure, OUT / "bench_queries.png")
+    print(f"\nwrote {OUT / 'bench_queries.csv'}")
 
 
 def main() -> None:

@@ -97,42 +97,33 @@ def with_values(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     """A copy of the model with physical constants replaced (names: `mechanism.parameter_names`)."""
     out = model.copy()
     links = {f.name: f.parentJoint for f in reversed(list(model.frames)) if f.type == pin.FrameType.BODY}
-    gravity = np.array(out.gravity.linear)
     for name, value in values.items():
-        owner, part = _split(name)
-        axis = "xyz".find(part[-1])
-        if owner == "gravity":
-            gravity[axis] = value
-        elif part in ("armature", "damping"):
-            getattr(out, part)[out.idx_vs[out.getJointId(owner)]] = value
-        elif part.startswith("origin"):
-            joint = out.getJointId(owner)
-            origin = np.array(out.jointPlacements[joint].translation)
-            origin[axis] = value
-            out.jointPlacements[joint] = pin.SE3(out.jointPlacements[joint].rotation, origin)
+        head, _, last = name.rpartition(".")
+        axis = "xyz".find(last[-1])
+        if head == "gravity" and axis >= 0:
+            out.gravity.linear = _replaced(out.gravity.linear, axis, value)
+        elif last in ("armature", "damping"):
+            getattr(out, last)[out.idx_vs[out.getJointId(head)]] = value
+        elif head.endswith(".origin"):
+            joint = out.getJointId(head.removesuffix(".origin"))
+            place = out.jointPlacements[joint]
+            out.jointPlacements[joint] = pin.SE3(place.rotation, _replaced(place.translation, axis, value))
         else:
-            joint = links[owner]
-            out.inertias[joint] = _changed(out.inertias[joint], part, value)
-    out.gravity.linear = gravity
+            joint = links[head.removesuffix(".com").removesuffix(".inertia") if last != "mass" else head]
+            body = out.inertias[joint]
+            mass, com, rotational = body.mass, np.array(body.lever), np.array(body.inertia)
+            if last == "mass":
+                mass = float(value)
+            elif head.endswith(".com"):
+                com[axis] = value
+            else:
+                i, j = map("xyz".find, last)
+                rotational[i, j] = rotational[j, i] = value
+            out.inertias[joint] = pin.Inertia(mass, com, rotational)
     return out
 
 
-def _split(name: str) -> tuple[str, str]:
-    """ "forearm.com.x" -> ("forearm", "com.x"); "gravity.x" -> ("gravity", "x"); "a.b.mass" -> ("a.b", "mass")."""
-    head, _, last = name.rpartition(".")
-    if last in ("mass", "armature", "damping") or head == "gravity":
-        return head, last
-    owner, _, middle = head.rpartition(".")
-    return owner, f"{middle}.{last}"
-
-
-def _changed(body: pin.Inertia, part: str, value: float) -> pin.Inertia:
-    mass, com, rotational = body.mass, np.array(body.lever), np.array(body.inertia)
-    if part == "mass":
-        mass = value
-    elif part.startswith("com"):
-        com["xyz".find(part[-1])] = value
-    else:
-        i, j = ("xyz".find(c) for c in part[-2:])
-        rotational[i, j] = rotational[j, i] = value
-    return pin.Inertia(float(mass), com, rotational)
+def _replaced(vector: np.ndarray, axis: int, value: float) -> np.ndarray:
+    out = np.array(vector)
+    out[axis] = value
+    return out

@@ -155,11 +155,6 @@ class Compiled:
         """The certificates of all functions built so far."""
         return tuple(c for _, c in self._kernels.values())
 
-    def is_ready(self, name: str) -> bool:
-        """Whether the function is compiled already, here or in the disk cache."""
-        path = cache.kernel_path(self._file(name, ()))
-        return (name,) in self._kernels or (path is not None and path.exists())
-
     def _file(self, name: str, frames: tuple[str, ...]) -> str:
         key = (name, *frames)
         if key not in self._files:

@@ -8,11 +8,12 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from twolink.dynamics import Robot
+from twolink.dynamics.pinocchio_queries import Shape, signature
 from twolink.errors import QueryError, nearest
 from twolink.io.csv_text import first_repeated, parse_csv
 from twolink.io.text import decode, parse_number, read_bytes
@@ -31,43 +32,37 @@ class NamedQuery:
     summary: str
     arguments: tuple[str, ...]
     results: tuple[str, ...]
-    shape: tuple[int | Literal["nv"], ...]
+    shape: Shape
     options: tuple[str, ...] = ()
 
 
-_FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
-_MATRICES: tuple[int | Literal["nv"], ...] = (3, "nv", "nv")
-_FRAME = ("frame", "axes")
-QUERIES: dict[str, NamedQuery] = {
-    "forward-dynamics": NamedQuery(
-        "Accelerations a (..., nv) that torques tau give: M(q) a + h(q, v) = tau", _FORWARD, ("a",), ("nv",),
-        ("f_ext", "method")),
-    "inverse-dynamics": NamedQuery(
-        "Torques tau (..., nv) that accelerations a need", _INVERSE, ("tau",), ("nv",), ("f_ext",)),
-    "mass-matrix": NamedQuery("The joint-space inertia matrix M (..., nv, nv)", ("q",), ("M",), ("nv", "nv")),
-    "bias": NamedQuery(
-        "h = C v + g (..., nv), the torques that keep all accelerations zero", ("q", "v"), ("h",), ("nv",)),
-    "coriolis": NamedQuery("A Coriolis matrix C (..., nv, nv)", ("q", "v"), ("C",), ("nv", "nv")),
-    "gravity-torque": NamedQuery(
-        "g (..., nv), the torques that hold the robot at rest against gravity", ("q",), ("g",), ("nv",)),
-    "energy": NamedQuery("kinetic and potential energy (...,) [J]", ("q", "v"), ("kinetic", "potential"), (2,)),
-    "centre-of-mass": NamedQuery("c (..., 3) of all bodies that can move, in the world [m]", ("q",), ("c",), (3,)),
-    "momentum": NamedQuery(
-        "Momentum (..., 6): linear, then angular about the centre of mass, along the world's axes", ("q", "v"),
-        ("momentum",), (6,)),
-    "frame-pose": NamedQuery(
-        "Rotation R (..., 3, 3) and origin p (..., 3) of a frame in the world", ("q",), ("R", "p"), (12,), ("frame",)),
-    "frame-velocity": NamedQuery(
-        "Velocity (..., 6) of a frame: linear, then angular", ("q", "v"), ("velocity",), (6,), _FRAME),
-    "frame-jacobian": NamedQuery(
-        "J (..., 6, nv) of a frame: J v is its velocity, linear then angular", ("q",), ("J",), (6, "nv"), _FRAME),
-    "forward-dynamics-derivatives": NamedQuery(
-        "da_dq, da_dv, da_dtau (..., nv, nv), along tangent directions", _FORWARD, ("da_dq", "da_dv", "da_dtau"),
-        _MATRICES),
-    "inverse-dynamics-derivatives": NamedQuery(
-        "dtau_dq, dtau_dv, dtau_da (..., nv, nv), along tangent directions", _INVERSE,
-        ("dtau_dq", "dtau_dv", "dtau_da"), _MATRICES),
-}  # fmt: skip
+def _named(name: str, summary: str, results: str, options: str = "") -> tuple[str, NamedQuery]:
+    """The query with the names of its results and options, and the arguments and the shape that Pinocchio's has."""
+    method = name.replace("-", "_") + ("_aligned" if "axes" in options else "")
+    arguments, shape = signature(method)
+    return name, NamedQuery(summary, arguments, tuple(results.split()), shape, tuple(options.split()))
+
+
+QUERIES: dict[str, NamedQuery] = dict((
+    _named("forward-dynamics", "Accelerations a (..., nv) that torques tau give: M(q) a + h(q, v) = tau", "a",
+           "f_ext method"),
+    _named("inverse-dynamics", "Torques tau (..., nv) that accelerations a need", "tau", "f_ext"),
+    _named("mass-matrix", "The joint-space inertia matrix M (..., nv, nv)", "M"),
+    _named("bias", "h = C v + g (..., nv), the torques that keep all accelerations zero", "h"),
+    _named("coriolis", "A Coriolis matrix C (..., nv, nv)", "C"),
+    _named("gravity-torque", "g (..., nv), the torques that hold the robot at rest against gravity", "g"),
+    _named("energy", "kinetic and potential energy (...,) [J]", "kinetic potential"),
+    _named("centre-of-mass", "c (..., 3) of all bodies that can move, in the world [m]", "c"),
+    _named("momentum", "Momentum (..., 6): linear, then angular about the centre of mass, along the world's axes",
+           "momentum"),
+    _named("frame-pose", "Rotation R (..., 3, 3) and origin p (..., 3) of a frame in the world", "R p", "frame"),
+    _named("frame-velocity", "Velocity (..., 6) of a frame: linear, then angular", "velocity", "frame axes"),
+    _named("frame-jacobian", "J (..., 6, nv) of a frame: J v is its velocity, linear then angular", "J", "frame axes"),
+    _named("forward-dynamics-derivatives", "da_dq, da_dv, da_dtau (..., nv, nv), along tangent directions",
+           "da_dq da_dv da_dtau"),
+    _named("inverse-dynamics-derivatives", "dtau_dq, dtau_dv, dtau_da (..., nv, nv), along tangent directions",
+           "dtau_dq dtau_dv dtau_da"),
+))  # fmt: skip
 
 
 def answer_query(
@@ -141,26 +136,20 @@ def parse_numbers(name: str, text: str) -> list[Any]:
 
 def parse_json(text: str, argument: str, remedy: str = "check that place") -> Any:
     """JSON as Python data; all numbers are floats. Raises QueryError for what is not JSON, or repeats a key."""
+
+    def unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        repeated = first_repeated(key for key, _ in pairs)
+        if repeated is not None:
+            raise QueryError(f"{repeated!r} is there twice", argument=argument, remedy="keep one")
+        return dict(pairs)
+
     try:
         # As a float, an integer of any length is a number or infinite: Python's own refuses long ones.
-        return json.loads(text, parse_int=float, object_pairs_hook=_unrepeated)
+        return json.loads(text, parse_int=float, object_pairs_hook=unrepeated)
     except json.JSONDecodeError as error:
         raise QueryError(f"not JSON: {error}", argument=argument, remedy=remedy) from None
     except RecursionError:
         raise QueryError("not our JSON: it is nested too deep", argument=argument, remedy=remedy) from None
-    except _RepeatedKey as error:
-        raise QueryError(f"{error.args[0]!r} is there twice", argument=argument, remedy="keep one") from None
-
-
-class _RepeatedKey(Exception):
-    """A key that a JSON object has twice."""
-
-
-def _unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    repeated = first_repeated(key for key, _ in pairs)
-    if repeated is not None:
-        raise _RepeatedKey(repeated)
-    return dict(pairs)
 
 
 def _read(path: Path) -> str:

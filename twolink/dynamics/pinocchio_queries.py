@@ -53,6 +53,11 @@ class Query:
     parallel: Callable[..., None] | None = None
 
 
+def signature(kind: str) -> tuple[tuple[str, ...], Shape]:
+    """The arguments of a query, and the shape of its answer for one state, "nv" standing for the robot's nv."""
+    return _QUERIES[kind][:2]
+
+
 def query_of(robot: RobotModel, name: str) -> Query:
     """The query of this name; of a frame as in "frame_pose:tip".
 
