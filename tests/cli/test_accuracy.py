@@ -1,5 +1,6 @@
 """The commands accuracy and methods, and what `run` says of the method."""
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -9,7 +10,6 @@ import pytest
 import twolink as tl
 from tests.command import answer, call, one_line
 from twolink.cli.app import main
-from twolink.cli.progress import Progress
 from twolink.integrate.methods import METHODS
 
 STUDY = ["accuracy", "arm-swing", "--duration", "0.5", "--methods", "rk45, dop853", "--tolerances", "1e-3,1e-6",
@@ -57,11 +57,11 @@ def test_misuse(case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 
 
 def test_ctrl_c_prints_what_is_done(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def press(_: Progress, done: int, _total: int, _label: str) -> None:
+    def press(done: int, _total: int, _label: str) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Progress, "__call__", press)
+    monkeypatch.setattr("twolink.cli.scenes.progress_bar", lambda: contextlib.nullcontext(press))
     monkeypatch.setattr(sys, "argv", ["twolink", *STUDY, "--json"])
     with pytest.raises(SystemExit) as stop:
         main()

@@ -1,5 +1,6 @@
 """The commands that simulate, write and play: run, paper, play."""
 
+import contextlib
 import json
 import re
 import signal
@@ -12,7 +13,6 @@ import pytest
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
 from twolink.cli.app import main
-from twolink.cli.progress import Progress
 
 
 def test_run_reports_and_writes(tmp_path: Path) -> None:
@@ -51,11 +51,11 @@ def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path) -> Non
 def test_an_interrupted_run_keeps_what_is_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def press_ctrl_c(_: Progress, t: float, _total: float, _label: str) -> None:
+    def press_ctrl_c(t: float, _total: float, _label: str) -> None:
         if t > 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Progress, "__call__", press_ctrl_c)
+    monkeypatch.setattr("twolink.cli.scenes.progress_bar", lambda: contextlib.nullcontext(press_ctrl_c))
     monkeypatch.setattr(sys, "argv", ["twolink", "run", "arm-swing", "--json", "--out", str(tmp_path / "x.csv")])
     with pytest.raises(SystemExit) as stop:
         main()

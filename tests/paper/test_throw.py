@@ -1,5 +1,6 @@
 """Pitch and bowl: the scenes against point masses and the laws of slip and roll, and the search for the best throw."""
 
+import contextlib
 import functools
 import re
 import sys
@@ -13,7 +14,6 @@ from scipy.integrate import solve_ivp
 import twolink as tl
 from tests.command import answer
 from twolink.cli.app import main
-from twolink.cli.progress import Progress
 from twolink.effects import Gravity, Watch
 from twolink.paper.throw import AIMS, Throw, ball_state, throw
 
@@ -161,11 +161,11 @@ def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def press(_: Progress, done: int, _total: int, label: str) -> None:
+    def press(done: int, _total: int, label: str) -> None:
         if done == 3 and label.startswith("release"):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Progress, "__call__", press)
+    monkeypatch.setattr("twolink.cli.throw.progress_bar", lambda: contextlib.nullcontext(press))
     assert command(monkeypatch, "pitch") == 130
     out, err = capsys.readouterr()
     assert "the best of 3 throws" in out

@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+from collections.abc import Callable, Iterator
+
+Report = Callable[[float, float, str], None]
 
 
-class Progress:
-    """A progress bar on stderr. It shows nothing where stderr is no terminal, so that programs see none."""
+@contextlib.contextmanager
+def progress_bar() -> Iterator[Report]:
+    """A progress bar, as a function of what is done, the total, and a label of the work under way.
 
-    def __init__(self) -> None:
-        self._bar = None
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
-            from rich.progress import Progress as Bar
+    It shows nothing where stderr is no terminal, so that programs see none.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _done, _total, _label: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
-            columns = (BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-            console = Console(stderr=True)
-            self._bar = Bar(*columns, console=console, transient=True, redirect_stdout=False, refresh_per_second=4)
-            self._task = self._bar.add_task("", total=None)
-
-    def __enter__(self) -> Progress:
-        if self._bar is not None:
-            self._bar.start()
-        return self
-
-    def __call__(self, done: float, total: float, label: str) -> None:
-        """Show that `done` of `total` is done, and a label of the work under way."""
-        if self._bar is not None:
-            label = f"{label}  (Ctrl-C keeps what is done)"
-            self._bar.update(self._task, completed=done, total=total, description=label)
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    label = TextColumn("{task.description}  (Ctrl-C keeps what is done)")
+    columns = BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), label
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total, label: bar.update(task, completed=done, total=total, description=label)

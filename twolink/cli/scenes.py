@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Annotated, Any, cast
 
 import numpy as np
@@ -12,8 +13,8 @@ from twolink.accuracy import accuracy_study
 from twolink.cli.failures import Misuse
 from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneName
 from twolink.cli.printing import show
-from twolink.cli.progress import Progress
-from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, writer
+from twolink.cli.progress import progress_bar
+from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, write_by_ending
 from twolink.integrate.methods import methods as method_table
 from twolink.scenes import load_scene
 from twolink.scenes import scenes as scene_table
@@ -86,13 +87,13 @@ def run(
     require_endings(paths, RUN_ENDINGS)
     loaded = load_scene(scene)
     length = loaded.duration if duration is None else duration
-    with Progress() as progress:
+    with progress_bar() as report:
         result = simulate(
             loaded, length, accuracy, method=method, samples=samples, verify=not no_verify,
             precision=cast(Any, precision), tolerance=tolerance, step=step,
-            progress=lambda t: progress(t, length, f"t = {t:.4g} s"),
+            progress=lambda t: report(t, length, f"t = {t:.4g} s"),
         )  # fmt: skip
-    written, failures = write(paths, writer(result))
+    written, failures = write(paths, partial(write_by_ending, result))
     record = {"scene": scene} | run_record(result) | {"written": written}
     lines = [_text(scene, result, record), *(f"  wrote    {path}" for path in written)]
     if book:
@@ -149,12 +150,12 @@ def accuracy(
     paths = out or []
     require_endings(paths, STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
-    with Progress() as progress:
+    with progress_bar() as report:
         study = accuracy_study(
             load_scene(scene), duration, methods=names, tolerances=None if tolerances is None else _floats(tolerances),
-            samples=samples, repeats=repeats, budget=budget, progress=progress,
+            samples=samples, repeats=repeats, budget=budget, progress=report,
         )  # fmt: skip
-    written, failures = write(paths, writer(study))
+    written, failures = write(paths, partial(write_by_ending, study))
     text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])
     show({"scene": scene, **study.to_dict(), "written": written}, text, as_json)
     finish(failures, study.interrupted)

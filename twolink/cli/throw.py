@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ from typer import Argument, Option
 
 from twolink.cli.options import Json
 from twolink.cli.printing import show
-from twolink.cli.progress import Progress
+from twolink.cli.progress import progress_bar
 from twolink.cli.writing import finish, require_endings, write
 from twolink.show.figure import FORMATS
 
@@ -42,9 +43,9 @@ def throw(
 
     paths = [] if out is None else [out]
     require_endings(paths, FORMATS)
-    with Progress() as progress:
-        result = search(what, accuracy, progress)
-    written, failures = write(paths, lambda path: plot_search(result, path))
+    with progress_bar() as report:
+        result = search(what, accuracy, report)
+    written, failures = write(paths, partial(plot_search, result))
     record = _record(result) | {"written": written[0] if written else None}
     show(record, "\n".join([_text(result), *(f"wrote {path}" for path in written)]), as_json)
     finish(failures, result.interrupted)

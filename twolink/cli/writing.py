@@ -39,17 +39,13 @@ def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[l
     return written, failures
 
 
-def writer(result: Trajectory | Study) -> Callable[[Path], object]:
-    """The function that writes a run or a study into a file by its ending."""
-
-    def write_one(path: Path) -> None:
-        suffix = path.suffix.lower()
-        if suffix == ".html" and isinstance(result, Trajectory):
-            result.playback(path, on_skipped=print_not_drawn)
-        else:
-            (result.plot if suffix in FORMATS else result.save)(path)
-
-    return write_one
+def write_by_ending(result: Trajectory | Study, path: Path) -> None:
+    """Write a run or a study into a file by its ending."""
+    suffix = path.suffix.lower()
+    if suffix == ".html" and isinstance(result, Trajectory):
+        result.playback(path, on_skipped=print_not_drawn)
+    else:
+        (result.plot if suffix in FORMATS else result.save)(path)
 
 
 def finish(failures: Sequence[TwolinkError], interrupted: bool) -> None:
