@@ -144,17 +144,10 @@ class Jobs:
 
     def _view(self, job: Job) -> View:
         running = self._running.get(job.id)
-        seconds = None if job.started is None else round((job.ended or time.time()) - job.started, 3)
-        return {
-            "id": job.id,
-            "kind": job.kind,
-            "state": job.state,
-            "created": job.created,
-            "seconds": seconds,
+        names = ("id", "kind", "state", "created", "request", "problem", "result")
+        return {name: getattr(job, name) for name in names} | {
+            "seconds": None if job.started is None else round((job.ended or time.time()) - job.started, 3),
             "progress": running.progress if running else job.progress,
-            "request": job.request,
-            "problem": job.problem,
-            "result": job.result,
         }
 
     def cancel(self, kind: str, key: str) -> View:

@@ -20,7 +20,7 @@ from twolink.dynamics.robot_record import link_names
 from twolink.errors import QueryError
 from twolink.service import npz
 from twolink.service.http_io import JSON, UNSPECIFIED, accepted, header, media_type, read_body
-from twolink.service.kinematics import derivatives, link_poses
+from twolink.service.kinematics import link_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import RobotPool
@@ -128,7 +128,7 @@ def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
         frames = arguments.get("frames")
         return {"frames": frames or link_names(robot), "poses": link_poses(robot, arguments["q"], frames)}
     if what == "derivatives":
-        return derivatives(robot, arguments)
+        what = f"{'inverse' if 'a' in arguments and 'tau' not in arguments else 'forward'}-dynamics-derivatives"
     options = {name: arguments.pop(name) for name in QUERIES[what].options if name in arguments}
     return named_queries.answer_query(robot, what, arguments, **options)
 

@@ -19,10 +19,7 @@ from twolink.service.worker_pool import Workers
 _LOADED = 24  # robots at once: a pin.Data of 100 joints takes 33 MB a thread
 
 
-@functools.cache
-def catalogue() -> tuple[str, ...]:
-    """The names of the catalogue, which are ids too."""
-    return catalogue_names()
+catalogue = functools.cache(catalogue_names)  # the names of the catalogue, which are ids too
 
 
 class RobotPool:

@@ -82,6 +82,9 @@ def _load(folder: str) -> Robot:
     )  # fmt: skip
 
 
+_of_catalogue = functools.lru_cache(16)(load_robot)
+
+
 def robot_by_id(key: str, robots: str) -> Robot:
     """A robot of the catalogue, or of the folder of uploaded robots."""
     if key in catalogue_names():
@@ -89,11 +92,6 @@ def robot_by_id(key: str, robots: str) -> Robot:
     if not _UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
         raise RobotError(f"there is no robot {key[:80]!r}", argument="robot", remedy="GET /v1/robots lists them")
     return _load(str(Path(robots) / key))
-
-
-@functools.lru_cache(16)
-def _of_catalogue(name: str) -> Robot:
-    return load_robot(name)
 
 
 def load(*, key: str, robots: str) -> bytes:

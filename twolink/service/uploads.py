@@ -11,7 +11,6 @@ import posixpath
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -141,10 +140,8 @@ def _is_local(name: str) -> bool:
     return name.startswith("package://") and ".." not in name.split("/") and "\\" not in name and "\0" not in name
 
 
-def _elements(element: Element) -> Iterator[Element]:
-    yield element
-    for child in element.children:
-        yield from _elements(child)
+def _elements(element: Element) -> list[Element]:
+    return [element, *(inner for child in element.children for inner in _elements(child))]
 
 
 def _refused(what: str, remedy: str, name: str = "") -> RobotError:
