@@ -1,6 +1,6 @@
 """The service measured against a bare ASGI application on the same uvicorn, in the same run, on this machine.
 
-    python scripts/bench_service.py [--seconds 3] [--rounds 3] [--requests 100000] [--json]
+    python scripts/bench_service.py [--seconds 3] [--rounds 3] [--requests 100000]
 
 Single states: POST forward-dynamics of the two-link arm by JSON, at 1, 16 and 64 connections, bare and service in turn;
 the servers on one core, the load on another, requests/s and latencies of the median round. The bare application reads
@@ -194,7 +194,6 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3.0)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--requests", type=int, default=100_000)
-    parser.add_argument("--json", action="store_true")
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--load", nargs=4, type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -213,9 +212,6 @@ def _measure(options: argparse.Namespace) -> None:
         with server([*SERVE, data]) as served:
             rates = batches(options.rounds, served[0])
             sizes = memory(options.requests, served)
-    if options.json:
-        print(json.dumps({"single": rows, "batches": rates, "memory": sizes}))
-        return
     print("single states by JSON: requests/s, p50 and p99 in ms, the server's CPU time a request in us")
     columns = f"{'p50':>7}{'p99':>7}{'CPU':>6}"
     print(f"{'connections':>11}{'bare':>9}{columns}{'service':>9}{columns}{'ratio':>7}")

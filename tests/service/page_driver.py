@@ -34,8 +34,8 @@ class Page:
 
     def text(self, selector: str) -> str:
         """What can be read there; "" when there is no such element or it is hidden."""
-        found = self.evaluate(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
-        return str(found)
+        text = self.evaluate(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''")
+        return str(text)
 
     def box(self, selector: str) -> tuple[float, float, float, float]:
         """left, top, width, height, after scrolling there."""
@@ -75,8 +75,8 @@ class Page:
 
     def upload(self, path: Path) -> None:
         """Give the file input a file, as its dialog does."""
-        found = self.browser.call("Runtime.evaluate", expression="document.getElementById('file')")
-        self.browser.call("DOM.setFileInputFiles", files=[str(path)], objectId=found["result"]["objectId"])
+        element = self.browser.call("Runtime.evaluate", expression="document.getElementById('file')")
+        self.browser.call("DOM.setFileInputFiles", files=[str(path)], objectId=element["result"]["objectId"])
 
     def drop(self, name: str, content: str) -> None:
         """Drop a file on the window."""
@@ -113,8 +113,8 @@ class Page:
 
     def outside(self) -> list[str]:
         """What was asked of others than the service."""
-        own = (f"{self.url}/", f"blob:{self.url}/", "data:", "about:")
-        return [url for url in self.browser.requests if not url.startswith(own)]
+        allowed = (f"{self.url}/", f"blob:{self.url}/", "data:", "about:")
+        return [url for url in self.browser.requests if not url.startswith(allowed)]
 
     def faults(self) -> list[str]:
         """JavaScript errors; not the refusals of the service, which browsers put down as errors too."""

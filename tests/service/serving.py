@@ -48,13 +48,13 @@ class Served:
 
     def workers(self) -> list[int]:
         """Process ids of its worker processes."""
-        found = []
+        processes = []
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError, IndexError):
                 parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
                 if parent == self.process.pid and b"twolink.service.worker" in (path / "cmdline").read_bytes():
-                    found.append(int(path.name))
-        return found
+                    processes.append(int(path.name))
+        return processes
 
 
 @contextlib.contextmanager
@@ -70,12 +70,12 @@ def serving(folder: Path, *options: str, environment: dict[str, str] | None = No
     with process:
         if process.stdout is None:
             raise RuntimeError("no stdout")
-        found = re.search(r"http://\S+:\d+", process.stdout.readline())
-        if found is None:
+        address = re.search(r"http://\S+:\d+", process.stdout.readline())
+        if address is None:
             process.kill()
             raise RuntimeError(log_file.read_text())
         try:
-            yield Served(found.group(), process, log_file)
+            yield Served(address.group(), process, log_file)
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

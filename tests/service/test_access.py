@@ -57,8 +57,8 @@ def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
             assert http.get(path).status_code == 401
         assert [http.get(path).status_code for path in ("/", "/health", "/docs")] == [200] * 3
         assert http.get("/health", headers={"Host": "lab.example"}).status_code == 200
-        own = {"Origin": "https://lab.example", "Authorization": "Bearer first"}
-        answer = http.post(PATH, json=BODY, headers=own)
+        headers = {"Origin": "https://lab.example", "Authorization": "Bearer first"}
+        answer = http.post(PATH, json=BODY, headers=headers)
         assert answer.headers["access-control-allow-origin"] == "https://lab.example"
         assert http.options(PATH, headers={"Origin": "https://lab.example"}).status_code == 204
 

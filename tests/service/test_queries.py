@@ -50,10 +50,10 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
             continue
         answer = http.post(path, content=packed(**taken), headers=NPZ)
         assert answer.headers["content-type"] == "application/x-npz"
-        found = np.load(io.BytesIO(answer.content))
+        loaded = np.load(io.BytesIO(answer.content))
         for key, value in expected.items():
-            np.testing.assert_allclose(found[key], value, rtol=1e-9, atol=1e-9)
-            assert found[key].shape == value.shape
+            np.testing.assert_allclose(loaded[key], value, rtol=1e-9, atol=1e-9)
+            assert loaded[key].shape == value.shape
 
 
 def test_arguments_left_out_are_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
@@ -101,16 +101,16 @@ def test_kinematics_places_links_as_pinocchio_does(http: httpx.Client) -> None:
 @pytest.mark.parametrize("third", ["tau", "a"])
 def test_derivatives_are_those_of_the_answers(http: httpx.Client, third: str) -> None:
     robot = tl.load_robot("ur5")
-    given = {key: value for key, value in states(robot).items() if key in ("q", "v", third)}
-    body = {key: value.tolist() for key, value in given.items()}
+    taken = {key: value for key, value in states(robot).items() if key in ("q", "v", third)}
+    body = {key: value.tolist() for key, value in taken.items()}
     answer = http.post("/v1/robots/ur5/derivatives", json=body).json()
     of = "a" if third == "tau" else "tau"
     query = robot.forward_dynamics if third == "tau" else robot.inverse_dynamics
     h = 1e-6
-    for name in given:
+    for name in taken:
         columns = [
-            (query(*{**given, name: given[name] + h * step}.values())
-             - query(*{**given, name: given[name] - h * step}.values())) / (2 * h) for step in np.eye(robot.nv)
+            (query(*{**taken, name: taken[name] + h * step}.values())
+             - query(*{**taken, name: taken[name] - h * step}.values())) / (2 * h) for step in np.eye(robot.nv)
         ]  # fmt: skip
         np.testing.assert_allclose(answer[f"d{of}_d{name}"], np.array(columns).T, rtol=1e-5, atol=1e-5)
 

@@ -75,8 +75,8 @@ def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx
     robot = tl.load_robot("ur5")
     q = np.linspace(-1, 1, 6)
     drawn = http.get("/v1/robots/ur5/visuals").json()
-    found = http.post("/v1/robots/ur5/kinematics", json={"q": q.tolist()}).json()
-    poses = {name: pin.XYZQUATToSE3(np.array(pose)) for name, pose in zip(found["frames"], found["poses"], strict=True)}
+    moved = http.post("/v1/robots/ur5/kinematics", json={"q": q.tolist()}).json()
+    poses = {name: pin.XYZQUATToSE3(np.array(pose)) for name, pose in zip(moved["frames"], moved["poses"], strict=True)}
     geometry, data = robot.visual_model(), robot.model.createData()
     placed = pin.GeometryData(geometry)
     pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)

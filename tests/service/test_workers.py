@@ -15,9 +15,9 @@ from twolink.service.problems import Refusal, problem_of
 from twolink.service.worker_pool import Workers
 
 
-def run(work: Callable[[Workers], Awaitable[Any]], most: int = 1) -> Any:
+def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1) -> Any:
     async def whole() -> Any:
-        workers = Workers(most, 3000, tasks="tests.service.bad_tasks")
+        workers = Workers(count, 3000, tasks="tests.service.bad_tasks")
         try:
             return await work(workers)
         finally:
@@ -43,8 +43,8 @@ def test_a_failure_is_reported_and_the_next_task_is_done(task: str, kind: str, p
         assert problem_of(caught.value).type == f"urn:twolink:{kind}"
         assert part in str(caught.value)
         assert "secret" not in str(caught.value)
-        found: str = await workers.run("chatter", 60)
-        return found
+        heard: str = await workers.run("chatter", 60)
+        return heard
 
     assert run(work) == "heard"
 
@@ -96,4 +96,4 @@ def test_workers_are_used_again_and_answers_may_be_large() -> None:
         both = await asyncio.gather(*(workers.run("sleep", 60, nap=0.3) for _ in range(2)))
         assert len(set(both)) == 2
 
-    run(work, most=2)
+    run(work, count=2)

@@ -73,8 +73,7 @@ class AccessControl:
 
 def _is_own(origin: bytes, host: bytes) -> bool:
     """Whether a script comes from a page of this service, as browsers say."""
-    own = urlsplit(origin.decode("latin-1")).netloc.encode("latin-1")
-    return bool(own) and own == host
+    return urlsplit(origin.decode("latin-1")).netloc.encode("latin-1") == host != b""
 
 
 def cors_headers(origin: bytes) -> list[Header]:

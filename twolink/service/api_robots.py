@@ -33,19 +33,16 @@ class RobotUpload(RobotOptions, frozen=True, forbid_unknown_fields=True):
 @get("/v1/robots", tags=["robots"], summary="List robots")
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and those uploaded."""
-    known = list(_known())
     shown = ("id", "name", "origin", "nq", "nv", "mass", "root")
-    return known + [{key: robot[key] for key in shown} for robot in service.store.robots()]
+    uploaded = [{key: robot[key] for key in shown} for robot in service.store.robots()]
+    return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 
 
 @functools.cache
-def _known() -> list[dict[str, Any]]:
-    """The robots of the catalogue."""
-    entries = [catalogue_entry(name) for name in catalogue()]
-    return [
-        {"id": e.name, "name": e.name, "origin": "catalogue", "from": e.origin, "usual_root": e.usual_root}
-        for e in entries
-    ]
+def _about(name: str) -> dict[str, Any]:
+    """A robot of the catalogue, without loading it."""
+    entry = catalogue_entry(name)
+    return {"id": name, "origin": "catalogue", "from": entry.origin, "usual_root": entry.usual_root}
 
 
 @get("/v1/robots/{robot:str}", tags=["robots"], summary="Inspect a robot")
@@ -55,9 +52,7 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     if uploaded is not None:
         return uploaded
     loaded = await service.robots.get(robot)
-    entry = catalogue_entry(robot)
-    about = {"id": robot, "origin": "catalogue", "from": entry.origin, "usual_root": entry.usual_root, "root": "fixed"}
-    return {**about, **robot_record(loaded)}
+    return {**_about(robot), "root": "fixed", **robot_record(loaded)}
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)
@@ -82,9 +77,9 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + kind.encode() + content).hexdigest()
     key = f"u-{digest[:20]}"
     async with service.locks(key):
-        known = service.store.robot(key)
-        if known is not None:
-            return Response(known, status_code=200)
+        kept = service.store.robot(key)
+        if kept is not None:
+            return Response(kept, status_code=200)
         return Response(await _receive(service, key, kind, options, content), status_code=201)
 
 
@@ -112,10 +107,7 @@ def _options(query: MultiDict[str]) -> RobotOptions:
     if "lock" in query:
         pairs = (text.rpartition(":") for text in query.getall("lock"))
         plain["lock"] = {name: [part for part in value.split(",") if part] for name, _, value in pairs}
-    try:
-        return msgspec.convert(plain, RobotOptions, strict=False)
-    except msgspec.ValidationError as error:
-        raise Refusal(400, str(error), where="query", remedy="see the API's description: /docs") from None
+    return msgspec.convert(plain, RobotOptions, strict=False)
 
 
 async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
@@ -133,8 +125,8 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
         (staged / "body").write_bytes(content)
         answer = await service.read("receive", folder=str(staged), kind=kind, options=options, quotas=quotas)
         loaded = msgspec.convert(answer, ReceivedRobot)
-        plain = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
-        description = {**plain, **loaded.description}
+        about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
+        description = {**about, **loaded.description}
         store.add_robot(key, staged, description)
     finally:
         shutil.rmtree(staged, ignore_errors=True)

@@ -57,16 +57,16 @@ class Refusal(TwolinkError):
 
 def problem_of(error: BaseException) -> Problem:
     """Describe any failure. An unexpected one is logged with its traceback, and the answer has no details."""
-    known = error if isinstance(error, TwolinkError) else _refusal_of(error)
-    if isinstance(known, Refusal):
-        name, status, retry_after = known.code, known.status, known.retry_after
+    failure = error if isinstance(error, TwolinkError) else _refusal_of(error)
+    if isinstance(failure, Refusal):
+        name, status, retry_after = failure.code, failure.status, failure.retry_after
     else:
-        kind = next(kind for kind in type(known).__mro__ if kind in _TYPES)
+        kind = next(kind for kind in type(failure).__mro__ if kind in _TYPES)
         name, status, retry_after = _TYPES[kind], _STATUS.get(kind, 422), None
-    data = {key: value.item() if isinstance(value, np.generic) else value for key, value in known.data.items()}
+    data = {key: value.item() if isinstance(value, np.generic) else value for key, value in failure.data.items()}
     return Problem(
-        f"urn:twolink:{name}", HTTPStatus(status).phrase, status, known.what, known.where, known.remedy, known.code,
-        known.argument, data, retry_after,
+        f"urn:twolink:{name}", HTTPStatus(status).phrase, status, failure.what, failure.where, failure.remedy,
+        failure.code, failure.argument, data, retry_after,
     )  # fmt: skip
 
 

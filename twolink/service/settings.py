@@ -82,16 +82,14 @@ def is_loopback(host: str) -> bool:
 
 def read_quotas(texts: Sequence[str]) -> Quotas:
     """Quotas from texts such as "jobs=4". Raises TwolinkError for unknown names and values that cannot be."""
-    known = Quotas.__struct_fields__
-    given: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise TwolinkError(f"expected NAME=NUMBER, got {text!r}", argument="quota", remedy="such as jobs=4")
-        if name.strip() not in known:
-            raise TwolinkError(f"{name.strip()!r} is unknown", argument="quota", remedy=nearest(name, known, most=20))
-        given[name.strip()] = value.strip()
+        name, _, value = (part.strip() for part in text.partition("="))
+        if name not in Quotas.__struct_fields__:
+            remedy = nearest(name, Quotas.__struct_fields__, most=20)
+            raise TwolinkError(f"{name!r} is unknown", argument="quota", remedy=remedy)
+        values[name] = value
     try:
-        return msgspec.convert(given, Quotas, strict=False)
+        return msgspec.convert(values, Quotas, strict=False)
     except msgspec.ValidationError as error:
-        raise TwolinkError(str(error), argument="quota", remedy="give a number") from None
+        raise TwolinkError(str(error), argument="quota", remedy="give numbers, such as jobs=4") from None

@@ -112,8 +112,7 @@ class Store:
 
     def job(self, key: str) -> Job | None:
         """A job, or None."""
-        found = self._jobs("WHERE id = ?", key)
-        return found[0] if found else None
+        return next(iter(self._jobs("WHERE id = ?", key)), None)
 
     def jobs(self, kind: str) -> list[Job]:
         """The newest jobs of a kind, the newest first."""

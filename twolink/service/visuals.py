@@ -47,8 +47,7 @@ def _link(model: pin.Model, links: set[int], item: Any) -> tuple[int | None, Any
     """The link a piece is fixed to, and its place there: Pinocchio places it relative to the joint."""
     frame = int(item.parentFrame)
     if frame >= model.nframes or frame not in links or model.frames[frame].parentJoint != item.parentJoint:
-        found = [i for i in links if model.frames[i].parentJoint == item.parentJoint]
-        if not found:
+        frame = min((i for i in links if model.frames[i].parentJoint == item.parentJoint), default=-1)
+        if frame < 0:
             return None, item.placement
-        frame = min(found)
     return frame, model.frames[frame].placement.inverse() * item.placement
