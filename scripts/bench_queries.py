@@ -31,6 +31,8 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import kernels
 from twolink.dynamics.engine import compiled_from
 from twolink.dynamics.threads import thread_count
+from twolink.hard.peers import mujoco_peer
+from twolink.hard.peers.task import task_of
 
 OUT = Path(__file__).parents[1] / "out"
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
@@ -69,24 +71,12 @@ def draw(robot: tl.Robot, n: int) -> list[np.ndarray]:
 
 
 def mujoco_model(robot: tl.Robot) -> mujoco.MjModel | None:
-    """The same robot in MuJoCo from the same URDF, contacts, limits and damping off; None where it has no reading."""
+    """The same robot in MuJoCo, without contacts, limits and damping; None where its joints differ from MuJoCo's."""
     if robot.nq != robot.nv or robot.joint_names[0] == "root_joint":
         return None
-    element = robot.visuals.text
-    for joint in FINGERS:
-        element = element.replace(f'name="{joint}" type="prismatic"', f'name="{joint}" type="fixed"')
-    start = element.index(">") + 1
-    text = (
-        element[:start] + '<mujoco><compiler discardvisual="true" balanceinertia="false"/></mujoco>' + element[start:]
-    )
-    while "<visual" in text:
-        a = text.index("<visual")
-        text = text[:a] + text[text.index("</visual>", a) + 9 :]
-    model = mujoco.MjModel.from_xml_string(text)
-    off = mujoco.mjtDisableBit
-    model.opt.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP
-    model.dof_damping[:], model.dof_frictionloss[:], model.opt.timestep = 0, 0, 1e-4
-    return model if model.nv == robot.nv else None
+    model = mujoco_peer.build(task_of(tl.Scene(robot, effects=[tl.effects.Gravity()]), np.zeros(2)))
+    model.opt.timestep = 1e-4
+    return model
 
 
 def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
