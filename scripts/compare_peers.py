@@ -21,7 +21,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import groupby
@@ -48,29 +48,21 @@ Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass
 class Timing:
-    """One setting of a contestant that is to be timed, and its times so far [s]."""
+    """One setting of a contestant, with the seconds of its first call, and the seconds of its timed calls."""
 
-    contestant: str
-    setting: str
+    entry: Entry
     run: Callable[[], PeerRun]
-    error: float
-    evaluations: int | None
-    first: float
     seconds: list[float] = field(default_factory=list)
 
     def turn(self) -> None:
         """A few calls in a row; a short one is called once more before."""
-        calls = max(1, min(10, int(TURN / self.first)))
-        if self.first < 4 * TURN:
+        calls = max(1, min(10, int(TURN / self.entry.seconds)))
+        if self.entry.seconds < 4 * TURN:
             self.run()
         for _ in range(calls):
             start = time.perf_counter()
             self.run()
             self.seconds.append(time.perf_counter() - start)
-
-    def entry(self, scene: str) -> Entry:
-        median = statistics.median(self.seconds)
-        return Entry(scene, self.contestant, self.setting, self.error, median, self.evaluations, len(self.seconds))
 
 
 def main() -> None:
@@ -127,15 +119,15 @@ def measure(
     print(f"reference good to {doubt[-1]:.0e} rad: tolerance {FINE:.0e} against {COARSE:.0e}; "
           f"errors of the initial state grow up to {growth:.0f} times")  # fmt: skip
     require_agreement(name, task, modules)
-    timings = [*own_timings(scene, task.times, reference, options)]
+    timings = [*own_timings(name, scene, task.times, reference, options)]
     for peer, module in modules.items():
         for method, settings in groupby(module.all_settings(task, options.quick), key=lambda s: s.method):
             runs = ((s.words, module.prepare(task, s)) for s in settings)
-            timings += climb(f"{NAMES[peer]} {method}", runs, reference, options.budget)
+            timings += climb(name, f"{NAMES[peer]} {method}", runs, reference, options.budget)
     for _ in range(options.rounds):
         for timing in timings:
             timing.turn()
-    entries = [timing.entry(name) for timing in timings]
+    entries = [replace(t.entry, seconds=statistics.median(t.seconds), calls=len(t.seconds)) for t in timings]
     print_scene(entries, doubt[-1])
     return entries
 
@@ -181,12 +173,12 @@ def largest_difference(task: PeerTask, other: Acceleration, aba: Acceleration, s
 
 
 def own_timings(
-    scene: tl.Scene, times: np.ndarray, reference: np.ndarray, options: argparse.Namespace
+    name: str, scene: tl.Scene, times: np.ndarray, reference: np.ndarray, options: argparse.Namespace
 ) -> Iterator[Timing]:
     """twolink by its public call alone, without and with the second solution behind the error bar."""
     wanted = np.round(times * SAMPLES).astype(int)
 
-    def prepared_own(accuracy: float, verify: bool) -> Callable[[], PeerRun]:
+    def prepared(accuracy: float, verify: bool) -> Callable[[], PeerRun]:
         def run() -> PeerRun:
             try:
                 got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples=SAMPLES, verify=verify)
@@ -199,30 +191,34 @@ def own_timings(
         return run
 
     accuracies = [10.0**-k for k in range(1, 13, 2 if options.quick else 1)]
-    for name, verify in ((PLAIN, False), (VERIFIED, True)):
-        runs = ((f"accuracy {a:.0e}", prepared_own(a, verify)) for a in accuracies)
-        yield from climb(name, runs, reference, options.budget)
+    for contestant, verify in ((PLAIN, False), (VERIFIED, True)):
+        runs = ((f"accuracy {a:.0e}", prepared(a, verify)) for a in accuracies)
+        yield from climb(name, contestant, runs, reference, options.budget)
 
 
 def climb(
-    contestant: str, runs: Iterator[tuple[str, Callable[[], PeerRun]]], reference: np.ndarray, budget: float
+    scene: str,
+    contestant: str,
+    runs: Iterator[tuple[str, Callable[[], PeerRun]]],
+    reference: np.ndarray,
+    budget: float,
 ) -> Iterator[Timing]:
     """Every setting once, up to the first that takes more than the budget; this is the warm-up as well."""
+    first = 0.0
     for setting, run in runs:
-        start = time.perf_counter()
         try:
-            answer = run()
-            first = time.perf_counter() - start
-            if first > budget:  # perhaps only because something was compiled
+            for _ in range(2):  # the first call may take long only because it compiles
                 start = time.perf_counter()
                 answer = run()
                 first = time.perf_counter() - start
+                if first <= budget:
+                    break
         except PeerError as error:
             print(f"  {contestant}, {setting}: left out: {str(error).splitlines()[0]}")
-            if time.perf_counter() - start > budget:
-                return
-            continue
-        yield Timing(contestant, setting, run, error_of(answer.track.q, reference), answer.evaluations, first)
+            first = time.perf_counter() - start
+        else:
+            error = error_of(answer.track.q, reference)
+            yield Timing(Entry(scene, contestant, setting, error, first, answer.evaluations, 1), run)
         if first > budget:
             return
 
