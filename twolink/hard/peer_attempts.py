@@ -55,6 +55,7 @@ def _attempt(case: SimulationCase, task: PeerTask, prepare: Prepare, setting: Se
                        default=setting.default)  # fmt: skip
     seconds = time.perf_counter() - start
     error = case.error(task.robot, answer.track)
+    error[~np.isfinite(answer.track.q).all(axis=1)] = np.inf
     largest = float(np.nanmax(error))
     limit = WRONG_FROM * case.size if case.bounded else max(0.01, 100 * case.limit(1e-3))
     verdict = MET if largest <= limit else SAID if warning else WRONG
