@@ -47,7 +47,7 @@ def swing(arm: Robot) -> tuple[np.ndarray, np.ndarray]:
     def rate(_: float, x: np.ndarray) -> np.ndarray:
         return np.concatenate([x[2:], pin.aba(model, data, x[:2], x[2:], np.zeros(2))])
 
-    solution = solve_ivp(rate, (0, 10), np.zeros(4), t_eval=np.linspace(0, 10, 501), rtol=1e-8, atol=1e-8)
+    solution = solve_ivp(rate, (0, 10), np.zeros(4), t_eval=np.linspace(0, 10, 601), rtol=1e-8, atol=1e-8)
     return solution.t, solution.y[:2].T
 
 
@@ -72,7 +72,7 @@ def tracks(page: Path) -> dict[str, dict[str, np.ndarray]]:
 def test_moving_bodies_are_animated_with_their_poses(
     arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:
-    page = write_playback(*arm, *swing, tmp_path / "a.html", fps=50)
+    page = write_playback(*arm, *swing, tmp_path / "a.html")
     animated = tracks(page)
     assert sorted(animated) == [f"/robot/{name}_{i}" for name, i in _moving()]
     elbow = np.stack([np.cos(swing[1][:, 0]), 0 * swing[0], np.sin(swing[1][:, 0])], axis=-1)
@@ -99,7 +99,7 @@ def test_frames_are_capped_and_the_page_says_so(arm: Robot, tmp_path: Path) -> N
     page = write_playback(*arm, t, np.column_stack([t, t]) / 50, tmp_path / "a.html", max_frames=201)
     assert len(tracks(page)["/robot/forearm_0"]["times"]) == 201
     assert "shown at 2 frames a second" in page.read_text("utf-8")
-    assert choose_frames(t, 1.0, 60.0, 10_000)[1] == ""
+    assert choose_frames(t, 1.0, 10_000)[1] == ""
 
 
 def test_bytes_are_capped_by_dropping_frames_then_refused(arm: Robot, tmp_path: Path) -> None:
@@ -134,8 +134,8 @@ def test_a_floating_body_is_interpolated_on_its_manifold(tmp_path: Path) -> None
     visuals.addGeometryObject(geometry("cube", coal.Box(1.0, 1.0, 1.0), joint=1))
     half_turn = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-9]
     q = np.array([[0, 0, 0, 0, 0, 0, 1], half_turn], float)
-    page = write_playback(model, visuals, [0.0, 1.0], q, tmp_path / "a.html", fps=2)
-    middle = tracks(page)["/robot/cube"][".quaternion"][1]
+    page = write_playback(model, visuals, [0.0, 1.0], q, tmp_path / "a.html")
+    middle = tracks(page)["/robot/cube"][".quaternion"][30]
     np.testing.assert_allclose(np.abs(middle), [0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
 
 

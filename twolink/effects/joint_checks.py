@@ -54,6 +54,23 @@ def check_values(values: Mapping[str, float], field: str, *, least: float = -mat
         finite(value, f"{field}.{joint}", least=least)
 
 
+def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str) -> None:
+    """Require values by joint that are not negative; or None, and values (nv,) in the URDF. Raises SceneError."""
+    if values is not None:
+        check_joints(values, robot, field)
+        check_values(values, field, least=0.0)
+    elif not urdf.any():
+        remedy = "give it by joint, or leave the effect out"
+        raise SceneError(f"the URDF gives no joint {field}", where=field, remedy=remedy)
+
+
+def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion) -> dict[int, float]:
+    """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
+    if values is None:
+        return dict(enumerate(urdf.tolist()))
+    return {k: float(value) for joint, value in values.items() for k in motion.dofs(joint)}
+
+
 def check_inputs(values: Mapping[str, Any], field: str) -> None:
     """Require numbers or functions of time by joint. Raises SceneError."""
     for joint, value in values.items():

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from twolink.algorithms.spatial import times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
-from twolink.effects.joint_checks import check_joints, check_values
+from twolink.effects.joint_checks import check_values_or_urdf, values_by_dof
 from twolink.effects.motion import Loads, Motion
-from twolink.errors import SceneError
 
 
 class JointDamping(Effect, frozen=True):
@@ -26,18 +25,9 @@ class JointDamping(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require joints and damping that is not negative, or damping in the URDF."""
-        if self.damping is None:
-            if not robot.model.damping.any():
-                remedy = "give it by joint, or leave the effect out"
-                raise SceneError("the URDF gives no joint damping", where="damping", remedy=remedy)
-            return
-        check_joints(self.damping, robot, "damping")
-        check_values(self.damping, "damping", least=0.0)
+        check_values_or_urdf(self.damping, robot.model.damping, robot, "damping")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -d v."""
-        damping = dict(enumerate(motion.model.damping.tolist()))
-        if self.damping is not None:
-            damping = {k: float(d) for joint, d in self.damping.items() for k in motion.dofs(joint)}
-        for k, d in damping.items():
+        for k, d in values_by_dof(self.damping, motion.model.damping, motion).items():
             loads.torque(k, times(-d, motion.v[k]))

@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from twolink.algorithms.spatial import times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, finite
-from twolink.effects.joint_checks import check_joints, check_values
+from twolink.effects.joint_checks import check_values_or_urdf, values_by_dof
 from twolink.effects.motion import Loads, Motion
-from twolink.errors import SceneError
 
 
 class SmoothFriction(Effect, frozen=True):
@@ -41,19 +40,10 @@ class SmoothFriction(Effect, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require joints, friction that is not negative or that the URDF gives, and a scale above 0."""
         finite(self.scale, "scale", least=math.ulp(0.0))
-        if self.friction is None:
-            if not robot.model.friction.any():
-                remedy = "give it by joint, or leave the effect out"
-                raise SceneError("the URDF gives no joint friction", where="friction", remedy=remedy)
-            return
-        check_joints(self.friction, robot, "friction")
-        check_values(self.friction, "friction", least=0.0)
+        check_values_or_urdf(self.friction, robot.model.friction, robot, "friction")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -f tanh(v / s)."""
-        friction = dict(enumerate(motion.model.friction.tolist()))
-        if self.friction is not None:
-            friction = {k: float(f) for joint, f in self.friction.items() for k in motion.dofs(joint)}
-        for k, f in friction.items():
+        for k, f in values_by_dof(self.friction, motion.model.friction, motion).items():
             if f:
                 loads.torque(k, times(-f, motion.xp.tanh(times(1.0 / self.scale, motion.v[k]))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import QueryError
+from twolink.errors import QueryError, ShowError
 from twolink.robots.joint_layout import JointLayout, joint_layouts
 from twolink.robots.load_options import gravity_field
 from twolink.robots.load_report import LoadReport
@@ -141,7 +142,13 @@ class RobotModel:
         """The shapes to draw, without meshes that have no file."""
         visuals = self.visuals
         geometry = pin.GeometryModel()
-        pin.buildGeomFromUrdfString(visuals.model, visuals.text, pin.GeometryType.VISUAL, geometry, [])
+        try:
+            pin.buildGeomFromUrdfString(visuals.model, visuals.text, pin.GeometryType.VISUAL, geometry, [])
+        except (ValueError, RuntimeError) as error:
+            named = re.search(r"resource (.+)", str(error))
+            what = f"the mesh {named[1]!r} cannot be read" if named else " ".join(str(error).split())[:200]
+            remedy = "repair that file, or take it out of the URDF"
+            raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="mesh-not-readable") from None
         if visuals.locked:
             _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
         return geometry

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import link_frames, link_names
-from twolink.errors import ShowError
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.meshcat_shapes import as_json
 
@@ -21,11 +20,7 @@ def visuals_of(robot: Robot) -> bytes:
     frame, 7 numbers. object: three.js JSON as meshcat's viewer reads it, typed arrays as {"$array": their class,
     "base64": their bytes, little-endian}. skipped: pieces that cannot be drawn.
     """
-    try:
-        geometry = robot.visual_model()
-    except (ValueError, RuntimeError) as error:
-        what = " ".join(str(error).split())[:200]
-        raise ShowError(f"a mesh cannot be read: {what}", where=robot.name, remedy="repair the file") from None
+    geometry = robot.visual_model()
     nodes, skipped = scene_nodes(geometry)
     links = set(link_frames(robot))
     pieces = []

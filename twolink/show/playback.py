@@ -24,6 +24,7 @@ from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import look_at, opening_commands, to_three
 from twolink.show.motion_samples import check_motion, resample
 
+_RATE = 60.0  # frames per second of playing
 _MIN_FRAMES = 30  # with fewer a motion cannot be recognized
 _FRAME_BYTES = 48  # of a body in a frame: seven numbers and the time twice, four bytes each, in base64
 _PAGE_BYTES = 50_000  # of the page without viewer, bodies and animation
@@ -52,7 +53,6 @@ def playback_page(
     *,
     title: str = "twolink",
     speed: float = 1.0,
-    fps: float = 60.0,
     max_frames: int = 3600,
     max_bytes: int = 50_000_000,
     live: bool = False,
@@ -74,10 +74,9 @@ def playback_page(
         The page's title.
     speed : float
         Simulated seconds per second of playing.
-    fps : float
-        Frames per second of playing.
     max_frames, max_bytes : int
-        Limits. The motion is shown with fewer frames where it would exceed them, and the page says so.
+        Limits. The motion is shown with fewer than 60 frames per second where it would exceed them, and the page says
+        so.
     live : bool
         Whether the page plays once, and tells its server when it starts.
     on_skipped : callable, optional
@@ -94,13 +93,10 @@ def playback_page(
         For a motion that cannot be shown, and for a page that would be too large (code "page-too-large").
     """
     times, configurations = check_motion(model, t, q, speed)
-    if not (fps > 0 and max_frames >= 2):
-        remedy = "60 and 3600 are the usual ones"
-        raise ShowError(f"fps is {fps} and max_frames {max_frames}", where="playback", remedy=remedy)
     nodes, skipped = require_nodes(visuals, on_skipped)
     fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
     affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
-    shown, note = choose_frames(times, speed, fps, min(max_frames, max(affordable, _MIN_FRAMES)))
+    shown, note = choose_frames(times, speed, min(max_frames, max(affordable, _MIN_FRAMES)))
     placed = poses(model, visuals, resample(model, times, configurations, shown), nodes)
     view = look_at(nodes, placed)
     commands = opening_commands(nodes, placed, view)
@@ -127,13 +123,13 @@ def playback_page(
     return page
 
 
-def choose_frames(t: Floats, speed: float, fps: float, max_frames: int) -> tuple[Floats, str]:
-    """The times to show, and a note for the viewer when they are fewer than `fps` per second of playing.
+def choose_frames(t: Floats, speed: float, max_frames: int) -> tuple[Floats, str]:
+    """The times to show, and a note for the viewer when they are fewer than 60 per second of playing.
 
     The times (n,), n <= `max_frames`, are at equal distances, and the first and last sample are among them.
     """
     seconds = float(t[-1] - t[0]) / speed
-    wanted = 1 + max(1, round(seconds * fps)) if len(t) > 1 else 1
+    wanted = 1 + max(1, round(seconds * _RATE)) if len(t) > 1 else 1
     count = min(wanted, max_frames)
     note = f"shown at {(count - 1) / seconds:.3g} frames a second" if count < wanted else ""
     return np.linspace(t[0], t[-1], count), note

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import logging
 import os
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
-from twolink.errors import SceneError, ShowError
+from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
@@ -242,7 +241,7 @@ class Trajectory:
         """
         from twolink.show.playback import write_playback
 
-        model, visuals, title = self.robot.model, self._visuals(), self.robot.name
+        model, visuals, title = self.robot.model, self.robot.visual_model(), self.robot.name
         return write_playback(
             model, visuals, self.t, self.q, Path(path), title=title, speed=speed, on_skipped=on_skipped
         )
@@ -264,7 +263,7 @@ class Trajectory:
 
         play_live(
             self.robot.model,
-            self._visuals(),
+            self.robot.visual_model(),
             self.t,
             self.q,
             title=self.robot.name,
@@ -273,16 +272,6 @@ class Trajectory:
             on_url=on_url or _log_url,
             on_skipped=on_skipped or _log_skipped,
         )
-
-    def _visuals(self) -> Any:
-        """The shapes to draw. Raises ShowError with the mesh that cannot be read."""
-        try:
-            return self.robot.visual_model()
-        except (ValueError, RuntimeError) as error:
-            named = re.search(r"resource (.+)", str(error))
-            what = f"the mesh {named.group(1)!r} cannot be read" if named else " ".join(str(error).split())
-            remedy = "repair that file, or take it out of the URDF"
-            raise ShowError(what, where=f"robot {self.robot.name!r}", remedy=remedy) from None
 
     def __repr__(self) -> str:
         error = "not verified" if self.error is None else f"error <= {self.error.max():.1e}"
