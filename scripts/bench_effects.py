@@ -1,5 +1,7 @@
 """What effects cost: the same robot, as effects are added one at a time. And that absent effects cost nothing.
 
+Below the table: what an event costs, by runs with friction, stops or a watch, less a run without them.
+
 For each scene: operations of an evaluation, nanoseconds of one in a batch and alone (measured in compiled steps, the
 median of rounds), and milliseconds of a whole run at the same accuracy. Two proofs stand below the table: the bare
 robot's operations do not depend on which effects exist, and a scene without them does not import their modules.
@@ -57,6 +59,32 @@ def seconds_of_run(scene: tl.Scene, duration: float, accuracy: float, rounds: in
     return float(np.median(taken))
 
 
+def milliseconds_per_event(robot: tl.Robot, duration: float, accuracy: float, rounds: int) -> list[str]:
+    """What each event adds to a run, by effect: processor time, the least of rounds."""
+    fx = tl.effects
+    joint, q = robot.joint_names[-1], np.where(robot.neutral == 0, 0.3, robot.neutral)
+    smooth = [fx.Gravity(), fx.JointDamping({robot.joint_names[0]: 0.02})]
+    effects = {
+        "dry friction": fx.DryFriction({joint: 0.05}),
+        "stops": fx.JointStops({joint: (-0.5, 0.5)}, restitution=0.8),
+        "a watch": fx.Watch("middle", when=fx.JointReaches(joint, 0.0)),
+    }
+    lines = []
+    for name, effect in effects.items():
+        seconds, events = [], 0
+        for chosen in (smooth, [*smooth, effect]):
+            scene = tl.Scene(robot, q=q, effects=chosen, duration=duration)
+            taken = []
+            for _ in range(rounds + 1):
+                start = time.process_time()
+                run = tl.simulate(scene, duration, accuracy, method="dop853", verify=False)
+                taken.append(time.process_time() - start)
+            seconds.append(min(taken))
+            events = len(run.events)
+        lines.append(f"{name}: {1e3 * (seconds[1] - seconds[0]) / max(1, events):.2f} ms ({events} events)")
+    return lines
+
+
 def absent_modules() -> list[str]:
     """The modules of effects that a scene with gravity alone imports."""
     code = (
@@ -95,6 +123,8 @@ def main() -> None:
         print(f"{names[-1]:<26}{found.operations:>11}{added:>+7.0f}{batch:>11.1f}{alone:>11.0f}{run:>9.2f}", flush=True)
     bare = equations_of(tl.Scene(robot, q=q)).operations
     print(f"\nthe bare robot again, all these modules loaded: {bare} operations, {rows['operations'][0]:.0f} before")
+    print("an event adds to a run: " + ", ".join(
+        milliseconds_per_event(robot, options.duration, options.accuracy, rounds)))  # fmt: skip
     print(f"modules of effects that arm-swing imports: {', '.join(absent_modules())}")
     print(f"wrote {write_table(Path('out/bench_effects.csv'), {k: np.array(v) for k, v in rows.items()}, {})}")
 

@@ -27,7 +27,7 @@ def residual(scene: tl.Scene, run: tl.Trajectory) -> float:
     """The largest |g| at the samples, of all rows: m or rad."""
     loops = equations_of(scene).constraints
     assert loops is not None
-    return max(abs(float(g)) for q in run.q for g in loops.rows(loops.mech, list(q), Numbers))
+    return max(abs(float(g)) for q in run.q for g in loops.residuals(loops.mech, list(q), Numbers))
 
 
 def at(run: tl.Trajectory, t: float, *columns: str) -> list[float]:
@@ -158,7 +158,7 @@ def test_bricard_moves_with_a_redundant_constraint() -> None:
     assert len(loops.kept) == 4
     every = range(5)
     for q in run.q[:: len(run.q) // 20]:
-        sizes = np.linalg.svd(loops.numbers(q, every), compute_uv=False)
+        sizes = np.linalg.svd(loops.jacobian_at(q, every), compute_uv=False)
         assert sizes[3] > 0.1
         assert sizes[4] < 1e-9
     assert residual(scene, run) < 1e-9

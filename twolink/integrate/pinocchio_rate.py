@@ -28,63 +28,44 @@ def rate(equations: Equations, t: Any, x: Array) -> Array:
     if finite.any():
         at = t if np.ndim(t) == 0 else t[finite]
         numbers = x[space.moving :, finite]
-        bound = equations.constraints is not None or equations.layout.lockable
-        a[finite] = (_bound if bound else _free)(equations, at, q[finite], v[finite], numbers)
+        a[finite] = _accelerations(equations, at, q[finite], v[finite], numbers)
     constant = np.zeros((len(x) - space.moving, x.shape[1]))
     return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), a.T, constant])
 
 
-def _free(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
-    """Accelerations (n, nv) without constraints and locks, by the articulated-body algorithm."""
-    if not equations.effects:
+def _accelerations(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
+    """Accelerations (n, nv): by the articulated-body algorithm, or under constraints and locks by the mass matrix."""
+    layout, constraints = equations.layout, equations.constraints
+    bound = constraints is not None or bool(layout.lockable)
+    if not equations.effects and not bound:
         with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
             return np.asarray(equations.robot.forward_dynamics(q, v, np.zeros(equations.space.nv), engine="pinocchio"))
-    x = np.concatenate([q.T, v.T])
     with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
-        motion = motion_of(equations, equations.mechanism, t, x, Numbers)
+        motion = motion_of(equations, equations.mechanism, t, np.concatenate([q.T, v.T]), Numbers)
         loads = effect_loads(equations, motion, list(numbers), equations.effects)
-    tau = np.zeros(v.shape)
-    for k, value in enumerate(loads.tau):
-        tau[:, k] = value
+        for k, torque in layout.friction(list(numbers)):
+            loads.torque(k, torque)
+    tau, free = np.zeros(v.shape), np.ones(v.shape)
+    for k, (torque, unlocked) in enumerate(zip(loads.tau, layout.free(list(numbers)), strict=True)):
+        tau[:, k], free[:, k] = torque, unlocked
     model, data, out = equations.robot.model, equations.robot.data, np.empty_like(v)
     wrenches = {i: np.stack(np.broadcast_arrays(*w, q[:, 0])[:6], axis=1) for i, w in loads.wrenches.items()}
+    forces = pin.StdVec_Force()
+    forces.extend(pin.Force.Zero() for _ in range(model.njoints))
     for row in range(len(q)):
-        forces = _forces(model, {i: wrench[row] for i, wrench in wrenches.items()})
-        out[row] = pin.aba(model, data, q[row], v[row], tau[row], forces)
-    return out
-
-
-def _bound(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
-    """Accelerations (n, nv) under constraints and locks."""
-    model, data, out = equations.robot.model, equations.robot.data, np.empty_like(v)
-    layout, constraints = equations.layout, equations.constraints
-    times = np.broadcast_to(t, len(q))
-    for row in range(len(q)):
-        own = list(numbers[:, row])
-        x = np.concatenate([q[row], v[row]])
-        motion = motion_of(equations, equations.mechanism, float(times[row]), x, Numbers)
-        loads = effect_loads(equations, motion, own, equations.effects)
-        for k, torque in layout.friction(own):
-            loads.torque(k, torque)
-        free = np.array(layout.free(own), dtype=float)
-        bias = pin.rnea(model, data, q[row], v[row], np.zeros(model.nv), _forces(model, loads.wrenches))
-        right = free * (np.array(loads.tau, dtype=float) - bias)
-        mass: Array = np.array(locked_matrix(pin.crba(model, data, q[row]).tolist(), free.tolist()))
+        for i, wrench in wrenches.items():
+            forces[i] = pin.Force(wrench[row])
+        if not bound:
+            out[row] = pin.aba(model, data, q[row], v[row], tau[row], forces)
+            continue
+        right = free[row] * (tau[row] - pin.rnea(model, data, q[row], v[row], np.zeros(model.nv), forces))
+        mass: Array = np.array(locked_matrix(pin.crba(model, data, q[row]).tolist(), free[row].tolist()))
         if constraints is None:
             out[row] = np.linalg.solve(mass, right)
         else:
-            loops = layout.with_numbers(constraints.loops, own)
-            out[row] = constrained_acceleration(constraints, q[row], v[row], right, mass, free, loops)
+            loops = layout.with_numbers(constraints.loops, list(numbers[:, row]))
+            out[row] = constrained_acceleration(constraints, q[row], v[row], right, mass, free[row], loops)
     return out
-
-
-def _forces(model: pin.Model, wrenches: dict[int, Any]) -> Any:
-    """Pinocchio's external forces, by joint."""
-    forces = pin.StdVec_Force()
-    forces.extend(pin.Force.Zero() for _ in range(model.njoints))
-    for i, wrench in wrenches.items():
-        forces[i] = pin.Force(np.array(wrench, dtype=float))
-    return forces
 
 
 def constrained_acceleration(

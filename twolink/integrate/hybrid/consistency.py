@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.modes import Mode, System
+from twolink.integrate.hybrid.modes import Mode, Situation
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
@@ -28,36 +28,33 @@ def still_speed(v: Array) -> float:
     return TINY * (1.0 + float(np.abs(v).max(initial=0.0)))
 
 
-def consistent(
-    system: System, mode: Mode, x: Array, t: float, opened: frozenset[Key] = frozenset()
-) -> tuple[Mode, Array]:
-    """The mode for the state x at time t, and the state with 0 for velocities of what is at rest.
+def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situation:
+    """The same state in the mode that is consistent there, with 0 for velocities of what is at rest.
 
     opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way.
     Raises AccuracyError where no mode is consistent.
     """
-    x = np.array(x)
-    still = still_speed(x[system.nq :])
-    mode = _with_joints_at_rest(system, mode, x, still, opened)
-    mode = _with_closed_contacts(system, mode, x, t, still, opened)
+    still = still_speed(here.v)
+    here = _with_joints_at_rest(here, still, opened)
+    here = here.in_mode(_with_closed_contacts(here, still, opened))
     tried: set[Key] = set(opened)
-    for _ in range(20 + 6 * (len(system.names) + len(system.contacts))):
-        mode = _without_redundant_locks(system, mode, x)
-        better, key = _improved(system, mode, x, t, tried)
+    for _ in range(20 + 6 * (len(here.system.names) + len(here.system.contacts))):
+        here = here.in_mode(_without_redundant_locks(here))
+        mode, key = _improved(here, tried)
+        here = here.in_mode(mode)
         if key is None:
-            return better, x
-        mode = better
+            return here
         tried.add(key)
     raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
-                        where=f"t = {t:.9g} s", remedy="less friction, or smooth friction",
-                        code="no-consistent-mode", t=t)  # fmt: skip
+                        where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
+                        code="no-consistent-mode", t=here.t)  # fmt: skip
 
 
-def freed(system: System, mode: Mode, k: int, torque: float, x: Array) -> Mode:
+def freed(here: Situation, k: int, torque: float) -> Mode:
     """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
-    if k not in system.rubbing:
-        return mode.freeing(k, 0.0)
-    return mode.freeing(k, 1.0 if torque < system.torque_range(k, x)[0] or torque < 0.0 else -1.0)
+    if k not in here.system.rubbing:
+        return here.mode.freeing(k, 0.0)
+    return here.mode.freeing(k, 1.0 if torque < here.system.torque_range(k, here.x)[0] or torque < 0.0 else -1.0)
 
 
 def sliding(mode: Mode, i: int, forces: Array) -> Mode:
@@ -66,8 +63,10 @@ def sliding(mode: Mode, i: int, forces: Array) -> Mode:
     return mode.with_contact(i, "sliding", (float(-forces[1] / size), float(-forces[2] / size)))
 
 
-def _with_joints_at_rest(system: System, mode: Mode, x: Array, still: float, opened: frozenset[Key]) -> Mode:
-    """The mode with every joint locked that is at rest and can be held; sets small velocities in x to 0."""
+def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) -> Situation:
+    """Every joint locked that is at rest and can be held; velocities of joints at rest are 0."""
+    system, mode, x, _ = here
+    x = np.array(x)
     for k in system.lockable:
         v = x[system.nq + k]
         mode = mode.freeing(k, mode.slip.get(k, 0.0))
@@ -78,15 +77,16 @@ def _with_joints_at_rest(system: System, mode: Mode, x: Array, still: float, ope
         x[system.nq + k] = 0.0
         if ("joint", k) not in opened and system.holds(k, x):
             mode = mode.locking(k)
-    return mode
+    return here._replace(mode=mode, x=x)
 
 
-def _with_closed_contacts(system: System, mode: Mode, x: Array, t: float, still: float, opened: frozenset[Key]) -> Mode:
+def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key]) -> Mode:
     """The mode with every contact closed that touches and does not part."""
-    if not system.contacts:
+    mode = here.mode
+    if not mode.contacts:
         return mode
-    rows = system.look(mode, x, t).contacts[:, :, 0]
-    for i, contact in enumerate(system.contacts):
+    rows = here.look().contacts[:, :, 0]
+    for i, contact in enumerate(here.system.contacts):
         gap, rate, *slip = rows[i, :4]
         free = mode.contacts[i] == "free"
         impact_to_come = rate < -still and free
@@ -104,12 +104,12 @@ def _with_closed_contacts(system: System, mode: Mode, x: Array, t: float, still:
     return mode
 
 
-def _without_redundant_locks(system: System, mode: Mode, x: Array) -> Mode:
+def _without_redundant_locks(here: Situation) -> Mode:
     """The mode without locks of joints that constraints hold already: their friction is not determined."""
-    constraints = system.in_mode(mode, x).equations.constraints
+    constraints, mode = here.own.equations.constraints, here.mode
     if constraints is None or not mode.locked:
         return mode
-    jacobian = constraints.jacobian_at(x[: system.nq], constraints.kept)
+    jacobian = constraints.jacobian_at(here.x[: here.system.nq], constraints.kept)
     wanted = np.linalg.matrix_rank(jacobian, tol=RANK)
     free = np.ones(jacobian.shape[1])
     for k in sorted(mode.locked):
@@ -120,10 +120,10 @@ def _without_redundant_locks(system: System, mode: Mode, x: Array) -> Mode:
     return mode
 
 
-def _improved(system: System, mode: Mode, x: Array, t: float, tried: set[Key]) -> tuple[Mode, Key | None]:
+def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
     """The mode without the force that breaks its law most, and what that was; None if all laws hold."""
-    own = system.in_mode(mode, x)
-    snapshot = system.look(mode, x, t)
+    system, mode, x, t = here
+    own, snapshot = here.own, here.look()
     if not np.isfinite(snapshot.a).all():
         raise AccuracyError("contact or friction allows no motion here: the forces are not determined, or friction "
                             "drives what it should stop (Painleve's paradox)", where=f"t = {t:.9g} s",
@@ -145,18 +145,17 @@ def _improved(system: System, mode: Mode, x: Array, t: float, tried: set[Key]) -
     size, key = max(breaches, key=lambda breach: (breach[0] > 0.0 and breach[1][0] == "contact", breach),
                     default=(0.0, ("", 0)))  # fmt: skip
     if not size > 0.0:
-        return _wrong_way(system, mode, x, snapshot, tried, allowed)
+        return _wrong_way(here, snapshot, tried, allowed)
     if key[0] == "joint":
-        return freed(system, mode, key[1], torques[key[1]], x), key
+        return freed(here, key[1], torques[key[1]]), key
     if key[0] == "contact":
         return mode.with_contact(key[1], "free"), key
     return sliding(mode, key[1], forces[key[1]]), key
 
 
-def _wrong_way(
-    system: System, mode: Mode, x: Array, snapshot: Snapshot, tried: set[Key], allowed: float
-) -> tuple[Mode, Key | None]:
+def _wrong_way(here: Situation, snapshot: Snapshot, tried: set[Key], allowed: float) -> tuple[Mode, Key | None]:
     """The mode with a joint held again that would start against its own slip, or into its stop."""
+    system, mode, x, _ = here
     for k in system.lockable:
         if k in mode.locked or x[system.nq + k] != 0.0 or ("held", k) in tried:
             continue

@@ -6,7 +6,7 @@ mode -> equations -> steps to the first zero of a guard -> its transition -> con
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,28 +38,25 @@ def solve(
     perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
     """Solve a scene with modes for the samples `times` (n,). Raises AccuracyError and SceneError."""
-    return _Engine(equations, method, setting, progress, perturbation, times).solution()
+    return _Engine(equations, method, times, setting, progress, perturbation).solution()
 
 
+@dataclass
 class _Engine:
     """One solution: pieces between events and breaks, up to the last of `times`."""
 
-    def __init__(
-        self,
-        equations: Equations,
-        method: Method,
-        setting: float,
-        progress: Progress | None,
-        perturbation: Perturbation,
-        times: Array,
-    ) -> None:
-        self.whole, self.method, self.setting, self.progress = equations, method, setting, progress
-        self.perturbation, self.times = perturbation, times
-        small = max(SMALL_BOUNCE * setting, SMALLEST_BOUNCE) if method.adaptive else SMALLEST_BOUNCE
-        self.run = RunState(equations, small)
-        self.run.t, self.end = float(times[0]), float(times[-1])
+    whole: Equations
+    method: Method
+    times: Array
+    setting: float
+    progress: Progress | None
+    perturbation: Perturbation
+
+    def __post_init__(self) -> None:
+        small = SMALL_BOUNCE * self.setting if self.method.adaptive else 0.0
+        self.run = RunState(self.whole, float(self.times[0]), max(small, SMALLEST_BOUNCE))
+        self.end, self.at_once = float(self.times[-1]), 0
         self.span = self.end - self.run.t
-        self.at_once = 0
 
     def solution(self) -> Solution:
         """The samples up to the end, or to where the run ends or is interrupted."""
@@ -126,16 +123,15 @@ class _Engine:
 
     def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
         """Solve from now to the next event or stop."""
-        run = self.run
-        own = run.system.in_mode(run.mode, run.x)
-        equations = run.system.starting_at(run.mode, run.x, 0.5 * (run.t + stop))
+        run, here = self.run, self.run.here
+        equations = replace(here.own.equations, start=here.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)
-        here = run.system.look(run.mode, run.x, run.t)
-        guards = guards_of(run, here)
-        watcher = Watcher(own.evaluate, steps, guards, self.perturbation.touch_margin)
+        snapshot = here.look()
+        guards = guards_of(run, snapshot)
+        watcher = Watcher(here.own.evaluate, steps, guards, self.perturbation.touch_margin)
         longest = self.span / self.perturbation.min_steps
         space = equations.space
-        rate = np.concatenate([space.rate(here.x[: space.nq], here.x[space.nq :]), here.a])
+        rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
         part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)

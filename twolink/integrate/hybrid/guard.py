@@ -23,6 +23,7 @@ class Guard:
 
     key: names the guard from piece to piece. value: of a snapshot, (n,). side: the sign while the mode lasts; None
     where it is not known before the first look. touching: it is a distance or a speed, for which a near miss may count.
+    is_force: it is a force or a torque.
     """
 
     def __init__(
@@ -34,9 +35,10 @@ class Guard:
         *,
         side: float | None = 1.0,
         touching: bool = False,
+        is_force: bool = False,
     ) -> None:
         self.key, self.value, self.transition, self.start = key, value, transition, start
-        self.side, self.touching = side, touching
+        self.side, self.touching, self.is_force = side, touching, is_force
         self.at_zero, self.noise, self.moved = False, 0.0, True
 
     def begin(self, first: float, noise: float, *, fired: bool) -> None:

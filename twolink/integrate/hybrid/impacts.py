@@ -20,7 +20,7 @@ import pinocchio as pin
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.consistency import NEAR, still_speed
-from twolink.integrate.hybrid.modes import Mode, System
+from twolink.integrate.hybrid.modes import Situation, System
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
@@ -67,36 +67,32 @@ def catch_touch(system: System, catch: Catch, v: float) -> Touch:
     return Touch(system.names[catch.dof], row, 0.0, 0.0, catch.unit)
 
 
-def contact_touch(system: System, mode: Mode, x: Array, t: float, i: int) -> Touch:
+def contact_touch(here: Situation, i: int) -> Touch:
     """A contact that is hit or closed. Its velocities are linear in v: their rows are those of unit velocities."""
-    own, contact = system.in_mode(mode, x), system.contacts[i]
-    nv = system.robot.nv
-    states = np.repeat(system.full_state(mode, x, t)[:, None], nv, axis=1)
-    states[system.nq : system.nq + nv] = np.eye(nv)
-    velocities = own.evaluate(np.full(nv, t), states).contacts[i, 1:4]
+    contact, nq, nv = here.system.contacts[i], here.system.nq, len(here.v)
+    states = np.repeat(here.full_state()[:, None], nv, axis=1)
+    states[nq : nq + nv] = np.eye(nv)
+    velocities = here.own.evaluate(np.full(nv, here.t), states).contacts[i, 1:4]
     return Touch(contact.name, velocities if contact.friction else velocities[:1], contact.restitution,
                  contact.friction, "m/s", i)  # fmt: skip
 
 
-def collide(
-    system: System, mode: Mode, x: Array, t: float, hit: Touch, small: float
-) -> tuple[Array, list[Impact]] | None:
+def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impact]] | None:
     """Velocities after an impact, and what it did to each thing that was hit; None where it would only graze.
 
     small: the height of bounces that are not followed any more.
     """
-    v = x[system.nq :]
-    still = still_speed(v)
-    touches = [hit, *_others(system, mode, x, t, hit)]
+    v, still = here.v, still_speed(here.v)
+    touches = [hit, *_others(here, hit)]
     approach = np.array([-float(touch.rows[0] @ v) for touch in touches])
     if not approach[0] > 0.0:
         return None
-    mass = mass_matrix(system, mode, x)
-    fixed = _loop_rows(system, mode, x)
+    mass, fixed = mass_matrix(here), _loop_rows(here)
     touches = [touch if speed > still else replace(touch, restitution=0.0)
                for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
     new = after(mass, v, touches, fixed)
-    rests = [_last_bounce(system, mode, np.concatenate([x[: system.nq], new]), t, touch, small) for touch in touches]
+    bounced = here._replace(x=np.concatenate([here.x[: here.system.nq], new]))
+    rests = [_last_bounce(bounced, touch, small) for touch in touches]
     if any(rest is not None for rest in rests):
         calm = [touch if rest is None else replace(touch, restitution=0.0)
                 for touch, rest in zip(touches, rests, strict=True)]  # fmt: skip
@@ -109,18 +105,18 @@ def collide(
     return new, [impact for impact, now in zip(every, were_hit, strict=True) if now]
 
 
-def onto_contact(system: System, mode: Mode, x: Array, t: float, i: int) -> Array:
+def onto_contact(here: Situation, i: int) -> Array:
     """q moved by the rounding that contact i's gap is off 0, in the direction of least kinetic energy."""
-    gap = float(system.look(mode, x, t).contacts[i, 0, 0])
-    row = contact_touch(system, mode, x, t, i).rows[0]
-    direction = np.linalg.solve(mass_matrix(system, mode, x), row)
-    return np.asarray(pin.integrate(system.robot.model, x[: system.nq], -gap / float(row @ direction) * direction))
+    gap, row = float(here.look().contacts[i, 0, 0]), contact_touch(here, i).rows[0]
+    direction = np.linalg.solve(mass_matrix(here), row)
+    q = here.x[: here.system.nq]
+    return np.asarray(pin.integrate(here.system.robot.model, q, -gap / float(row @ direction) * direction))
 
 
-def mass_matrix(system: System, mode: Mode, x: Array) -> Array:
-    """M(q), by Pinocchio, with what acts in a mode."""
-    robot = system.in_mode(mode, x).equations.robot
-    return np.array(pin.crba(robot.model, robot.data, x[: system.nq]))
+def mass_matrix(here: Situation) -> Array:
+    """M(q), by Pinocchio, with what acts in the mode."""
+    robot = here.own.equations.robot
+    return np.array(pin.crba(robot.model, robot.data, here.x[: here.system.nq]))
 
 
 def _unit_row(system: System, dof: int, side: float) -> Array:
@@ -129,35 +125,32 @@ def _unit_row(system: System, dof: int, side: float) -> Array:
     return row
 
 
-def _others(system: System, mode: Mode, x: Array, t: float, hit: Touch) -> list[Touch]:
+def _others(here: Situation, hit: Touch) -> list[Touch]:
     """What touches besides what is hit: stops at which joints are, and contacts without a gap."""
-    touches = [stop_touch(system, stop) for stop in system.stops if x[stop.entry] == stop.position]
+    system = here.system
+    touches = [stop_touch(system, stop) for stop in system.stops if here.x[stop.entry] == stop.position]
     touches = [touch for touch in touches if (touch.name, touch.rows.tolist()) != (hit.name, hit.rows.tolist())]
-    if system.contacts:
-        gaps = system.look(mode, x, t).contacts[:, 0, 0]
-        touches += [contact_touch(system, mode, x, t, i) for i, kind in enumerate(mode.contacts)
-                    if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
-    return touches
+    gaps = here.look().contacts[:, 0, 0] if system.contacts else ()
+    return touches + [contact_touch(here, i) for i, kind in enumerate(here.mode.contacts)
+                      if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
 
 
-def _loop_rows(system: System, mode: Mode, x: Array) -> Array:
+def _loop_rows(here: Situation) -> Array:
     """The rows of constraints that are no contacts, (m, nv)."""
-    own = system.in_mode(mode, x)
-    constraints = own.equations.constraints
+    constraints = here.own.equations.constraints
     if constraints is None:
-        return np.empty((0, system.robot.nv))
-    of_contacts = {row for rows in own.rows.values() for row in rows}
+        return np.empty((0, len(here.v)))
+    of_contacts = {row for rows in here.own.rows.values() for row in rows}
     kept = [number for row, number in enumerate(constraints.kept) if row not in of_contacts]
-    return constraints.jacobian_at(x[: system.nq], kept)
+    return constraints.jacobian_at(here.x[: here.system.nq], kept)
 
 
-def _last_bounce(system: System, mode: Mode, x: Array, t: float, touch: Touch, small: float) -> float | None:
+def _last_bounce(here: Situation, touch: Touch, small: float) -> float | None:
     """How long bounces last that are too small to follow: 2 w / (|a| (1 - e)); None where they must be followed."""
-    rate = float(touch.rows[0] @ x[system.nq :])
+    rate = float(touch.rows[0] @ here.v)
     if rate <= 0.0 or not 0.0 < touch.restitution < 1.0:
         return None
-    snapshot = system.look(mode, x, t)
-    a = _gap_acceleration(touch, snapshot)
+    a = _gap_acceleration(touch, here.look())
     if a >= 0.0 or rate * rate / (-2.0 * a) > small:
         return None
     return 2.0 * rate / (-a * (1.0 - touch.restitution))

@@ -22,7 +22,7 @@ from twolink.integrate.step_map import StepMap
 
 WITHIN = np.array([0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
-EXACT = 4 * np.finfo(float).eps
+EXACT = 8 * np.finfo(float).eps  # relative to max(1, t): what the rounding of times and states resolves
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Watcher:
             if value <= margin < g[i - 1]:
                 level = margin if value > 0.0 else 0.0
                 return _Bracket(np.array([times[i - 1], bottom]), np.array([g[i - 1], value]) - level, level)
-        near = slice(max(0, last - 2), last + 2)
+        near = slice(max(0, last - 4), last + 4)
         return None if last == len(g) else _Bracket(times[near], g[near])
 
     def _root(self, guard: Guard, bracket: _Bracket, t: Array, x: Array) -> float:

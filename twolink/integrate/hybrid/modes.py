@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -96,7 +96,7 @@ class System:
         self._holds: dict[int, list[Hold]] = {k: [] for k in self.lockable}
         for _, hold in self.switching.holds:
             self._holds[hold.dof].append(hold)
-        self._kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
+        self.kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
         self.rubbing = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
@@ -128,24 +128,6 @@ class System:
             self._modes[name] = self._made(mode, x)
         return self._modes[name]
 
-    def starting_at(self, mode: Mode, x: Array, t: float) -> Equations:
-        """The equations in a mode from a state on, at a time within a piece of tables."""
-        equations = self.in_mode(mode, x).equations
-        return replace(equations, start=self.full_state(mode, x, t))
-
-    def full_state(self, mode: Mode, x: Array, t: float) -> Array:
-        """The state x = (q, v) in a mode with the numbers behind it, (size,)."""
-        locks = [1.0 if k in mode.locked else 0.0 for k in self.lockable]
-        friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * self._kinetic[k] for k in self.lockable]
-        slots = {slot.name: value for i, direction in enumerate(mode.directions)
-                 for slot, value in zip(_slots(i), direction, strict=True)}  # fmt: skip
-        layout = self.in_mode(mode, x).equations.layout
-        return np.concatenate([x[: self.whole.moving], layout.numbers_at(t, slots, np.array(locks + friction))])
-
-    def look(self, mode: Mode, x: Array, t: float) -> Snapshot:
-        """The snapshot of one state in a mode."""
-        return self.in_mode(mode, x).evaluate(np.array([t]), self.full_state(mode, x, t)[:, None])
-
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
         closed = {i: self.contacts[i].constraint(kind == "rolling", _slots(i))
                   for i, kind in enumerate(mode.contacts) if kind != "free"}  # fmt: skip
@@ -164,6 +146,43 @@ class System:
                 own = range(ends[place] - constraints.counts[place], ends[place])
                 rows[i] = tuple(constraints.kept.index(r) if r in constraints.kept else None for r in own)
         return ModeEquations(equations, Evaluator(equations, self.contacts, self.conditions, compiled=True), rows)
+
+
+class Situation(NamedTuple):
+    """A state x = (q, v) of a system in a mode at time t."""
+
+    system: System
+    mode: Mode
+    x: Array
+    t: float
+
+    @property
+    def own(self) -> ModeEquations:
+        """The equations of the mode."""
+        return self.system.in_mode(self.mode, self.x)
+
+    @property
+    def v(self) -> Array:
+        """The velocities."""
+        return self.x[self.system.nq :]
+
+    def full_state(self, t: float | None = None) -> Array:
+        """x with the numbers of the piece behind it, (size,); t: a time within that piece, if it is not the present."""
+        system, mode, layout = self.system, self.mode, self.own.equations.layout
+        locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
+        friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]
+        slots = {slot.name: value for i, direction in enumerate(mode.directions)
+                 for slot, value in zip(_slots(i), direction, strict=True)}  # fmt: skip
+        numbers = layout.numbers_at(self.t if t is None else t, slots, np.array(locks + friction))
+        return np.concatenate([self.x, numbers])
+
+    def look(self) -> Snapshot:
+        """Its snapshot."""
+        return self.own.evaluate(np.array([self.t]), self.full_state()[:, None])
+
+    def in_mode(self, mode: Mode) -> Situation:
+        """The same state in another mode."""
+        return self._replace(mode=mode)
 
 
 def _slots(i: int) -> tuple[Slot, Slot]:

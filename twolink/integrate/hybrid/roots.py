@@ -17,6 +17,7 @@ AROUND = np.concatenate([-OFFSETS[::-1], [0.0], OFFSETS])  # of the bracket, abo
 QUARTERS = np.array([0.25, 0.5, 0.75])
 SHRUNK = 1e-6  # of the first bracket of a minimum
 BATCHES = 60
+REACH = (4, 2, 1)  # points on each side for the estimate of each batch: nearer ones differ by rounding
 
 
 def crossing(f: Function, points: Array, values: Array, resolution: float) -> float:
@@ -31,10 +32,7 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
         a, b = float(points[end - 1]), float(points[end])
         if b - a <= resolution:
             break
-        reach = max(1, 3 - batches)  # points on each side; the nearer they lie, the more their differences are rounding
-        near = slice(max(0, end - reach), end + reach)
-        points, values, end = points[near], values[near], end - near.start
-        estimate = _estimate(points, values, end)
+        estimate = _estimate(points, values, end, REACH[min(batches, len(REACH) - 1)])
         # A good estimate ends the search: the zero lies between its two neighbours at the resolution.
         ends = (estimate - 0.4 * resolution, estimate + 0.4 * resolution)
         batch = np.concatenate([estimate + (b - a) * AROUND, ends, a + (b - a) * QUARTERS])
@@ -46,19 +44,23 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
     return b
 
 
-def _estimate(points: Array, values: Array, end: int) -> float:
+def _estimate(points: Array, values: Array, end: int, reach: int) -> float:
     """The zero between points[end - 1] and points[end], where the values pass it.
 
-    It is that of the polynomial which gives the points for the values (Neville's scheme), if the values decrease; else
-    of the chord, else the middle.
+    It is that of the polynomial which gives the points for the values (Neville's scheme), of `reach` points on each
+    side if their values decrease, else of fewer; where there is none, the middle.
     """
-    x, y = points.tolist(), values.tolist()
-    a, b = x[end - 1], x[end]
-    if any(not later < before < math.inf for before, later in itertools.pairwise(y)):
-        x, y = [a, b], [y[end - 1], y[end]]
-    for k in range(1, len(x)):
-        x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]
-    return float(x[0]) if a <= x[0] <= b else 0.5 * (a + b)
+    a, b = float(points[end - 1]), float(points[end])
+    for r in range(reach, 0, -1):
+        near = slice(max(0, end - r), end + r)
+        x, y = points[near].tolist(), values[near].tolist()
+        if any(not later < before < math.inf for before, later in itertools.pairwise(y)):
+            continue
+        for k in range(1, len(x)):
+            x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]
+        if a <= x[0] <= b:
+            return float(x[0])
+    return 0.5 * (a + b)
 
 
 def lowest(f: Function, a: float, b: float) -> tuple[float, float]:

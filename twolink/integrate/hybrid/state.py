@@ -10,7 +10,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import consistent
 from twolink.integrate.hybrid.guard import Key
 from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact
-from twolink.integrate.hybrid.modes import Mode, System
+from twolink.integrate.hybrid.modes import Mode, Situation, System
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 
@@ -23,10 +23,10 @@ class RunState:
     are not followed any more.
     """
 
-    def __init__(self, equations: Equations, small: float) -> None:
+    def __init__(self, equations: Equations, t: float, small: float) -> None:
         self.system = System(equations)
         self.x = np.array(equations.start[: equations.moving])
-        self.t = 0.0
+        self.t = t
         self.mode = self.system.first_mode
         self.events: list[Event] = []
         self.sides: dict[Key, float] = {}
@@ -36,6 +36,11 @@ class RunState:
         self.small = small
         self._rest_noted: set[str] = set()
 
+    @property
+    def here(self) -> Situation:
+        """The state in its mode."""
+        return Situation(self.system, self.mode, self.x, self.t)
+
     def note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None) -> None:
         """Add an event, now unless t is said."""
         self.events.append(Event(self.t if t is None else t, kind, what, detail, energy))
@@ -43,7 +48,7 @@ class RunState:
     def settle(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""
         before = self.mode if before is None else before
-        self.mode, self.x = consistent(self.system, self.mode, self.x, self.t, frozenset(self.opened))
+        _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
         kinds = {"free": "leave", "sliding": "slide", "rolling": "roll"}
@@ -66,7 +71,7 @@ class RunState:
 
     def strike(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
-        result = collide(self.system, self.mode, self.x, self.t, touch, self.small)
+        result = collide(self.here, touch, self.small)
         if result is None:
             return
         self.x[self.system.nq :], impacts = result
@@ -91,15 +96,15 @@ class RunState:
             if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
                 self.x[hold.entry] = hold.position
         for i, contact in enumerate(self.system.contacts):
-            gap = float(self.system.look(self.mode, self.x, self.t).contacts[i, 0, 0])
+            gap = float(self.here.look().contacts[i, 0, 0])
             if gap < -BEYOND:
                 raise SceneError(f"{who} has {contact.name!r} {-gap:.3g} m below its plane", where="q",
                                  remedy="keep it above", code="below-plane")  # fmt: skip
             if abs(gap) <= BEYOND:
-                self.x[: self.system.nq] = onto_contact(self.system, self.mode, self.x, self.t, i)
+                self.x[: self.system.nq] = onto_contact(self.here, i)
 
     def stored_energy(self) -> float:
         """Kinetic and potential energy of what acts now, J."""
-        robot = self.system.in_mode(self.mode, self.x).equations.robot
+        robot = self.here.own.equations.robot
         kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
         return float(kinetic + potential)

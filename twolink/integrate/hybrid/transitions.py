@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.switching import Stop, Trigger
+from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
-from twolink.integrate.hybrid.guard import Guard, Key
+from twolink.integrate.hybrid.guard import Guard
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
-from twolink.integrate.hybrid.modes import ModeEquations
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.state import Array
@@ -26,49 +25,81 @@ FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads
 Value = Callable[[Snapshot], Any]
 
 
-def guards_of(run: RunState, here: Snapshot) -> list[Guard]:
-    """The guards of the mode of a run, from its state on, of which `here` is the snapshot."""
-    system, mode = run.system, run.mode
-    own = system.in_mode(mode, run.x)
+def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
+    """The guards of the mode of a run, from its state on, of which this is the snapshot."""
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
-    force = FORCE_AT_ZERO * own.largest_load(here)
-    guards: list[Guard] = []
-
-    def add(key: Key, value: Value, transition: Callable[[RunState], None], noise: float, **how: Any) -> None:
-        guard = Guard(key, value, transition, run.t, **how)
+    force = FORCE_AT_ZERO * run.here.own.largest_load(snapshot)
+    guards = [*_joint_guards(run), *_contact_guards(run), *_trigger_guards(run)]
+    for guard in guards:
         with np.errstate(all="ignore"):
-            first = float(np.asarray(value(here)).reshape(-1)[0])
-        guard.begin(first, noise, fired=key in run.fired)
-        guards.append(guard)
+            first = float(np.asarray(guard.value(snapshot)).reshape(-1)[0])
+        guard.begin(first, force if guard.is_force else distance, fired=guard.key in run.fired)
+    return guards
 
+
+def _joint_guards(run: RunState) -> Iterator[Guard]:
+    """Locks that may be overcome, joints that may come to rest, stops that may be hit."""
+    system, mode, x, t = run.here
     for i, k in enumerate(system.lockable):
         if k in mode.locked:
-            least, greatest = system.torque_range(k, run.x)
-            if math.isfinite(greatest):
-                add(("above", k), partial(_below, i, greatest), partial(_free_joint, k, 1.0), force)
-            if math.isfinite(least):
-                add(("below", k), partial(_above, i, least), partial(_free_joint, k, -1.0), force)
+            for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
+                if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
+                    yield Guard((f"lock {side:+g}", k), partial(_row, "locks", i, side, torque),
+                                partial(_free_joint, k, -side), t, is_force=True)  # fmt: skip
         elif k in system.rubbing and mode.slip.get(k):
-            add(("stick", k), partial(_speed, system.nq + k, mode.slip[k]), partial(_stick, k), distance, touching=True)
+            yield Guard(("stick", k), partial(_row, "x", system.nq + k, mode.slip[k], 0.0),
+                        partial(_stick, k), t, touching=True)  # fmt: skip
     for n, stop in enumerate(system.stops):
-        if not (stop.dof in mode.locked and run.x[stop.entry] == stop.position):
-            add(("stop", n), partial(_room, stop),
-                partial(_hit_stop, n), distance, touching=True)  # fmt: skip
+        if not (stop.dof in mode.locked and x[stop.entry] == stop.position):
+            yield Guard(("stop", n), partial(_row, "x", stop.entry, stop.side, stop.position),
+                        partial(_hit_stop, n), t, touching=True)  # fmt: skip
+
+
+def _contact_guards(run: RunState) -> Iterator[Guard]:
+    """Gaps that may close; closed contacts that may open, begin to slide, or begin to roll."""
+    system, mode, _, t = run.here
     for i, contact in enumerate(system.contacts):
         if mode.contacts[i] == "free":
-            add(("impact", i), partial(_gap, i), partial(_hit_contact, i), distance, touching=True)
+            yield Guard(
+                ("impact", i), partial(_row, "contacts", (i, 0), 1.0, 0.0), partial(_hit_contact, i), t, touching=True
+            )
             continue
-        add(("leave", i), partial(_normal_force, own, i), partial(_open, i), force)
+        forces = partial(run.here.own.contact_forces, i=i)
+        yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, is_force=True)
         if mode.contacts[i] == "rolling":
-            add(("slide", i), partial(_cone, own, i, contact.friction), partial(_slide, i), force)
+            yield Guard(("slide", i), partial(_cone, forces, contact.friction), partial(_slide, i), t, is_force=True)
         elif contact.friction:
-            add(("roll", i), partial(_slip, i, mode.directions[i]), RunState.settle, distance)
-    for n, (place, trigger) in enumerate(system.triggers):
-        key = ("trigger", n)
-        value = None if place in mode.dropped else _trigger_value(run, own, n)
-        if value is not None and not _is_caught(run, trigger):
-            add(key, value, partial(_fire, n), distance, side=run.sides.get(key))
-    return guards
+            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]),
+                        RunState.settle, t)  # fmt: skip
+
+
+def _trigger_guards(run: RunState) -> Iterator[Guard]:
+    """Triggers of effects that act, but for those at a time."""
+    for n, (place, trigger) in enumerate(run.system.triggers):
+        value = None if place in run.mode.dropped or _is_caught(run, trigger) else _trigger_value(run, n)
+        if value is not None:
+            yield Guard(("trigger", n), value, partial(_fire, n), run.t, side=run.sides.get(("trigger", n)))
+
+
+def _row(field: str, row: Any, side: float, offset: float, s: Snapshot) -> Any:
+    """A row of a field of a snapshot less an offset, with a sign."""
+    return side * (getattr(s, field)[row] - offset)
+
+
+def _slip(i: int, direction: tuple[float, float], s: Snapshot) -> Any:
+    """The speed of sliding of contact i in the direction in which it began, m/s."""
+    return direction[0] * s.contacts[i, 2] + direction[1] * s.contacts[i, 3]
+
+
+def _normal_force(forces: Value, s: Snapshot) -> Any:
+    """The normal force of a closed contact, N."""
+    return forces(s)[0]
+
+
+def _cone(forces: Value, friction: float, s: Snapshot) -> Any:
+    """What is left of the friction that can be had, N."""
+    normal, first, second = forces(s)
+    return friction * normal - np.hypot(first, second)
 
 
 def fire_timed(run: RunState) -> None:
@@ -83,59 +114,18 @@ def same_time(a: float, b: float) -> bool:
     return abs(a - b) <= 1e-13 * max(1.0, b)
 
 
-def _below(i: int, greatest: float, s: Snapshot) -> Any:
-    """How far the torque of a lock is below its largest, N m or N."""
-    return greatest - s.locks[i]
-
-
-def _above(i: int, least: float, s: Snapshot) -> Any:
-    """How far the torque of a lock is above its smallest, N m or N."""
-    return s.locks[i] - least
-
-
-def _speed(row: int, slip: float, s: Snapshot) -> Any:
-    """The speed of a joint in the direction of its slip."""
-    return slip * s.x[row]
-
-
-def _room(stop: Stop, s: Snapshot) -> Any:
-    """How far a joint is from its stop, rad or m."""
-    return stop.side * (s.x[stop.entry] - stop.position)
-
-
-def _gap(i: int, s: Snapshot) -> Any:
-    """The gap of a contact, m."""
-    return s.contacts[i, 0]
-
-
-def _normal_force(own: ModeEquations, i: int, s: Snapshot) -> Any:
-    """The normal force of a closed contact, N."""
-    return own.contact_forces(s, i)[0]
-
-
-def _slip(i: int, direction: tuple[float, float], s: Snapshot) -> Any:
-    """The speed of sliding in the direction in which it began, m/s."""
-    return direction[0] * s.contacts[i, 2] + direction[1] * s.contacts[i, 3]
-
-
-def _cone(own: ModeEquations, i: int, friction: float, s: Snapshot) -> Any:
-    """What is left of the friction that can be had, N."""
-    normal, first, second = own.contact_forces(s, i)
-    return friction * normal - np.hypot(first, second)
-
-
-def _trigger_value(run: RunState, own: ModeEquations, n: int) -> Value | None:
+def _trigger_value(run: RunState, n: int) -> Value | None:
     """What passes 0 where a trigger fires; None for one at a time."""
     system, (_, trigger) = run.system, run.system.triggers[n]
     if trigger.condition is not None:
         row = [i for i, (_, other) in enumerate(system.triggers) if other.condition is not None].index(n)
-        return lambda s: s.conditions[row]
+        return partial(_row, "conditions", row, 1.0, 0.0)
     if (function := trigger.function) is not None:
-        equations = own.equations
+        equations = run.here.own.equations
         return lambda s: function(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
     if trigger.at is None:  # a limit of effort
         row = n - len(system.switching.triggers)
-        return lambda s: s.limits[row]
+        return partial(_row, "limits", row, 1.0, 0.0)
     return None
 
 
@@ -147,7 +137,7 @@ def _is_caught(run: RunState, trigger: Trigger) -> bool:
 
 def _free_joint(k: int, torque: float, run: RunState) -> None:
     before = run.mode
-    run.mode = freed(run.system, run.mode, k, torque, run.x)
+    run.mode = freed(run.here, k, torque)
     run.opened.add(("joint", k))
     run.settle(before)
 
@@ -168,8 +158,8 @@ def _hit_stop(n: int, run: RunState) -> None:
 
 
 def _hit_contact(i: int, run: RunState) -> None:
-    run.x[: run.system.nq] = onto_contact(run.system, run.mode, run.x, run.t, i)
-    run.strike(contact_touch(run.system, run.mode, run.x, run.t, i))
+    run.x[: run.system.nq] = onto_contact(run.here, i)
+    run.strike(contact_touch(run.here, i))
     run.settle()
 
 
@@ -181,9 +171,8 @@ def _open(i: int, run: RunState) -> None:
 
 
 def _slide(i: int, run: RunState) -> None:
-    before, own = run.mode, run.system.in_mode(run.mode, run.x)
-    forces = own.contact_forces(run.system.look(run.mode, run.x, run.t), i)[:, 0]
-    run.mode = sliding(run.mode, i, forces)
+    before, here = run.mode, run.here
+    run.mode = sliding(before, i, here.own.contact_forces(here.look(), i)[:, 0])
     run.opened.add(("roll", i))
     run.settle(before)
 
