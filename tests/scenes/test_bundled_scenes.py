@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import twolink as tl
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.motion import Loads, Motion
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.scene_equations import equations_of
 
@@ -170,12 +171,10 @@ def test_human_arm_loses_the_energy_that_its_damping_dissipates() -> None:
     """E(0) - E(T) is the integral of sum d v^2, by Simpson's rule, which halving its step checks."""
     scene = tl.load_scene("arm-human")
     run = tl.simulate(scene, accuracy=1e-10, samples=800.0)
-    equations = equations_of(scene)
-    damping = scene.effects[1]
-    power = np.array([
-        -np.dot(equations.loads(equations.numbers, q, v, t, Numbers, [damping]).tau, v)
-        for t, q, v in zip(run.t, run.q, run.v, strict=True)
-    ])  # fmt: skip
+    motion = Motion(scene.robot.model, equations_of(scene).mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
+    loads = Loads(motion)
+    scene.effects[1].act(motion, loads)
+    power = -sum(np.asarray(tau) * v for tau, v in zip(loads.tau, run.v.T, strict=True))
     lost, coarse = simpson(power, x=run.t), simpson(power[::2], x=run.t[::2])
     bound = max(1e-11, abs(lost - coarse))  # the finer one is about 15 times better than that
     assert lost > 10.0
