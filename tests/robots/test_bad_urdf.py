@@ -95,6 +95,7 @@ BAD = {
     "ball joint": (swapped('"revolute"', '"ball"'), ["type 'ball' is unknown"]),
     "damping in words": (
         swapped("</joint>", '<dynamics damping="high"/></joint>'), ["joint 'hinge'", "'high' is not a number"]),
+    "mimic without joint": (swapped("</joint>", "<mimic/></joint>"), ["joint 'hinge'", "<mimic> has no joint"]),
     "planar normal": (swapped('"revolute"', '"planar"'), ["joint 'hinge'", "x-y plane", '<axis xyz="0 0 1"/>']),
     "other digits": (swapped('mass value="2"', 'mass value="\u0662"'), ["is not a number"]),
     "masses add up to infinity": (

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import math
-import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +14,7 @@ import pinocchio as pin
 from twolink.errors import nearest
 from twolink.io.listing import facts_html
 from twolink.robots.tree import Tree
+from twolink.robots.urdf_elements import URDF_ELEMENTS, UrdfElement
 from twolink.robots.xml import Element
 
 Kind = Literal["read", "ignored", "repaired", "assumed"]
@@ -204,22 +202,15 @@ def choice_findings(
     return statements
 
 
-@functools.cache
-def _elements() -> dict[str, dict[str, Any]]:
-    """The elements of a URDF with their attributes and children."""
-    return tomllib.loads((Path(__file__).parent / "urdf_elements.toml").read_text(encoding="utf-8"))
-
-
 def _unknown_content(robot: Element) -> list[Finding]:
     """Elements, attributes and text that are not URDF's, because of another program or a typing error."""
     foreign: Counter[str] = Counter()
     unknown: dict[str, dict[str, None]] = defaultdict(dict)
-    known = _elements()
 
     def look(element: Element) -> None:
         tag, line = element.tag, element.line
-        attributes: list[str] | None = known.get(tag, {}).get("attributes")
-        children: list[str] | None = known.get(tag, {}).get("children")
+        entry = URDF_ELEMENTS.get(tag, UrdfElement())
+        attributes, children = entry.attributes, entry.children
         if attributes is not None:
             for key in element.attributes:
                 if key not in attributes and not key.startswith("xmlns"):
@@ -233,7 +224,7 @@ def _unknown_content(robot: Element) -> list[Finding]:
             elif children is not None and child.tag not in children:
                 unknown["unknown elements"][f"<{child.tag}> in <{tag}> ({nearest(child.tag, children)})"] = None
             else:
-                if children is not None and child.tag in seen and not known[child.tag].get("repeatable"):
+                if children is not None and child.tag in seen and not URDF_ELEMENTS[child.tag].repeatable:
                     place = f"<{child.tag}> in <{tag}>, line {child.line}"
                     unknown["repeated elements"][f"{place}: the first one counts"] = None
                 seen.add(child.tag)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 
 from twolink.errors import RobotError, nearest
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
@@ -68,8 +69,10 @@ def read_tree(element: Element, source: str) -> Tree:
         for role, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in by_name:
                 raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
-    root = _single_root(by_name, joints, source)
-    return Tree(element.attributes.get("name", ""), element, by_name, _ordered(root, by_name, joints), root)
+    ordered = _ordered(by_name, joints, source)
+    children = {joint.child for joint in joints}
+    root = next(name for name in by_name if name not in children)
+    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root)
 
 
 def _error(what: str, where: str, remedy: str) -> RobotError:
@@ -102,8 +105,8 @@ def _require_unique(items: Sequence[UrdfLink] | Sequence[UrdfJoint]) -> None:
             raise _error(f"the name is used {count} times", second.where, "rename one of them")
 
 
-def _single_root(links: dict[str, UrdfLink], joints: list[UrdfJoint], source: str) -> str:
-    """The one link that is no joint's child."""
+def _ordered(links: dict[str, UrdfLink], joints: list[UrdfJoint], source: str) -> tuple[UrdfJoint, ...]:
+    """The joints of a tree with one root, every parent before its children."""
     carriers: dict[str, UrdfJoint] = {}
     for joint in joints:
         other = carriers.setdefault(joint.child, joint)
@@ -111,44 +114,20 @@ def _single_root(links: dict[str, UrdfLink], joints: list[UrdfJoint], source: st
             what = f"link {joint.child!r} is already the child of joint {other.name!r}"
             remedy = "a URDF is a tree: give the link one parent, and close loops elsewhere"
             raise _error(what, joint.where, remedy)
+    try:
+        order = list(TopologicalSorter({joint.child: [joint.parent] for joint in joints}).static_order())
+    except CycleError as error:
+        cycle = " <- ".join(map(repr, error.args[1][:8]))
+        raise _error(f"the joints form a cycle: {cycle}", source, "remove one of them") from None
     roots = [name for name in links if name not in carriers]
-    if not roots:
-        raise _error(f"the joints form a cycle: {_cycle(carriers)}", source, "remove one of them")
     if len(roots) > 1:
         what = f"{len(roots)} root links: {', '.join(map(repr, roots[:5]))}"
         raise _error(what, source, "connect them with joints, or remove all but one")
-    return roots[0]
-
-
-def _cycle(carriers: dict[str, UrdfJoint]) -> str:
-    """The links of one cycle: from child to parent until a link comes again."""
-    seen: list[str] = []
-    link = next(iter(carriers))
-    while link not in seen and link in carriers:
-        seen.append(link)
-        link = carriers[link].parent
-    loop = [*seen[seen.index(link) :], link] if link in seen else seen
-    return " <- ".join(loop[:8]) + (" ..." if len(loop) > 8 else "")
-
-
-def _ordered(root: str, links: dict[str, UrdfLink], joints: list[UrdfJoint]) -> tuple[UrdfJoint, ...]:
-    """The joints, breadth first from the root."""
-    children: dict[str, list[UrdfJoint]] = {}
-    for joint in joints:
-        children.setdefault(joint.parent, []).append(joint)
-    ordered: list[UrdfJoint] = []
-    queue = deque([(root, 0)])
-    while queue:
-        link, depth = queue.popleft()
-        if depth > MAX_DEPTH:
+    ordered = [carriers[link] for link in order if link in carriers]
+    depth = {roots[0]: 0}
+    for joint in ordered:
+        depth[joint.child] = depth[joint.parent] + 1
+        if depth[joint.child] > MAX_DEPTH:
             what = f"more than {MAX_DEPTH} joints lie between it and the root"
-            raise _error(what, f"link {link!r}", "load a shorter chain")
-        for joint in children.get(link, []):
-            ordered.append(joint)
-            queue.append((joint.child, depth + 1))
-    reached = {root, *(joint.child for joint in ordered)}
-    stray = [name for name in links if name not in reached]
-    if stray:  # one root, but a cycle of its own beside the tree
-        cycle = _cycle({j.child: j for j in joints if j.child in stray})
-        raise _error(f"the joints form a cycle: {cycle}", links[stray[0]].where, "remove one of the joints")
+            raise _error(what, f"link {joint.child!r}", "load a shorter chain")
     return tuple(ordered)

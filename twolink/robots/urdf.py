@@ -78,7 +78,7 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     """A <joint>. Raises RobotError for an unknown type, a zero axis, or limits that are missing or reversed."""
     name = reader.name(element)
     owner = f"joint {name!r}"
-    kind = element.attributes.get("type", "").strip()
+    kind = element.attributes["type"] = element.attributes.get("type", "").strip()
     if kind not in JOINT_TYPES:
         raise reader.error(element, owner, f"type {kind!r} is unknown", nearest(kind, JOINT_TYPES))
     parent, child = (_link_name(reader, element, tag, owner) for tag in ("parent", "child"))
@@ -93,9 +93,11 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
         damping, friction = (reader.number(dynamics, key, owner, 0.0) for key in ("damping", "friction"))
     mimic = element.first("mimic")
     if mimic is not None:
+        if not mimic.attributes.get("joint"):
+            raise reader.error(mimic, owner, "<mimic> has no joint", 'add joint="..."')
         reader.number(mimic, "multiplier", owner, 1.0)
         reader.number(mimic, "offset", owner, 0.0)
-    target = None if mimic is None else mimic.attributes.get("joint", "")
+    target = None if mimic is None else mimic.attributes["joint"]
     limits = _limits(reader, element, owner, kind)
     where = reader.where(element, owner)
     return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
@@ -120,11 +122,15 @@ def _link_name(reader: Reader, joint: Element, tag: str, owner: str) -> str:
 
 
 def _axis(reader: Reader, joint: Element, owner: str, kind: str) -> Vector | None:
-    """The joint's axis as written."""
+    """The joint's axis as written; the element gets the one of length 1."""
     element = joint.first("axis")
-    axis = None if element is None else reader.numbers(element, "xyz", owner, 3)
-    if element is not None and axis is not None and not math.hypot(*axis) > 1e-9:
-        raise reader.error(element, owner, f"axis {axis} has no direction", 'give one, such as <axis xyz="0 0 1"/>')
+    axis = None
+    if element is not None:
+        axis = reader.numbers(element, "xyz", owner, 3)
+        length = math.hypot(*axis)
+        if not length > 1e-9:
+            raise reader.error(element, owner, f"axis {axis} has no direction", 'give one, such as <axis xyz="0 0 1"/>')
+        element.attributes["xyz"] = " ".join(repr(x / length) for x in axis)
     if kind == "planar":  # the axis is the plane's normal; Pinocchio moves in x-y, whatever the axis says
         x, y, z = axis or (1.0, 0.0, 0.0)
         if not (x == y == 0.0 and z > 0.0):

@@ -144,7 +144,10 @@ class Reader:
         return value
 
     def numbers(self, element: Element, key: str, owner: str, count: int, default: Vector | None = None) -> Vector:
-        """`count` finite numbers from one attribute, or the default where the attribute is absent."""
+        """`count` finite numbers from one attribute, or the default where the attribute is absent.
+
+        The attribute is written again with the numbers in their shortest exact form, which every parser reads.
+        """
         text = element.attributes.get(key)
         if text is None:
             if default is None:
@@ -166,6 +169,7 @@ class Reader:
             if not math.isfinite(values[-1]):
                 what = f"{shown}: {values[-1]} is not finite"
                 raise self.error(element, owner, what, "give a finite number")
+        element.attributes[key] = " ".join(map(repr, values))
         return tuple(values)
 
     def number(self, element: Element, key: str, owner: str, default: float | None = None) -> float:
