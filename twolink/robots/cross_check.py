@@ -1,8 +1,9 @@
 """The same URDF read by yourdfpy, compared with what Pinocchio read.
 
-yourdfpy reads the URDF that our XML reader wrote for drawing: joints, inertias and visuals of the file, with its numbers
-in their shortest exact form, before any joint is locked. From there on the two share no code: yourdfpy's parser and forward kinematics against Pinocchio's
-parser and model. What our XML reader itself would misread, this comparison cannot show.
+yourdfpy reads the URDF that our XML reader wrote for drawing: joints, inertias and visuals of the file, with its
+numbers in their shortest exact form, before any joint is locked. From there on the two share no code: yourdfpy's parser
+and forward kinematics against Pinocchio's parser and model. What our XML reader itself would misread, this comparison
+cannot show.
 """
 
 from __future__ import annotations
