@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from twolink.hard.truths import REFERENCES
 
@@ -21,8 +22,8 @@ BITS = 200
 G = 9.81
 
 
-def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence[float], times: Sequence[float]) -> Any:
-    """theta1 (from the horizontal) and theta2 at the times [s], as digits; released at rest under gravity."""
+def two_rods(masses: Sequence[float], theta0: Sequence[float], times: Sequence[float]) -> list[list[str]]:
+    """theta1 (from the horizontal) and theta2 of rods of 1 m at the times [s]; released at rest under gravity."""
     import heyoka as hy
 
     from twolink.lagrange import formulas
@@ -31,7 +32,7 @@ def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence
         return hy.expression(hy.real(float(value), BITS))
 
     theta, rate = hy.make_vars("a", "b"), np.array(hy.make_vars("c", "d"))
-    sizes, kilos = (exact(lengths[0]), exact(lengths[1])), (exact(masses[0]), exact(masses[1]))
+    sizes, kilos = (exact(1), exact(1)), (exact(masses[0]), exact(masses[1]))
     a, b, c, d = (np.array(entries, dtype=object) for entries in (
         formulas.mass_entries(sizes, kilos, theta, hy), formulas.product_entries(sizes, kilos, theta, hy),
         formulas.square_entries(sizes, kilos, theta, hy, "corrected"),
@@ -43,7 +44,7 @@ def two_rods(lengths: Sequence[float], masses: Sequence[float], theta0: Sequence
     return _solved(system, [*theta0, 0.0, 0.0], times, 2)
 
 
-def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[float]) -> Any:
+def free_body(moments: Sequence[float], spin: Sequence[float], times: Sequence[float]) -> list[list[str]]:
     """Position (0, 0, 0) and quaternion (x, y, z, w) of a free body, by Euler's equations."""
     import heyoka as hy
 
@@ -108,15 +109,11 @@ def planar_chain(masses: Sequence[float], angle: float, end: float, steps: int, 
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Gaussian elimination in long double: LAPACK has none."""
-    a, b, n = matrix.copy(), right.copy(), len(right)
-    for k in range(n):
-        factor = a[k + 1 :, k] / a[k, k]
-        a[k + 1 :, k + 1 :] -= np.outer(factor, a[k, k + 1 :])
-        b[k + 1 :] -= factor * b[k]
-    for k in reversed(range(n)):
-        b[k] = (b[k] - a[k, k + 1 :] @ b[k + 1 :]) / a[k, k]
-    return b
+    """Refined in long double from LAPACK's factors in double: each pass gains 6 digits or more up to condition 1e10."""
+    factors, x = lu_factor(matrix.astype(float)), np.zeros_like(right)
+    for _ in range(5):
+        x += lu_solve(factors, (right - matrix @ x).astype(float))
+    return x
 
 
 def _step(rate: Any, x: np.ndarray, h: Any) -> np.ndarray:
@@ -151,10 +148,10 @@ def main(names: Sequence[str]) -> None:
     """Compute the references named, or all, and write them into the file."""
     stored: dict[str, Any] = json.loads(REFERENCES.read_text(encoding="utf-8"))
     references: dict[str, tuple[list[float], Callable[[list[float]], Any]]] = {
-        "arm-swing": (_times(1.0, 10), functools.partial(two_rods, (1, 1), (3, 1), (0, 0))),
-        "chaos": (_times(0.5, 60), functools.partial(two_rods, (1, 1), (1, 1), (0, 0))),
-        "light-tip": (_times(1.0, 5), functools.partial(two_rods, (1, 1), (1, 1e-9), (0.3, -0.5))),
-        "heavy-tip": (_times(1.0, 5), functools.partial(two_rods, (1, 1), (1e-9, 1), (0.3, -0.5))),
+        "arm-swing": (_times(1.0, 10), functools.partial(two_rods, (3, 1), (0, 0))),
+        "chaos": (_times(0.5, 60), functools.partial(two_rods, (1, 1), (0, 0))),
+        "light-tip": (_times(1.0, 5), functools.partial(two_rods, (1, 1e-9), (0.3, -0.5))),
+        "heavy-tip": (_times(1.0, 5), functools.partial(two_rods, (1e-9, 1), (0.3, -0.5))),
         "dzhanibekov": (_times(5.0, 20), functools.partial(free_body, BOX, (0.1, 5.0, 0.1))),
     }
     for name, masses, angle in CHAINS:
