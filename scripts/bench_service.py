@@ -15,7 +15,6 @@ import argparse
 import asyncio
 import contextlib
 import http.client
-import json
 import os
 import re
 import subprocess
@@ -29,6 +28,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import uvloop
 
 import twolink as tl
 
@@ -37,7 +37,6 @@ PATH = "/v1/robots/two_link/forward-dynamics"
 CONNECTIONS = (1, 16, 64)
 MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5e-3, 1e6, 0.02
 SERVE = ["-m", "twolink", "serve", "--port", "0", "--data"]
-CPUS = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
 
 
 async def bare(scope: Any, receive: Any, send: Any) -> None:
@@ -66,22 +65,17 @@ def serve_bare() -> None:
     uvicorn.Server(config).run(sockets=[socket])
 
 
-def pinned(command: list[str], core: int | None) -> list[str]:
-    """A Python command on one of the cores (the first 0, the last -1), where there is more than one."""
-    taskset = ["taskset", "-c", str(CPUS[core])] if core is not None and len(CPUS) > 1 else []
-    return [*taskset, sys.executable, *command]
-
-
 @contextlib.contextmanager
 def server(command: list[str], core: int | None = None) -> Iterator[tuple[int, int]]:
-    """A server process while it is needed: its port and its process id."""
-    process = subprocess.Popen(pinned(command, core), stdout=subprocess.PIPE, text=True)
+    """A server process while it is needed, on one of the cores if `core` is its number: its port and process id."""
+    pinned = [] if core is None else ["taskset", "-c", str(core)]
+    process = subprocess.Popen([*pinned, sys.executable, *command], stdout=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline() if process.stdout else ""
-        found = re.search(r"http://[\d.]+:(\d+)/", line)
-        if found is None:
+        address = re.search(r"http://[\d.]+:(\d+)/", line)
+        if address is None:
             raise SystemExit(f"the server did not start: {line!r}")
-        yield int(found.group(1)), process.pid
+        yield int(address.group(1)), process.pid
     finally:
         process.terminate()
         process.wait(20)
@@ -111,25 +105,14 @@ async def _requests(port: int, connections: int, seconds: float, requests: int) 
     return taken
 
 
-def print_load(port: int, connections: int, seconds: float, requests: int) -> None:
-    """Send requests and print requests/s, p50 and p99 [s] as JSON."""
-    import uvloop
-
-    start = time.perf_counter()
+def load(served: tuple[int, int], connections: int, seconds: float, requests: int = 10**9) -> dict[str, float]:
+    """The outcome of requests: requests/s, p50 and p99 [s], and the server's CPU seconds a request."""
+    port, pid = served
+    before, start = _cpu_seconds(pid), time.perf_counter()
     taken = np.array(uvloop.run(_requests(port, connections, seconds, requests)))
     rate = len(taken) / (time.perf_counter() - start)
-    print(json.dumps({"rate": rate, "p50": np.quantile(taken, 0.5), "p99": np.quantile(taken, 0.99)}))
-
-
-def load(served: tuple[int, int], connections: int, seconds: float, requests: int = 10**9) -> dict[str, float]:
-    """Requests from a process of its own: requests/s, p50 and p99 [s], and the server's CPU seconds a request."""
-    port, pid = served
-    command = [__file__, "--load", str(port), str(connections), str(seconds), str(requests)]
-    before, start = _cpu_seconds(pid), time.perf_counter()
-    done = subprocess.run(pinned(command, -1), capture_output=True, text=True, check=True)
-    found: dict[str, float] = json.loads(done.stdout)
-    duration = min(seconds, time.perf_counter() - start)
-    return {**found, "cpu": (_cpu_seconds(pid) - before) / (found["rate"] * duration)}
+    p50, p99 = np.quantile(taken, (0.5, 0.99))
+    return {"rate": rate, "p50": p50, "p99": p99, "cpu": (_cpu_seconds(pid) - before) / len(taken)}
 
 
 def _cpu_seconds(pid: int) -> float:
@@ -140,7 +123,9 @@ def _cpu_seconds(pid: int) -> float:
 def single_states(seconds: float, rounds: int, data: str) -> list[dict[str, Any]]:
     """A row for each number of connections, with the medians of bare and service, measured in turn."""
     rows = []
-    with server([__file__, "--bare"], 0) as bare_server, server([*SERVE, data], 0) as service:
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, cores[-1:])  # the load is not where the servers are
+    with server([__file__, "--bare"], cores[0]) as bare_server, server([*SERVE, data], cores[0]) as service:
         load(service, 16, 3.0)  # loads the robot; worker processes start meanwhile
         for connections in CONNECTIONS:
             pairs = [[load(one, connections, seconds) for one in (bare_server, service)] for _ in range(rounds)]
@@ -149,6 +134,7 @@ def single_states(seconds: float, rounds: int, data: str) -> list[dict[str, Any]
                 row[name] = {what: median(one[what] for one in measured) for what in measured[0]}
             row["ratio"] = median(ours["rate"] / alone["rate"] for alone, ours in pairs)
             rows.append(row)
+    os.sched_setaffinity(0, cores)
     return rows
 
 
@@ -195,13 +181,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--requests", type=int, default=100_000)
     parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--load", nargs=4, type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.bare:
         serve_bare()
-    elif options.load:
-        port, connections, seconds, requests = options.load
-        print_load(int(port), int(connections), seconds, int(requests))
     else:
         _measure(options)
 

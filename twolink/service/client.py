@@ -258,73 +258,69 @@ class RemoteRobot:
     ) -> Array:
         """Accelerations a (..., nv), M(q) a + h(q, v) = tau. f_ext: wrenches (..., 6) by frame, along its axes."""
         texts = {} if method == "aba" else {"method": method}
-        return self._ask("forward-dynamics", f_ext, texts, q=q, v=v, tau=tau)["a"]
+        return self._ask("forward-dynamics", f_ext, texts, q=q, v=v, tau=tau)[0]
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: Wrenches | None = None) -> Array:
         """Torques (..., nv)."""
-        return self._ask("inverse-dynamics", f_ext, q=q, v=v, a=a)["tau"]
+        return self._ask("inverse-dynamics", f_ext, q=q, v=v, a=a)[0]
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """The joint-space inertia matrix M (..., nv, nv)."""
-        return self._ask("mass-matrix", q=q)["M"]
+        return self._ask("mass-matrix", q=q)[0]
 
     def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The torques h(q, v) (..., nv) that keep all accelerations zero."""
-        return self._ask("bias", q=q, v=v)["h"]
+        return self._ask("bias", q=q, v=v)[0]
 
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
         """A Coriolis matrix C (..., nv, nv)."""
-        return self._ask("coriolis", q=q, v=v)["C"]
+        return self._ask("coriolis", q=q, v=v)[0]
 
     def gravity_torque(self, q: ArrayLike) -> Array:
         """The torques g (..., nv) that hold the robot at rest against gravity."""
-        return self._ask("gravity-torque", q=q)["g"]
+        return self._ask("gravity-torque", q=q)[0]
 
-    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, ...]:
         """(kinetic, potential) energy, (...,) each, J."""
-        answer = self._ask("energy", q=q, v=v)
-        return answer["kinetic"], answer["potential"]
+        return self._ask("energy", q=q, v=v)
 
     def centre_of_mass(self, q: ArrayLike) -> Array:
         """The centre of mass (..., 3), m, in the world."""
-        return self._ask("centre-of-mass", q=q)["c"]
+        return self._ask("centre-of-mass", q=q)[0]
 
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Linear momentum, then angular momentum about the centre of mass, (..., 6), along the world's axes."""
-        return self._ask("momentum", q=q, v=v)["momentum"]
+        return self._ask("momentum", q=q, v=v)[0]
 
-    def frame_pose(self, q: ArrayLike, frame: str) -> tuple[Array, Array]:
+    def frame_pose(self, q: ArrayLike, frame: str) -> tuple[Array, ...]:
         """Rotation R (..., 3, 3) and origin p (..., 3) of a frame: x_world = R x_frame + p."""
-        answer = self._ask("frame-pose", None, {"frame": frame}, q=q)
-        return answer["R"], answer["p"]
+        return self._ask("frame-pose", None, {"frame": frame}, q=q)
 
     def frame_velocity(self, q: ArrayLike, v: ArrayLike, frame: str, axes: str = "aligned") -> Array:
         """Velocity (..., 6) of a frame: linear, then angular, along the axes of the world or ("local") its own."""
-        return self._ask("frame-velocity", None, {"frame": frame, "axes": axes}, q=q, v=v)["velocity"]
+        return self._ask("frame-velocity", None, {"frame": frame, "axes": axes}, q=q, v=v)[0]
 
     def frame_jacobian(self, q: ArrayLike, frame: str, axes: str = "aligned") -> Array:
         """The Jacobian J (..., 6, nv) of a frame: J v is its velocity."""
-        return self._ask("frame-jacobian", None, {"frame": frame, "axes": axes}, q=q)["J"]
+        return self._ask("frame-jacobian", None, {"frame": frame, "axes": axes}, q=q)[0]
 
-    def forward_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
+    def forward_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, ...]:
         """(da_dq, da_dv, da_dtau), (..., nv, nv) each, along tangent directions."""
-        answer = self._ask("forward-dynamics-derivatives", q=q, v=v, tau=tau)
-        return answer["da_dq"], answer["da_dv"], answer["da_dtau"]
+        return self._ask("forward-dynamics-derivatives", q=q, v=v, tau=tau)
 
-    def inverse_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> tuple[Array, Array, Array]:
+    def inverse_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> tuple[Array, ...]:
         """(dtau_dq, dtau_dv, dtau_da), (..., nv, nv) each, along tangent directions."""
-        answer = self._ask("inverse-dynamics-derivatives", q=q, v=v, a=a)
-        return answer["dtau_dq"], answer["dtau_dv"], answer["dtau_da"]
+        return self._ask("inverse-dynamics-derivatives", q=q, v=v, a=a)
 
     def link_poses(self, q: ArrayLike) -> dict[str, Array]:
         """Where the links are, by name: position [m] and quaternion (x y z w), (..., 7) each."""
-        poses = self._ask("kinematics", q=q)["poses"]
+        poses = self._ask("kinematics", q=q)[0]
         return {name: poses[..., i, :] for i, name in enumerate(self.description["links"])}
 
     def _ask(
         self, what: str, f_ext: Wrenches | None = None, texts: Mapping[str, str] | None = None, **arguments: ArrayLike
-    ) -> dict[str, Array]:
-        """The answers to a query by name. Arrays in npz have no place for texts, so they go as JSON."""
+    ) -> tuple[Array, ...]:
+        """The arrays that answer a query by name. npz has no place for texts, so requests with texts are JSON."""
         arrays = {name: _array(name, value) for name, value in arguments.items()}
         wrenches = {frame: _array(f"f_ext[{frame!r}]", value) for frame, value in (f_ext or {}).items()}
         path = f"/v1/robots/{quote(self.id, safe='')}/{what}"
@@ -332,10 +328,11 @@ class RemoteRobot:
             body: dict[str, Any] = {**arrays, **(texts or {}), **({"f_ext": wrenches} if wrenches else {})}
             content = msgspec.json.encode(body, enc_hook=np.ndarray.tolist)
             answer = msgspec.json.decode(self._client.request("POST", path, content)[1])
-            return {name: np.array(value) for name, value in answer.items() if name != "frames"}
-        content = npz.write_npz({**arrays, **{f"f_ext.{frame}": array for frame, array in wrenches.items()}})
-        with np.load(io.BytesIO(self._client.request("POST", path, content, npz.MEDIA_TYPE)[1])) as loaded:
-            return {name: loaded[name] for name in loaded.files if name != "frames"}
+        else:
+            content = npz.write_npz({**arrays, **{f"f_ext.{frame}": array for frame, array in wrenches.items()}})
+            with np.load(io.BytesIO(self._client.request("POST", path, content, npz.MEDIA_TYPE)[1])) as loaded:
+                answer = dict(loaded)
+        return tuple(np.asarray(value) for name, value in answer.items() if name != "frames")
 
     def __repr__(self) -> str:
         return f"<RemoteRobot {self.name!r}: nq={self.nq}, nv={self.nv}, {self.mass:.4g} kg, at {self._client.url}>"

@@ -36,6 +36,8 @@ class Service:
         quotas = settings.quotas
         self.settings = settings
         self.store = Store(Path(settings.data))
+        for job in self.store.mark_interrupted():
+            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
@@ -53,9 +55,7 @@ class Service:
 
     @contextlib.asynccontextmanager
     async def running(self, _: object = None) -> AsyncIterator[None]:
-        """The service while it runs. Its begin logs which jobs an earlier run has left."""
-        for job in self.store.mark_interrupted():
-            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
+        """The service while it runs."""
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
         warming = [asyncio.create_task(workers.warm()) for workers in (self._readers, self._job_workers)]

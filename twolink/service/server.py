@@ -41,8 +41,10 @@ def run(settings: Settings, on_start: Callable[[str], None]) -> None:
 
     logging.basicConfig(level=logging.WARNING, format="twolink: %(message)s")
     _allow_many_connections()
-    server = _Server(uvicorn.Config(build(settings), **uvicorn_options(settings)), on_start)
+    server = uvicorn.Server(uvicorn.Config(build(settings), **uvicorn_options(settings)))
     with contextlib.suppress(KeyboardInterrupt), _listening(settings) as listening:
+        host, port = settings.host, listening.getsockname()[1]
+        on_start(f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/")
         server.run(sockets=[listening])
 
 
@@ -72,20 +74,6 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
         "timeout_keep_alive": 30,
         "timeout_graceful_shutdown": _GRACE,
     }
-
-
-class _Server(uvicorn.Server):
-    """uvicorn's server, which says when it listens."""
-
-    def __init__(self, config: uvicorn.Config, on_start: Callable[[str], None]) -> None:
-        super().__init__(config)
-        self._on_start = on_start
-
-    async def startup(self, sockets: Any = None) -> None:
-        await super().startup(sockets)
-        if self.started:
-            host, port = self.config.host, sockets[0].getsockname()[1]
-            self._on_start(f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/")
 
 
 def _allow_many_connections() -> None:
