@@ -7,7 +7,7 @@ Pieces that cannot be drawn, for want of their file, are named.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from urllib.parse import quote
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import ShowError
 from twolink.show.mesh_files import SUFFIXES, file_object
 from twolink.show.meshcat_shapes import SHAPES, Floats, Json, mesh, phong, triangle_geometry, triangles
 
@@ -49,17 +48,6 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
             skipped.append(item.name)
             continue
         nodes.append(Node(item.name, index, _path(item.name, taken), drawn, corners))
-    return nodes, skipped
-
-
-def require_nodes(visuals: Any, on_skipped: Callable[[list[str]], None] | None) -> tuple[list[Node], list[str]]:
-    """As `scene_nodes`; `on_skipped` is called with the names that cannot be drawn. Raises ShowError without nodes."""
-    nodes, skipped = scene_nodes(visuals)
-    if skipped and on_skipped is not None:
-        on_skipped(skipped)
-    if not nodes:
-        remedy = "give its links <visual> elements"
-        raise ShowError("the robot has nothing to draw", where="playback", remedy=remedy, code="nothing-to-draw")
     return nodes, skipped
 
 

@@ -99,8 +99,8 @@ def _tube(top: float, bottom: float, height: float) -> tuple[Json, Floats]:
     return {**geometry, "radialSegments": _SEGMENTS}, _Y_TO_Z
 
 
-def _box(sides: Floats) -> Json:
-    width, height, depth = map(float, sides)
+def _box(half: Floats) -> Json:
+    width, height, depth = (2.0 * float(side) for side in half)
     return {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
 
 
@@ -114,7 +114,7 @@ def _capsule(radius: float, half_length: float) -> Json:
 
 # By the coal class's name: its three.js geometry, and the matrix that puts it as coal has it (along z).
 SHAPES: dict[str, Callable[[Any], tuple[Json, Floats]]] = {
-    "Box": lambda g: (_box(2.0 * np.asarray(g.halfSide)), np.eye(4)),
+    "Box": lambda g: (_box(g.halfSide), np.eye(4)),
     "Sphere": lambda g: (_sphere(g.radius), np.eye(4)),
     "Ellipsoid": lambda g: (_sphere(1.0), np.diag([*np.asarray(g.radii), 1.0])),
     "Cylinder": lambda g: _tube(g.radius, g.radius, 2.0 * g.halfLength),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import html
-import importlib.util
+import importlib.metadata
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,10 +16,10 @@ import pinocchio as pin
 import umsgpack
 from numpy.typing import ArrayLike
 
-from twolink.errors import MissingExtraError, ShowError
+from twolink.errors import ShowError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
-from twolink.show.meshcat_scene import Node, poses, require_nodes
+from twolink.show.meshcat_scene import Node, poses, scene_nodes
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import look_at, opening_commands, to_three
 from twolink.show.motion_samples import check_motion, resample
@@ -93,7 +93,12 @@ def playback_page(
         For a motion that cannot be shown, and for a page that would be too large (code "page-too-large").
     """
     times, configurations = check_motion(model, t, q, speed)
-    nodes, skipped = require_nodes(visuals, on_skipped)
+    nodes, skipped = scene_nodes(visuals)
+    if skipped and on_skipped is not None:
+        on_skipped(skipped)
+    if not nodes:
+        remedy = "give its links <visual> elements"
+        raise ShowError("the robot has nothing to draw", where="playback", remedy=remedy, code="nothing-to-draw")
     fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
     affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
     shown, note = choose_frames(times, speed, min(max_frames, max(affordable, _MIN_FRAMES)))
@@ -147,8 +152,7 @@ def _animation(nodes: Sequence[Node], placed: Floats, times: Floats, repetitions
             values = placed[:, k, columns]
             if np.ptp(values, axis=0).max() > _AT_REST:
                 # Typed arrays take 4 bytes a number; the lists of keys that meshcat's Python writes take 20.
-                numbers = {"times": packed(times), "values": packed(values)}
-                tracks.append({"name": f".{name}", "type": kind, **numbers})
+                tracks.append({"name": f".{name}", "type": kind, "times": packed(times), "values": packed(values)})
         if tracks:
             animations.append({"path": node.path, "clip": {"fps": 1, "name": "default", "tracks": tracks}})
     options = {"play": True, "repetitions": repetitions}
@@ -176,8 +180,6 @@ def _encoded(command: Json) -> str:
 
 @functools.cache
 def viewer_script() -> str:
-    """meshcat's viewer, three.js included, as the installed package has it. Raises MissingExtraError without it."""
-    package = importlib.util.find_spec("meshcat")  # not imported: meshcat imports IPython
-    if package is None or not package.submodule_search_locations:
-        raise MissingExtraError("meshcat is not installed", remedy="pip install meshcat")
-    return Path(package.submodule_search_locations[0], "viewer", "dist", "main.min.js").read_text("utf-8")
+    """meshcat's viewer, three.js included, as the installed package has it (importing meshcat would import IPython)."""
+    file = importlib.metadata.distribution("meshcat").locate_file("meshcat/viewer/dist/main.min.js")
+    return Path(str(file)).read_text("utf-8")
