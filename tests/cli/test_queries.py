@@ -117,7 +117,10 @@ def test_a_cross_check_that_finds_a_difference_exits_1(
     for name in ("two_link", "alex_psyonic_hands"):  # whose fingers mimic joints that do not move
         assert second_reading.compare(tl.load_robot(name))["agree"]
     text = robot.visuals.text
-    for wrong in (text.replace('xyz="1 0 0"', 'xyz="1 0 1e-6"'), text.replace('mass value="', 'mass value="0.1')):
+    for wrong in (
+        text.replace('xyz="1.0 0.0 0.0"', 'xyz="1 0 1e-6"'),
+        text.replace('mass value="3.0"', 'mass value="0.13"'),
+    ):
         assert wrong != text
         other = copy.copy(robot)
         other.visuals = dataclasses.replace(robot.visuals, text=wrong)
