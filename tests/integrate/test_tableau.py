@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.integrate.order_conditions import defect, density, matrix, require_orders, size, trees
 from twolink.integrate.methods import METHODS
-from twolink.integrate.tableau import Tableau, defect, density, size, trees
+from twolink.integrate.tableau import Tableau
 
 TABLEAUS = {name: m.tableau for name, m in METHODS.items() if m.tableau is not None}
 LEAF = ()
@@ -63,15 +64,15 @@ def test_each_corrupted_coefficient_is_refused(name: str) -> None:
     for i, row in enumerate(tableau.a):
         for j in np.flatnonzero(row):
             with pytest.raises(ValueError, match="misses the conditions of order"):
-                replace(tableau, a=(*tableau.a[:i], _moved(row, j), *tableau.a[i + 1 :]))
+                require_orders(replace(tableau, a=(*tableau.a[:i], _moved(row, j), *tableau.a[i + 1 :])))
     for j in np.flatnonzero(tableau.b):
         with pytest.raises(ValueError, match="misses the conditions of order 1"):
-            replace(tableau, b=_moved(tableau.b, j))
+            require_orders(replace(tableau, b=_moved(tableau.b, j)))
     for k, weights in enumerate(tableau.errors):
         for j in np.flatnonzero(weights):
             changed = (*tableau.errors[:k], _moved(weights, j), *tableau.errors[k + 1 :])
             with pytest.raises(ValueError, match="b - e misses"):
-                replace(tableau, errors=changed)
+                require_orders(replace(tableau, errors=changed))
 
 
 def _moved(row: tuple[float, ...], j: int) -> tuple[float, ...]:
@@ -79,14 +80,19 @@ def _moved(row: tuple[float, ...], j: int) -> tuple[float, ...]:
 
 
 @EVERY
+def test_methods_and_their_estimates_have_their_orders(name: str) -> None:
+    require_orders(TABLEAUS[name])
+
+
+@EVERY
 def test_orders_are_sharp(name: str) -> None:
     """The order is the whole of it: of the next one some condition fails, for the embedded methods too."""
     tableau = TABLEAUS[name]
-    a = tableau.matrix()
+    a = matrix(tableau)
     assert defect(a, tableau.b, tableau.order) < 1e-12
     assert defect(a, tableau.b, tableau.order + 1) > 1e-7
     with pytest.raises(ValueError, match=f"order {tableau.order + 1}"):
-        Tableau(tableau.a, tableau.b, tableau.order + 1)
+        require_orders(Tableau(tableau.a, tableau.b, tableau.order + 1))
     for weights, order in zip(tableau.errors, tableau.error_orders, strict=True):
         embedded = np.subtract(tableau.b, weights)
         assert defect(a, embedded, order) < 1e-12
@@ -96,7 +102,7 @@ def test_orders_are_sharp(name: str) -> None:
 @EVERY
 def test_nodes_are_row_sums_within_the_step(name: str) -> None:
     tableau = TABLEAUS[name]
-    np.testing.assert_allclose(tableau.c, tableau.matrix() @ np.ones(len(tableau.b)), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(tableau.c, matrix(tableau) @ np.ones(len(tableau.b)), rtol=0, atol=1e-14)
     if name != "suzuki4":  # which goes back and forth on purpose
         assert 0 <= min(tableau.c) <= max(tableau.c) <= 1 + 1e-15
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from twolink.accuracy.study_data import Failure, Reference, Row, StudyData
+from twolink.accuracy.study_data import Row, StudyData
 from twolink.accuracy.text import study_text
 from twolink.errors import TwolinkError
 from twolink.io.atomic import write_atomic
@@ -19,7 +20,6 @@ from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.simulation.text import as_html
 
 SAVED = (".json", *SUFFIXES)
-PLAIN = ("robot", "duration", "samples", "seconds", "interrupted")  # fields that are numbers or texts
 
 
 @dataclass(frozen=True, repr=False)
@@ -28,30 +28,23 @@ class Study(StudyData):
 
     def to_dict(self) -> dict[str, Any]:
         """The study as plain data, which `save` writes as JSON."""
-        plain = {name: getattr(self, name) for name in PLAIN}
         prices = [
             {"accuracy": p.accuracy, "seconds": p.seconds, "ratio": p.ratio, "method": p.row.method,
              "tolerance": p.row.tolerance, "step": p.row.step} for p in self.price_of_digits()
         ]  # fmt: skip
-        reference = {**asdict(self.reference), "q_end": list(self.reference.q_end)}
-        return {**plain, "reference": reference, "rows": [asdict(row) for row in self.rows],
-                "failures": [asdict(failure) for failure in self.failures], "price_of_digits": prices}  # fmt: skip
+        return {**msgspec.json.decode(msgspec.json.encode(self)), "price_of_digits": prices}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Study:
         """Read a study saved as .json. Raises TwolinkError for what is not one."""
         try:
-            data = json.loads(Path(path).read_text(encoding="utf-8"))
-            plain = {name: data[name] for name in PLAIN}
-            reference = Reference(**{**data["reference"], "q_end": tuple(data["reference"]["q_end"])})
-            rows, failures = (Row(**row) for row in data["rows"]), (Failure(**f) for f in data["failures"])
-            return cls(**plain, rows=tuple(rows), failures=tuple(failures), reference=reference)
+            return msgspec.json.decode(Path(path).read_bytes(), type=cls)
         except OSError as error:
-            what = f"cannot be read: {error.strerror or error}"
-            raise TwolinkError(what, where=str(path), remedy="check the path", code="not-readable") from None
-        except (ValueError, KeyError, TypeError):
-            remedy = "save the study again, as .json"
-            raise TwolinkError("it is not a saved study", where=str(path), remedy=remedy) from None
+            raise TwolinkError(f"cannot be read: {error.strerror or error}", where=str(path), remedy="check the path",
+                               code="not-readable") from None  # fmt: skip
+        except msgspec.MsgspecError:
+            raise TwolinkError("it is not a saved study", where=str(path), remedy="save the study again, as .json",
+                               code="not-a-study") from None  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write all of it to .json, or its rows to .csv, .parquet or .npz; numbers keep every digit."""

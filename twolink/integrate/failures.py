@@ -1,4 +1,4 @@
-"""Failures that every solver reports alike, with codes: no finite numbers, no progress, or too many steps."""
+"""Failures that every solver reports alike: no finite numbers, no progress, or too many steps."""
 
 from __future__ import annotations
 
@@ -8,60 +8,25 @@ from twolink.errors import AccuracyError
 
 MAX_STEPS = 10_000_000
 HOPELESS = 100  # how many times too slow the pace must be
+SHORTER = "ask for a shorter duration or less accuracy"
+TEXTS = {  # by code: what, remedy
+    "steps-collapsed": ("the step size has collapsed: the equations are stiff, singular or not finite there",
+                        f'try method="esdirk43" or "scipy-radau" for stiff scenes, or {SHORTER}'),
+    "not-finite": ("the state is not finite any more", "check forces and the initial state"),
+    "step-too-large": ("the state is not finite any more", "take steps smaller than {step:.3g} s"),
+    "acceleration-not-finite": ("the acceleration is not finite", "check forces, masses and the initial state"),
+    "too-many-steps": ("more than {limit:,} steps are needed to the end", SHORTER),
+    "angle-out-of-reach": ("an angle is beyond {limit:.0e} rad",
+                           'make the joint continuous, or use method="taylor" or "scipy-dop853"'),
+}  # fmt: skip
+
+
+def failure(code: str, t: float, **data: float) -> AccuracyError:
+    """The error of a code at a time t [s]; its data has t and the numbers of the message."""
+    what, remedy = (text.format(**data) for text in TEXTS[code])
+    return AccuracyError(what, where=f"t = {t:.6g} s", remedy=remedy, code=code, t=t, **data)
 
 
 def is_hopeless(steps: Any, limit: float, t: Any, start: Any, end: Any) -> Any:
     """Whether the pace so far leads beyond HOPELESS times the limit of steps; of numbers or of one a world (n,)."""
     return steps * (end - start) > HOPELESS * limit * (t - start)
-
-
-def collapsed(t: float) -> AccuracyError:
-    """The step size has become too small to go on."""
-    return AccuracyError(
-        "the step size has collapsed: the equations are stiff, singular or not finite there",
-        where=f"t = {t:.6g} s",
-        remedy='try method="esdirk43" or "scipy-radau" for stiff scenes, a shorter duration, or less accuracy',
-        code="steps-collapsed",
-        t=t,
-    )
-
-
-def not_finite(t: float, step: float | None = None) -> AccuracyError:
-    """The state is not finite any more, by steps of a fixed size `step` or by adapted ones (None)."""
-    remedy = "check forces and the initial state" if step is None else f"take steps smaller than {step:.3g} s"
-    what = "the state is not finite any more"
-    return AccuracyError(what, where=f"t = {t:.6g} s", remedy=remedy, code="not-finite", t=t)
-
-
-def acceleration_not_finite(t: float) -> AccuracyError:
-    """The equations give no finite acceleration."""
-    return AccuracyError(
-        "the acceleration is not finite",
-        where=f"t = {t:.6g} s",
-        remedy="check forces, masses and the initial state",
-        code="not-finite",
-        t=t,
-    )
-
-
-def too_many_steps(t: float, limit: int = MAX_STEPS) -> AccuracyError:
-    """More steps than the limit are needed."""
-    return AccuracyError(
-        f"more than {limit:,} steps are needed to the end",
-        where=f"t = {t:.6g} s",
-        remedy="ask for a shorter duration or less accuracy",
-        code="too-many-steps",
-        t=t,
-        limit=limit,
-    )
-
-
-def angle_out_of_reach(t: float, limit: float) -> AccuracyError:
-    """An angle is beyond the arguments that the compiled sine takes."""
-    return AccuracyError(
-        f"an angle is beyond {limit:.0e} rad",
-        where=f"t = {t:.6g} s",
-        remedy='make the joint continuous, or use method="taylor" or "scipy-dop853"',
-        code="angle-out-of-reach",
-        t=t,
-    )

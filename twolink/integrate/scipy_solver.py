@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.integrate import failures
 from twolink.integrate.equations import Equations
+from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.methods import Method
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
@@ -73,7 +73,7 @@ def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarra
         else:
             out = rate_by_pinocchio(equations, t, np.append(x, rows)[:, None])[: len(x), 0]
         if not math.isfinite(sum(out.tolist())):
-            raise failures.acceleration_not_finite(t)
+            raise failure("acceleration-not-finite", t)
         return out
 
     return rate
@@ -82,9 +82,9 @@ def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarra
 def _require_progress(solver: Any, steps: int, start: float) -> None:
     t = float(solver.t)
     if solver.status == "failed":
-        raise failures.collapsed(t)
+        raise failure("steps-collapsed", t)
     if not np.isfinite(solver.y).all():
-        raise failures.not_finite(t)
-    slow = steps >= PACE_FROM and failures.is_hopeless(steps, failures.MAX_STEPS, t, start, solver.t_bound)
-    if slow or steps >= failures.MAX_STEPS:
-        raise failures.too_many_steps(t)
+        raise failure("not-finite", t)
+    slow = steps >= PACE_FROM and is_hopeless(steps, MAX_STEPS, t, start, solver.t_bound)
+    if slow or steps >= MAX_STEPS:
+        raise failure("too-many-steps", t, limit=MAX_STEPS)

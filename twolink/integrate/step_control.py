@@ -85,8 +85,7 @@ def fixed_advance(problem: Problem, state: Array, xp: Any) -> Array:
         unsolved = _mean_square(change, x, new, problem.absolute, 1.0, xp)
         new = xp.where(xp.less_equal(unsolved, UNSOLVED**2), new, np.nan)
     control = control._replace(
-        time=xp.where(going, arrival, control.time),
-        accepted=xp.where(going, control.accepted + 1.0, control.accepted),
+        time=xp.where(going, arrival, control.time), accepted=xp.where(going, control.accepted + 1.0, control.accepted)
     )
     return _stack(xp.where(going, problem.project(new), x), control, parameters)
 

@@ -37,7 +37,7 @@ log = logging.getLogger("twolink")
 
 
 class StepMap:
-    """A method on equations. Calling it attempts one step of each world and writes the states into `out`.
+    """A method on equations. Calling it, or `call`, attempts one step of each world and writes the states into `out`.
 
     rows: the indices of the control's rows. compiled: whether it is heyoka's. compile_seconds: what compiling or
     loading took, 0 where it was at hand.
@@ -48,7 +48,7 @@ class StepMap:
         self.method = method
         self.compiled = compiled
         self.compile_seconds = compile_seconds
-        self._call = call
+        self.call = call
 
     @functools.cached_property
     def rows(self) -> Control:
@@ -57,7 +57,7 @@ class StepMap:
 
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
-        self._call(state, out)
+        self.call(state, out)
 
     def partial(self, x: Array, start: Array, end: Array, parameters: Array | None = None) -> Array:
         """States (size, n) at the times `end` (n,), each by one step from x (size, n) at `start` (n,).

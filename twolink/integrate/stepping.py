@@ -15,7 +15,7 @@ import numpy as np
 
 from twolink.algorithms import sincos
 from twolink.errors import AccuracyError
-from twolink.integrate import failures
+from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
@@ -30,6 +30,7 @@ FIRST_BLOCK = 8  # after an event, where the next one may be near; then twice as
 BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
+CODES = ("", "not-finite", "angle-out-of-reach", "steps-collapsed", "too-many-steps")  # of failures, by outcome
 
 
 class Watcher(Protocol):
@@ -74,8 +75,8 @@ def integrate(
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
     longest = longest or (end - start) / MIN_STEPS
     state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest, rate=rate)
-    out = np.empty((len(times), size, 1))
-    out[0, :, 0] = equations.start
+    out = np.empty((len(times), 1, size))
+    out[0, 0] = equations.start
     done, interrupted, hit, last = 1, False, None, state[:, 0]
     try:
         for block in advance(step_map, state, limit, BLOCK if watcher is None else FIRST_BLOCK):
@@ -96,7 +97,7 @@ def integrate(
     accepted, rejected = int(last[step_map.rows.accepted]), int(last[step_map.rows.rejected])
     return Solution(
         times[:done],
-        np.ascontiguousarray(out[:done, :, 0].T),
+        np.ascontiguousarray(out[:done, 0].T),
         accepted,
         (accepted + rejected + done) * method.evaluations,
         rejected,
@@ -125,8 +126,8 @@ def integrate_many(
     equations, rows = step_map.equations, step_map.rows
     start, end, moving = float(times[0]), float(times[-1]), equations.moving
     x = np.array(x0[:moving])
-    out = np.full((len(times), moving, x.shape[1]), np.nan)
-    out[0] = x
+    out = np.full((len(times), x.shape[1], moving), np.nan)
+    out[0] = x.T
     counts = np.zeros((2, x.shape[1]), dtype=int)
     for begin, stop in itertools.pairwise([start, *(t for t in equations.breaks(end) if t > start), end]):
         lost = ~np.isfinite(x).all(axis=0)
@@ -143,7 +144,7 @@ def integrate_many(
                 progress(float(block.t[-1].min()))
         x = state[:moving]
         counts += state[[rows.accepted, rows.rejected]].astype(int)
-    return out, counts[0], counts[1]
+    return out.swapaxes(1, 2), counts[0], counts[1]
 
 
 def advance(step_map: StepMap, state: Array, limit: int, block_steps: int = BLOCK, lanes: int = 1) -> Iterator[Block]:
@@ -174,29 +175,23 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int) -> Array:
     states = np.empty((count + 1, len(state), width))
     states[0, :, :worlds] = state
     states[0, :, worlds:] = state[:, -1:]
-    k = 0
-    while k < count:
-        step_map(states[k], states[k + 1])
-        k += 1
+    k, attempt, time, end = 0, step_map.call, rows.time, rows.end
+    for k, (now, new) in enumerate(itertools.pairwise(states), 1):
+        attempt(now, new)
         if width == 1:  # most runs are of one world, and a reduction takes as long as a small step
-            if states[k, rows.time, 0] >= states[k, rows.end, 0]:
+            if new[time, 0] >= new[end, 0]:
                 break
             continue
-        going = np.count_nonzero(states[k, rows.time] < states[k, rows.end])
+        going = np.count_nonzero(new[time] < new[end])
         if going == 0 or (k >= LANES and 2 * going < width):
             break
     return states[: k + 1, :, :worlds]
 
 
 def take_samples(
-    step_map: StepMap,
-    block: Block,
-    times: Array,
-    out: Array,
-    parameters: Array | None = None,
-    until: float = math.inf,
+    step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None, until: float = math.inf
 ) -> None:
-    """Write the samples that lie within a block into `out` (len(times), size, n), up to a time.
+    """Write the samples that lie within a block into `out` (len(times), n, size), up to a time.
 
     A sample within a step is one step from the state before it: as exact as the method.
     """
@@ -210,16 +205,12 @@ def take_samples(
     sample = np.repeat(reached[step, column], counts) + number
     wanted = times[sample] <= until
     sample, step, column = sample[wanted], np.repeat(step, counts)[wanted], np.repeat(column, counts)[wanted]
-    size, worlds = out.shape[1], block.worlds[column]
-    at_end = times[sample] == block.t[step + 1, column]
-    out[sample[at_end], :, worlds[at_end]] = block.states[step[at_end] + 1, :size, column[at_end]]
-    inside = ~at_end
-    sample, step, column, worlds = sample[inside], step[inside], column[inside], worlds[inside]
-    if sample.size:
-        x = block.states[step, : step_map.equations.space.size, column].T
-        values = None if parameters is None else parameters[:, worlds]
-        new = step_map.partial(x, block.t[step, column], times[sample], values)
-        out[sample, :, worlds] = new[:size].T
+    states, worlds, size = block.states.swapaxes(1, 2), block.worlds[column], out.shape[2]
+    x = states[step, column, : step_map.equations.space.size].T
+    values = None if parameters is None else parameters[:, worlds]
+    out[sample, worlds] = step_map.partial(x, block.t[step, column], times[sample], values)[:size].T
+    at_end = times[sample] == block.t[step + 1, column]  # where a step ended, its own state
+    out[sample[at_end], worlds[at_end]] = states[step[at_end] + 1, column[at_end], :size]
 
 
 def start_state(
@@ -242,7 +233,7 @@ def start_state(
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
-        raise failures.acceleration_not_finite(float(np.min(start)))
+        raise failure("acceleration-not-finite", float(np.min(start)))
     if not method.adaptive:
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
         most = float(steps.max(initial=0.0))
@@ -261,7 +252,7 @@ def start_state(
     # differently, and a world's steps must not.
     mantissa, exponent = np.frexp(first)
     first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
-    return initial_state(x, start, first, end, setting, longest, parameters), failures.MAX_STEPS
+    return initial_state(x, start, first, end, setting, longest, parameters), MAX_STEPS
 
 
 def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:
@@ -270,7 +261,7 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
     outcome = np.full(len(t), FINE)
     left = t < end
-    slow = (tried > PACE_FROM) & failures.is_hopeless(tried, limit, t, start, end)
+    slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
     outcome[left & (slow | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
@@ -283,10 +274,10 @@ def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
     """The error of the first world of a block."""
     t, outcome = block.t[:, 0], int(block.outcome[0])
     if outcome == NOT_FINITE:
-        bad = ~np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
-        step = None if step_map.method.adaptive else float(block.states[0, step_map.rows.step, 0])
-        return failures.not_finite(float(t[max(0, int(np.argmax(bad)) - 1)]), step)
-    last = float(t[-1])
-    if outcome == OUT_OF_REACH:
-        return failures.angle_out_of_reach(last, sincos.LIMIT)
-    return failures.collapsed(last) if outcome == COLLAPSED else failures.too_many_steps(last, limit)
+        finite = np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
+        last = float(t[max(0, int(np.argmin(finite)) - 1)])
+        if step_map.method.adaptive:
+            return failure("not-finite", last)
+        return failure("step-too-large", last, step=float(block.states[0, step_map.rows.step, 0]))
+    limits = {} if outcome == COLLAPSED else {"limit": sincos.LIMIT if outcome == OUT_OF_REACH else limit}
+    return failure(CODES[outcome], float(t[-1]), **limits)

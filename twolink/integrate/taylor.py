@@ -28,7 +28,7 @@ from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.equations import Equations
-from twolink.integrate.failures import MAX_STEPS, not_finite, too_many_steps
+from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pieces import in_pieces
@@ -168,7 +168,7 @@ def _propagate(
             out[done:stop] = states[1:, :size]
             done = stop
             if steps > MAX_STEPS:
-                raise too_many_steps(float(times[done - 1]))
+                raise failure("too-many-steps", float(times[done - 1]), limit=MAX_STEPS)
             if progress is not None:
                 progress(float(times[done - 1]))
             chunk = min(chunk * 4, MAX_CHUNK)
@@ -187,7 +187,7 @@ def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:
     if outcome == heyoka().taylor_outcome.time_limit:
         return steps, states
     if outcome == heyoka().taylor_outcome.step_limit:
-        raise too_many_steps(float(integrator.time))
+        raise failure("too-many-steps", float(integrator.time), limit=MAX_STEPS)
     # After a step that is not finite the time may be NaN: the last sample before it is named then.
     t = float(integrator.time)
-    raise not_finite(t if math.isfinite(t) else float(grid[max(0, len(states) - 1)]))
+    raise failure("not-finite", t if math.isfinite(t) else float(grid[max(0, len(states) - 1)]))

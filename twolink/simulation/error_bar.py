@@ -42,17 +42,19 @@ def error_bar(distance: Array, rounding: Array) -> Array:
 def distance_of_runs(space: StateSpace, method: Method, coarse: Solution, fine: Solution) -> Array:
     """Error of the coarse solution's q at each sample (n,), by the fine one, rad or m."""
     q, v = space.rows(coarse.x)
-    largest = np.abs(q).max(axis=1, initial=0.0)
     if fine.precise is not None:
         ours = coarse.x.T if coarse.precise is None else coarse.precise
         off = np.abs(ours[:, : space.nq].astype(fine.precise.dtype) - fine.precise[:, : space.nq])
-        rounded = largest * np.finfo(float).eps if coarse.precise is None else 0.0
+        rounded = np.abs(q).max(axis=1, initial=0.0) * np.finfo(float).eps if coarse.precise is None else 0.0
         # A rotation turns by twice what its quaternion differs by.
         return np.asarray((2.0 if space.curved else 1.0) * off.max(axis=1, initial=0.0).astype(float) + rounded)
-    # An event that ends both solutions ends each at a time of its own.
-    same = np.minimum(np.arange(len(coarse.t)), len(fine.t) - 1)
-    late = np.abs(coarse.t - fine.t[same]) * np.abs(v).max(axis=1, initial=0.0)
-    distance = space.distance(q, space.rows(fine.x)[0][same]) + late
+    other = space.rows(fine.x)[0]
+    if np.array_equal(coarse.t, fine.t):
+        distance = space.distance(q, other)
+    else:  # an event that ends both solutions ends each at a time of its own
+        same = np.minimum(np.arange(len(coarse.t)), len(fine.t) - 1)
+        late = np.abs(coarse.t - fine.t[same]) * np.abs(v).max(axis=1, initial=0.0)
+        distance = space.distance(q, other[same]) + late
     return np.asarray(distance if method.adaptive else distance / (1.0 - 0.5**method.order))  # fine: half the step
 
 

@@ -185,7 +185,7 @@ def _trajectory(
         error = bar_of_run(equations.space, choice.method, solution, fine)
         error[1:] += SLACK * (accuracy or 0.0)
     # An event may end the run at a time that was not asked for.
-    kept = np.isin(solution.t, times)
+    kept = np.ones(len(solution.t), dtype=bool) if len(times) >= LOOKS else np.isin(solution.t, times)
     kept[-1] |= not solution.interrupted
     q, v = equations.space.rows(solution.x[:, kept])
     events = solution.events
