@@ -1,4 +1,4 @@
-"""Conditions: quantities of the moving robot that reach a value, by which events are told."""
+"""Conditions: quantities of the moving robot that reach a value, where an event happens."""
 
 from __future__ import annotations
 
@@ -16,7 +16,17 @@ QUANTITIES = ("position", "velocity")
 
 
 class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="joint-reaches"):
-    """A joint's position [rad or m] or velocity reaches a value, from either side."""
+    """A joint's position or velocity reaches a value, from either side.
+
+    Parameters
+    ----------
+    joint : str
+        A joint with one degree of freedom; for positions, with one coordinate.
+    value : float
+        rad or m, or per second.
+    of : {"position", "velocity"}
+        The quantity.
+    """
 
     joint: str
     value: float
@@ -35,9 +45,20 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 
 
 class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="frame-reaches"):
-    """A point's position [m] or velocity [m/s] along a direction of the world reaches a value, from either side.
+    """A point's position or velocity along a direction of the world reaches a value, from either side.
 
-    frame: a link. point: in its axes, m. direction: along the world's axes, of any length: it is made 1.
+    Parameters
+    ----------
+    frame : str
+        A link.
+    value : float
+        m or m/s.
+    of : {"position", "velocity"}
+        The quantity.
+    direction : (float, float, float)
+        Along the world's axes, of any length: it is scaled to 1.
+    point : (float, float, float)
+        In the link's axes, m.
     """
 
     frame: str

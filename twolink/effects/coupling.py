@@ -11,9 +11,16 @@ from twolink.errors import SceneError
 
 
 class Coupling(Loop, frozen=True):
-    """g = q_joint - ratio q_other - offset.
+    """Two coordinates coupled by gears or a belt: g = q_joint - ratio q_other - offset.
 
-    joint, other: joints with one coordinate, an angle or a length. ratio: as said; offset: rad or m.
+    Parameters
+    ----------
+    joint, other : str
+        Joints with one coordinate, an angle or a length.
+    ratio : float
+        As in the equation.
+    offset : float
+        rad or m.
     """
 
     joint: str

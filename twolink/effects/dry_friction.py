@@ -1,4 +1,4 @@
-"""Dry friction in joints that holds them at rest: Coulomb's, static and kinetic."""
+"""Dry friction in joints: static friction holds them, kinetic friction brakes them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,17 @@ from twolink.errors import SceneError
 
 
 class DryFriction(SwitchingEffect, frozen=True):
-    """tau_k = -c_k sign(v_k) while a joint slips; at rest, whatever holds it, up to s_k. (Coulomb 1785.)
+    """Dry friction that holds joints at rest (Coulomb 1785).
 
-    kinetic: c by joint, N m or N. static: s by joint, none below c; c unless given. A joint that comes to rest sticks
-    until more than s is needed to hold it.
+        tau_k = -c_k sign(v_k)   while joint k slips
+        |tau_k| <= s_k           at rest; a joint that comes to rest sticks until more is needed to hold it
+
+    Parameters
+    ----------
+    kinetic : mapping of joint to float
+        c, N m or N, not negative. Joints with one degree of freedom.
+    static : mapping of joint to float
+        s, N m or N, not below c; c by default.
     """
 
     kinetic: Mapping[str, float]

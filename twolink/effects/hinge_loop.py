@@ -13,10 +13,16 @@ from twolink.errors import SceneError
 
 
 class HingeLoop(Loop, frozen=True):
-    """A common point and a common axis: x_a = x_b, and the axis of b has no part across that of a.
+    """A hinge: a common point, x_a = x_b, and a common axis; b's axis has no part across a's.
 
-    a, b: names of links; b may be the "universe", the ground.
-    point_a, point_b: m; axis_a, axis_b: directions, in the links' axes.
+    Parameters
+    ----------
+    a, b : str
+        Links; b may be the "universe", the ground.
+    axis_a, axis_b : (float, float, float)
+        The hinge's direction in the links' axes, of any length.
+    point_a, point_b : (float, float, float)
+        In the links' axes, m.
     """
 
     a: str

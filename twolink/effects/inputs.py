@@ -16,13 +16,29 @@ _E = TypeVar("_E", bound=Effect)
 
 
 class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="polynomial"):
-    """c0 + c1 t + c2 t^2 + ..., t in seconds from the start."""
+    """c0 + c1 t + c2 t^2 + ...
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        c0, c1, ...; t in seconds from the start.
+    """
 
     coefficients: tuple[float, ...]
 
 
 class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="sine"):
-    """mean + amplitude sin(frequency t + phase): frequency in rad/s, phase in rad."""
+    """mean + amplitude sin(frequency t + phase).
+
+    Parameters
+    ----------
+    amplitude, mean : float
+        In the unit of the input.
+    frequency : float
+        rad/s.
+    phase : float
+        rad.
+    """
 
     amplitude: float
     frequency: float
@@ -31,7 +47,7 @@ class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="k
 
 
 class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
-    """A number that is not known when equations are made, and stands still between events: it rides along."""
+    """A number that is constant between events and not known before: it is a row of the state."""
 
     name: str
 
@@ -72,13 +88,7 @@ def value_at(given: Input | Piece, t: Scalar, xp: Any) -> Scalar:
     """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
     if isinstance(given, Sine):
         return plus(times(float(given.amplitude), xp.sin(given.frequency * t + given.phase)), float(given.mean))
-    if isinstance(given, Polynomial):
-        return _polynomial([float(c) for c in given.coefficients], t)
-    if isinstance(given, Sampled):
-        given = given.piece_at(t)
-    if isinstance(given, Piece):
-        return _polynomial(given.coefficients, t - given.start)
-    return float(given)
+    return _polynomial(*_series(given, t))
 
 
 def derivatives_at(given: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
@@ -88,15 +98,17 @@ def derivatives_at(given: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Sc
         oscillating = xp.sin(angle)
         value = plus(times(a, oscillating), float(given.mean))
         return value, times(a * w, xp.cos(angle)), times(-a * w * w, oscillating)
-    coefficients: list[Scalar] = [float(given)] if isinstance(given, (int, float)) else []
-    if isinstance(given, Polynomial):
-        coefficients = [float(c) for c in given.coefficients]
-    if isinstance(given, Sampled):
-        given = given.piece_at(t)
-    if isinstance(given, Piece):
-        coefficients, t = list(given.coefficients), t - given.start
+    coefficients, t = _series(given, t)
     once = _derivative(coefficients)
     return _polynomial(coefficients, t), _polynomial(once, t), _polynomial(_derivative(once), t)
+
+
+def _series(given: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
+    """The coefficients of a number, a polynomial or a piece of a table, and the time that they are of."""
+    piece = given.piece_at(t) if isinstance(given, Sampled) else given
+    if isinstance(piece, Piece):
+        return list(piece.coefficients), t - piece.start
+    return [float(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
 
 
 def twice_differentiable(given: Input) -> bool:

@@ -16,10 +16,18 @@ NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 
 
 class JointStops(SwitchingEffect, frozen=True):
-    """lower_k <= q_k <= upper_k, rigid: at a stop v_k becomes -e v_k (Newton 1687); under load the joint rests there.
+    """Rigid stops at the ends of joints, lower <= q <= upper, with Newton's restitution (Newton 1687).
 
-    limits: (lower, upper) by joint, rad or m; "urdf" for those that the URDF gives. restitution: e, from 0 to 1.
-    Bounces that have become smaller than the accuracy end in rest.
+        v+ = -e v-   at an impact
+
+    Under load a joint rests at its stop. Bounces that have become smaller than the accuracy end in rest.
+
+    Parameters
+    ----------
+    limits : mapping of joint to (lower, upper), or "urdf"
+        Positions of the stops, rad or m; infinite for no stop. "urdf": the limits in the URDF.
+    restitution : float
+        e, from 0 to 1.
     """
 
     limits: Mapping[str, tuple[float, float]] | Literal["urdf"] = "urdf"

@@ -1,4 +1,4 @@
-"""Loops: what keeps two places of a robot together, besides its joints. A constraint g(q) = 0, or b(q) v = 0."""
+"""Loops: constraints g(q) = 0 or b(q) v = 0 between places of a robot, besides its joints."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from twolink.effects.motion import Motion
 
 
 class Loop(Effect, frozen=True):
-    """A bilateral, rigid constraint: it holds by whatever forces that takes, J^T lambda.
+    """A rigid bilateral constraint, held by the force J^T lambda that it takes.
 
-    Rows that say what others say already are found and dropped: give the whole joint, planar or not.
+    Redundant rows are recognized and dropped, so that a planar loop may be given as the whole joint.
     """
 
     @property

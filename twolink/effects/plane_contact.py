@@ -1,4 +1,4 @@
-"""A point or a ball of a link that meets a plane: it bounces, slides, rolls or sticks."""
+"""A ball or a point of a link that meets a plane: it bounces, slides, rolls or sticks."""
 
 from __future__ import annotations
 
@@ -17,13 +17,31 @@ from twolink.effects.switching import Contact, SwitchingEffect
 
 
 class PlaneContact(SwitchingEffect, frozen=True):
-    """gap = n . x - height - radius >= 0, for the centre x of a ball of a link; a point is a ball of radius 0.
+    """A ball or a point of a link in contact with a plane.
 
-    frame: the link. point: the centre in its axes, m. radius: m. normal: n, along the world's axes, of any length: it
-    is made 1. height: of the plane along n, m. restitution: e, from 0 to 1: the gap's rate becomes -e times itself
-    (Newton 1687). friction: mu, Coulomb's: while the ball slides, mu times the normal force against the sliding; else
-    it rolls or sticks. An impact's friction is mu times its normal impulse, or less if that stops the sliding.
-    Bounces that have become smaller than the accuracy end in rest.
+        gap = n . x - height - radius >= 0
+        gap'+ = -e gap'-             at an impact (Newton 1687)
+        |f_t| <= mu f_n              Coulomb's friction; |f_t| = mu f_n against the sliding while the ball slides
+
+    x is the ball's centre; a point is a ball of radius 0. The friction impulse of an impact is mu times its normal
+    impulse, or less if that stops the sliding. Bounces that have become smaller than the accuracy end in rest.
+
+    Parameters
+    ----------
+    frame : str
+        The link.
+    point : (float, float, float)
+        The centre x in the link's axes, m.
+    radius : float
+        Of the ball, m.
+    normal : (float, float, float)
+        n, along the world's axes, of any length: it is scaled to 1.
+    height : float
+        Of the plane along n, m.
+    restitution : float
+        e, from 0 to 1.
+    friction : float
+        mu, not negative.
     """
 
     frame: str

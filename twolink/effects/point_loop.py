@@ -10,9 +10,14 @@ from twolink.effects.motion import GROUND, Motion
 
 
 class PointLoop(Loop, frozen=True):
-    """g = x_a - x_b: a point of link a stays at a point of link b.
+    """A point of link a stays at a point of link b: g = x_a - x_b.
 
-    a, b: names of links; b may be the "universe", the ground. point_a, point_b: m, in the links' axes.
+    Parameters
+    ----------
+    a, b : str
+        Links; b may be the "universe", the ground.
+    point_a, point_b : (float, float, float)
+        In the links' axes, m.
     """
 
     a: str

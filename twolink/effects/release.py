@@ -1,4 +1,4 @@
-"""What acts until it is let go: a payload, a grip, a spring that tears."""
+"""What acts until it is released: a payload, a grip, a spring that tears."""
 
 from __future__ import annotations
 
@@ -14,10 +14,18 @@ from twolink.io.text import kebab_case
 
 
 class Release(SwitchingEffect, frozen=True):
-    """An effect that acts until a time or a condition, and not any more from then on.
+    """An effect that acts until a time or a condition, and no more from then on.
 
-    of: any other effect, such as a payload or a weld loop that holds a ball. at: s. when: a condition. What is let go
-    keeps its velocity: nothing jumps. A payload that is let go is gone; a body that was welded flies on.
+    Velocities do not jump. A released payload leaves with its own energy; a body that was welded on moves freely.
+
+    Parameters
+    ----------
+    of : Effect
+        An effect without modes, such as a payload or a weld loop that holds a ball.
+    at : float, optional
+        Time, s.
+    when : JointReaches or FrameReaches, optional
+        Condition; one of the two is needed.
     """
 
     of: Any  # an Effect: scene files read it by its type
@@ -25,9 +33,9 @@ class Release(SwitchingEffect, frozen=True):
     when: Condition | None = None
 
     def check(self, robot: Robot) -> None:
-        """The effect fits, and so does the condition."""
+        """Require an effect without modes that fits, and a time or a condition."""
         if not isinstance(self.of, Effect) or isinstance(self.of, SwitchingEffect):
-            raise SceneError(f"{type(self.of).__name__} cannot be let go", where="of",
+            raise SceneError(f"{type(self.of).__name__} cannot be released", where="of",
                              remedy="give an effect without modes, such as a payload or a loop")  # fmt: skip
         try:
             self.of.check(robot)

@@ -33,16 +33,26 @@ class Sampled(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, dict=True, tag_field="kind",
     tag="sampled",
 ):  # fmt: skip
-    """Values at given times, and what lies between and beyond them.
+    """A table of samples, and what lies between and beyond them.
 
-    times: seconds from the start, increasing; the knots. values: one a knot.
-    file: a CSV file with the two columns instead, read once, when the input is made; a first line that is no numbers
-        is a header, `#` begins a comment. In a scene file, its path starts from that file's folder.
-    interpolation: "linear"; "hold", each value until the next knot; or "cubic", the spline with continuous second
-        derivative whose third is continuous at the second and last but one knots too (not-a-knot, as SciPy's).
-    beyond: before the first and after the last knot, "hold" the value there, "zero", or "error".
+    Parameters
+    ----------
+    times : tuple of float
+        Seconds from the start, increasing.
+    values : tuple of float
+        One a time.
+    file : str, optional
+        A CSV file with the two columns instead, read when the input is made; a first line without numbers is a
+        header, `#` begins a comment. In a scene file, the path starts from that file's folder.
+    interpolation : {"linear", "cubic", "hold"}
+        "hold": each value until the next time. "cubic": the spline with continuous second derivative (not-a-knot, as
+        SciPy's CubicSpline).
+    beyond : {"hold", "zero", "error"}
+        Before the first and after the last time: the value there, 0, or a refusal.
 
-    The integrator ends a step at every knot, so that no step crosses what is not smooth.
+    Notes
+    -----
+    The integrator ends a step at every time of the table, so that no step crosses what is not smooth.
     """
 
     times: tuple[float, ...] = ()

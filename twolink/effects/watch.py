@@ -1,4 +1,4 @@
-"""Events of the user's own: noted, and perhaps the end of the run or a change of the motion."""
+"""Events of the user: noted, and perhaps the end of the run or a change of the motion."""
 
 from __future__ import annotations
 
@@ -12,11 +12,23 @@ from twolink.errors import SceneError
 
 
 class Watch(SwitchingEffect, frozen=True):
-    """An event wherever a condition is reached, from either side, or at a time: it is found and noted in run.events.
+    """An event in run.events where a condition is reached, from either side, or at a time.
 
-    name: what the event is called. at: s. when: a condition. function: in Python, f(motion) -> a number that passes
-    0, in place of a condition; motion.q and motion.v are arrays of many states, and motion.xp has sin, cos, sqrt.
-    stop: the run ends there. then: in Python, (q, v) -> (q, v) after the event.
+    Parameters
+    ----------
+    name : str
+        Of the event.
+    at : float, optional
+        Time, s.
+    when : JointReaches or FrameReaches, optional
+        Condition.
+    function : callable, optional
+        In place of a condition, from Python only: f(motion) -> a number that passes 0. motion.q and motion.v are
+        arrays of many states, motion.xp has sin, cos and sqrt.
+    stop : bool
+        Whether the run ends there.
+    then : callable, optional
+        From Python only: (q, v) -> (q, v) after the event.
     """
 
     name: str

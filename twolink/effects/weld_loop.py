@@ -14,10 +14,16 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class WeldLoop(Loop, frozen=True):
-    """x_a = x_b and equal axes: link a is fixed to link b, turned by rpy.
+    """Link a is fixed to link b: x_a = x_b, and equal axes.
 
-    a, b: names of links; b may be the "universe", the ground.
-    point_a, point_b: m, in the links' axes. rpy: how a is turned in b, roll, pitch, yaw as in URDF, rad.
+    Parameters
+    ----------
+    a, b : str
+        Links; b may be the "universe", the ground.
+    point_a, point_b : (float, float, float)
+        In the links' axes, m.
+    rpy : (float, float, float)
+        The orientation of a in b: roll, pitch, yaw as in URDF, rad.
     """
 
     a: str

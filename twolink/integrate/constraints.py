@@ -61,12 +61,6 @@ class Constraints:
         """The numbers of all rows, redundant ones too."""
         return range(sum(self.counts))
 
-    @property
-    def loop_of_row(self) -> list[int]:
-        """The place of the loop that each kept row belongs to."""
-        owners = np.repeat(np.arange(len(self.counts)), self.counts)
-        return [int(owners[i]) for i in self.kept]
-
     def residuals(self, mech: Mechanism, q: Sequence[Any], xp: Any) -> list[Scalar]:
         """g(q) of all rows; 0 for those of velocities."""
         motion = Motion(self.model, mech, q, [0.0] * self.space.nv, 0.0, xp)

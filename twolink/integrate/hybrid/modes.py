@@ -117,10 +117,6 @@ class System:
         holds = self.holds(k, x)
         return sum(hold.least for hold in holds), sum(hold.greatest for hold in holds)
 
-    def is_held_in_place(self, k: int, x: Array) -> bool:
-        """Whether something can hold it that acts only there, such as a stop."""
-        return any(hold.entry is not None for hold in self.holds(k, x))
-
     def in_mode(self, mode: Mode, x: Array) -> ModeEquations:
         """The equations of a mode; independent constraint rows are chosen at the state x that meets them first."""
         name = mode.contacts, mode.dropped
