@@ -69,51 +69,51 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
 Input = float | Polynomial | Sine | Sampled
 
 
-def check_input(given: Input, field: str) -> None:
+def check_input(signal: Input, field: str) -> None:
     """Require finite numbers. Raises SceneError."""
-    if isinstance(given, Polynomial):
-        all_finite(given.coefficients, f"{field}.coefficients")
-    elif isinstance(given, Sine):
-        all_finite((given.amplitude, given.frequency, given.phase, given.mean), field)
-    elif isinstance(given, Sampled):
-        check_table(given, field)
-    elif isinstance(given, (int, float)):
-        finite(given, field)
+    if isinstance(signal, Polynomial):
+        all_finite(signal.coefficients, f"{field}.coefficients")
+    elif isinstance(signal, Sine):
+        all_finite((signal.amplitude, signal.frequency, signal.phase, signal.mean), field)
+    elif isinstance(signal, Sampled):
+        check_table(signal, field)
+    elif isinstance(signal, (int, float)):
+        finite(signal, field)
     else:
-        raise SceneError(f"expected a number, Polynomial, Sine or Sampled, got {given!r}", where=field,
+        raise SceneError(f"expected a number, Polynomial, Sine or Sampled, got {signal!r}", where=field,
                          remedy="such as 1.5")  # fmt: skip
 
 
-def value_at(given: Input | Piece, t: Scalar, xp: Any) -> Scalar:
+def value_at(signal: Input | Piece, t: Scalar, xp: Any) -> Scalar:
     """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
-    if isinstance(given, Sine):
-        return plus(times(float(given.amplitude), xp.sin(given.frequency * t + given.phase)), float(given.mean))
-    return _polynomial(*_series(given, t))
+    if isinstance(signal, Sine):
+        return plus(times(float(signal.amplitude), xp.sin(signal.frequency * t + signal.phase)), float(signal.mean))
+    return _polynomial(*_series(signal, t))
 
 
-def derivatives_at(given: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
+def derivatives_at(signal: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
     """The input and its first and second derivatives at time t."""
-    if isinstance(given, Sine):
-        a, w, angle = float(given.amplitude), float(given.frequency), given.frequency * t + given.phase
+    if isinstance(signal, Sine):
+        a, w, angle = float(signal.amplitude), float(signal.frequency), signal.frequency * t + signal.phase
         oscillating = xp.sin(angle)
-        value = plus(times(a, oscillating), float(given.mean))
+        value = plus(times(a, oscillating), float(signal.mean))
         return value, times(a * w, xp.cos(angle)), times(-a * w * w, oscillating)
-    coefficients, t = _series(given, t)
+    coefficients, t = _series(signal, t)
     once = _derivative(coefficients)
     return _polynomial(coefficients, t), _polynomial(once, t), _polynomial(_derivative(once), t)
 
 
-def _series(given: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
+def _series(signal: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
     """The coefficients of a number, a polynomial or a piece of a table, and the time that they are of."""
-    piece = given.piece_at(t) if isinstance(given, Sampled) else given
+    piece = signal.piece_at(t) if isinstance(signal, Sampled) else signal
     if isinstance(piece, Piece):
         return list(piece.coefficients), t - piece.start
     return [float(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
 
 
-def twice_differentiable(given: Input) -> bool:
+def twice_differentiable(signal: Input) -> bool:
     """Whether the input has the derivatives that a reference for accelerations needs."""
-    return not isinstance(given, Sampled) or given.interpolation == "cubic"
+    return not isinstance(signal, Sampled) or signal.interpolation == "cubic"
 
 
 def _polynomial(coefficients: Any, t: Scalar) -> Scalar:
@@ -130,14 +130,14 @@ def _derivative(coefficients: list[Scalar]) -> list[Scalar]:
 
 def tables_of(effect: Effect) -> list[Sampled | Slot]:
     """The tables and slots among an effect's inputs, in the order of its fields."""
-    found: list[Sampled | Slot] = []
+    tables: list[Sampled | Slot] = []
 
     def note(table: Sampled | Slot) -> Sampled | Slot:
-        found.append(table)
+        tables.append(table)
         return table
 
     _replaced({name: getattr(effect, name) for name in effect.__struct_fields__}, note)
-    return found
+    return tables
 
 
 def with_pieces(effect: _E, piece: Callable[[Sampled | Slot], Any]) -> _E:
@@ -146,11 +146,11 @@ def with_pieces(effect: _E, piece: Callable[[Sampled | Slot], Any]) -> _E:
     return msgspec.structs.replace(effect, **_replaced(fields, piece))
 
 
-def _replaced(given: Any, change: Callable[[Sampled | Slot], Any]) -> Any:
-    if isinstance(given, (Sampled, Slot)):
-        return change(given)
-    if isinstance(given, Mapping):
-        return {key: _replaced(value, change) for key, value in given.items()}
-    if isinstance(given, (tuple, list)):
-        return tuple(_replaced(value, change) for value in given)
-    return given
+def _replaced(signal: Any, change: Callable[[Sampled | Slot], Any]) -> Any:
+    if isinstance(signal, (Sampled, Slot)):
+        return change(signal)
+    if isinstance(signal, Mapping):
+        return {key: _replaced(value, change) for key, value in signal.items()}
+    if isinstance(signal, (tuple, list)):
+        return tuple(_replaced(value, change) for value in signal)
+    return signal

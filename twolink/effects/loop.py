@@ -14,7 +14,7 @@ class Loop(Effect, frozen=True):
     """
 
     @property
-    def most_rows(self) -> int:
+    def max_rows(self) -> int:
         """The number of rows in the mode that has most; 0 where it has no modes."""
         return 0
 

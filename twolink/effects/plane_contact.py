@@ -114,7 +114,7 @@ class Touching(Loop, frozen=True):
     before: tuple[Slot, Slot] | tuple[float, float]
 
     @property
-    def most_rows(self) -> int:
+    def max_rows(self) -> int:
         """The normal row, and two along the tangents."""
         return 3
 

@@ -67,8 +67,8 @@ class Sampled(
             if len(times) or len(values):
                 raise SceneError("both a file and samples are given", where="sampled", remedy="give one")
             times, values = _read(Path(self.file))
-        for name, given in (("times", times), ("values", values)):
-            plain = tuple(np.asarray(given).tolist()) if isinstance(given, np.ndarray) else given
+        for name, numbers in (("times", times), ("values", values)):
+            plain = tuple(np.asarray(numbers).tolist()) if isinstance(numbers, np.ndarray) else numbers
             msgspec.structs.force_setattr(self, name, tuple(plain))
         msgspec.structs.force_setattr(self, "file", None)  # what was read is all there is: copies need no file
 

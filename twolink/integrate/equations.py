@@ -100,5 +100,5 @@ class Equations:
         return replace(self, start=np.concatenate([x[: self.moving], numbers.astype(x.dtype)]))
 
     def key(self, *parts: str) -> str:
-        """A name for what is made of these equations: the model, the effects, our code, versions, the given parts."""
+        """A name for what is made of these equations: the model, the effects, our code, versions and the parts."""
         return f"{self.content}-{'-'.join(parts)}"

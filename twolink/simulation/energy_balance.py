@@ -143,7 +143,7 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
         constraints = stretch.equations.constraints
         for i, rows in enumerate(_multipliers(stretch)):
             loop = constraints.loops[i] if constraints is not None else None
-            width = max(len(rows), loop.most_rows if loop is not None else 0)
+            width = max(len(rows), loop.max_rows if loop is not None else 0)
             name = names[stretch.equations.places[len(stretch.equations.effects) + i]]
             table = tables.setdefault(name, np.zeros((len(run.t), width)))
             table[stretch.place, : len(rows)] = rows.T

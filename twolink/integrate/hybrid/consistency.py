@@ -52,7 +52,7 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
 
 def freed(here: Situation, k: int, torque: float) -> Mode:
     """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
-    if k not in here.system.rubbing:
+    if k not in here.system.has_friction:
         return here.mode.freeing(k, 0.0)
     return here.mode.freeing(k, 1.0 if torque < here.system.torque_range(k, here.x)[0] or torque < 0.0 else -1.0)
 
@@ -71,7 +71,7 @@ def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) 
         v = x[system.nq + k]
         mode = mode.freeing(k, mode.slip.get(k, 0.0))
         if abs(v) > still:
-            if k in system.rubbing:
+            if k in system.has_friction:
                 mode = mode.freeing(k, math.copysign(1.0, v))
             continue
         x[system.nq + k] = 0.0
@@ -160,11 +160,11 @@ def _wrong_way(here: Situation, snapshot: Snapshot, tried: set[Key], allowed: fl
         if k in mode.locked or x[system.nq + k] != 0.0 or ("held", k) in tried:
             continue
         a = float(snapshot.a[k, 0])
-        slip = mode.slip.get(k, 0.0) if k in system.rubbing else 0.0
+        slip = mode.slip.get(k, 0.0) if k in system.has_friction else 0.0
         least, greatest = system.torque_range(k, x)
         into_stop = (greatest == math.inf and a < -allowed) or (least == -math.inf and a > allowed)
         if slip * a < -allowed or into_stop:
             return mode.locking(k), ("held", k)
-        if k in system.rubbing and not slip and abs(a) > allowed:  # constraints held it, and do no more
+        if k in system.has_friction and not slip and abs(a) > allowed:  # constraints held it, and do no more
             return mode.freeing(k, math.copysign(1.0, a)), ("held", k)
     return mode, None

@@ -97,7 +97,7 @@ class System:
         for _, hold in self.switching.holds:
             self._holds[hold.dof].append(hold)
         self.kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
-        self.rubbing = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
+        self.has_friction = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
         )

@@ -46,7 +46,7 @@ def _joint_guards(run: RunState) -> Iterator[Guard]:
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
                     yield Guard((f"lock {side:+g}", k), partial(_row, "locks", i, side, torque),
                                 partial(_free_joint, k, -side), t, is_force=True)  # fmt: skip
-        elif k in system.rubbing and mode.slip.get(k):
+        elif k in system.has_friction and mode.slip.get(k):
             yield Guard(("stick", k), partial(_row, "x", system.nq + k, mode.slip[k], 0.0),
                         partial(_stick, k), t, touching=True)  # fmt: skip
     for n, stop in enumerate(system.stops):
@@ -209,17 +209,17 @@ def _act(run: RunState, n: int) -> None:
     run.ended |= trigger.ends
     if trigger.state is not None:
         nq = run.system.nq
-        given = trigger.state(run.x[:nq].copy(), run.x[nq:].copy())
-        run.x = _checked(given, nq, len(run.x) - nq, trigger.name)
+        changed = trigger.state(run.x[:nq].copy(), run.x[nq:].copy())
+        run.x = _checked(changed, nq, len(run.x) - nq, trigger.name)
         run.sides.pop(("trigger", n), None)  # its value may be on any side then
         run.fired.clear()
         run.require_room(f"`then` of {trigger.name!r}")
 
 
-def _checked(given: Any, nq: int, nv: int, name: str) -> Array:
+def _checked(changed: Any, nq: int, nv: int, name: str) -> Array:
     """The state that a trigger's change gives. Raises SceneError."""
     try:
-        q, v = (np.asarray(part, dtype=float) for part in given)
+        q, v = (np.asarray(part, dtype=float) for part in changed)
         x = np.concatenate([q, v])
         fits = q.shape == (nq,) and v.shape == (nv,) and bool(np.isfinite(x).all())
     except (TypeError, ValueError):
