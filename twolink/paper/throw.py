@@ -1,8 +1,8 @@
 """Throws: the best time to release a ball, found by simulating a scene with many release times.
 
 A bundled scene holds the ball by a weld loop until a time, and may hold the elbow by a torque until another. First the
-release time of the ball is scanned. From the best one on, a bounded optimizer of SciPy varies all times: Brent's method
-for one time, COBYQA (Ragonneau 2022) for two. Every throw is a simulation of the arm, the flight and what follows.
+release time of the ball is scanned. From the best one on, SciPy's bounded optimizer COBYQA (Ragonneau 2022) varies all
+times. Every throw is a simulation of the arm, the flight and what follows.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
@@ -30,8 +30,8 @@ from twolink.simulation.trajectory import Trajectory
 
 SCANNED = 9  # release times
 RESOLUTION = 1e-5  # s, of the best times
-FIRST_STEP = 5e-3  # s, of an optimizer of several times
-MAX_THROWS = 60  # of an optimizer
+FIRST_STEP = 5e-3  # s, of the optimizer
+MAX_THROWS = 60  # of the optimizer
 State = tuple[np.ndarray, np.ndarray]
 Progress = Callable[[int, int, str], None]
 
@@ -159,21 +159,14 @@ def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) 
 
 def _refine(aim: Aim, best: Mapping[str, float], loss: Callable[[Mapping[str, float]], float]) -> None:
     """Vary all times, from the best of the scan on."""
-    if len(best) == 1:
-        low, high = aim.windows["ball"]
-        spacing = (high - low) / (SCANNED - 1)
-        bounds = max(low, best["ball"] - spacing), min(high, best["ball"] + spacing)
-        options = {"xatol": RESOLUTION, "maxiter": MAX_THROWS}
-        minimize_scalar(lambda t: loss({"ball": float(t)}), bounds=bounds, method="bounded", options=options)
-        return
 
     def scaled_loss(x: np.ndarray) -> float:
         return loss({what: FIRST_STEP * float(t) for what, t in zip(best, x, strict=True)})
 
     start = [t / FIRST_STEP for t in best.values()]
-    scaled_bounds = [tuple(t / FIRST_STEP for t in aim.windows[what]) for what in best]
+    bounds = [tuple(t / FIRST_STEP for t in aim.windows[what]) for what in best]
     options = {"final_tr_radius": RESOLUTION / FIRST_STEP, "maxfev": MAX_THROWS}
-    minimize(scaled_loss, start, method="COBYQA", bounds=scaled_bounds, options=options)
+    minimize(scaled_loss, start, method="COBYQA", bounds=bounds, options=options)
 
 
 def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *, verify: bool = False) -> Throw:
