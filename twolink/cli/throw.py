@@ -30,8 +30,8 @@ def throw(
 
     The arm of a bundled scene swings by its torques. The time of the release decides the ball's speed and elevation.
     Some 20 to 40 throws are simulated: arm, flight and landing. First the release time is scanned; then SciPy's bounded
-    optimizer varies it, and for a pitch also the time at which the elbow begins to extend. The best throw is solved once
-    more for its error bar.
+    optimizer varies it, and for a pitch also the time at which the elbow begins to extend. The best throw is solved
+    once more for its error bar.
 
     \b
     twolink throw pitch --out pitch.png
