@@ -1,11 +1,85 @@
-"""docs/architecture.md and its picture name what there is."""
+"""The order of imports, and docs/architecture.md with its picture."""
 
+import ast
+import graphlib
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = {"effects/my_effect.py", "hard/peers/my_peer.py", "scenes/bundled/my_scene.toml"}
+
+
+def layers() -> list[str]:
+    """The rooms from the top down, as pyproject.toml gives them to import-linter."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    rooms = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
+    return [layer.split(" ")[0] for layer in rooms]
+
+
+def sources() -> dict[str, str]:
+    """The text of every module of the package, by its name."""
+    texts = {}
+    for file in sorted((ROOT / "twolink").rglob("*.py")):
+        name = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        texts[name.removesuffix(".__init__")] = file.read_text("utf-8")
+    return texts
+
+
+def imports(texts: Mapping[str, str]) -> dict[str, set[str]]:
+    """The modules that each module imports, also within functions and for type checking only."""
+    graph: dict[str, set[str]] = {}
+    for module, text in texts.items():
+        names = set()
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                full = [f"{node.module}.{alias.name}" for alias in node.names]
+                names |= {name if name in texts else node.module for name in full}
+        graph[module] = (names & texts.keys()) - {module}
+    return graph
+
+
+def first_circle(graph: Mapping[str, set[str]]) -> list[str]:
+    """Modules that import each other in a circle; empty where there is none."""
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def upward(graph: Mapping[str, set[str]]) -> list[tuple[str, str]]:
+    """Imports of a room from a room above it."""
+    order = layers()
+    rooms = {module: parts[1] for module in graph if len(parts := module.split(".")) > 1 and parts[1] in order}
+    pairs = [(a, b) for a, names in graph.items() for b in names if a in rooms and b in rooms]
+    return [(a, b) for a, b in pairs if order.index(rooms[b]) < order.index(rooms[a])]
+
+
+def test_no_module_imports_in_a_circle() -> None:
+    graph = imports(sources())
+    assert len(graph) > 200
+    assert first_circle(graph) == []
+
+
+@pytest.mark.parametrize("form", ["{}", "if TYPE_CHECKING:\n    {}", "def late():\n    {}"])
+def test_a_circle_that_is_put_in_is_reported(form: str) -> None:
+    texts = sources()
+    texts["twolink.robots.urdf"] += "\n" + form.format("from twolink.robots.load import load_model")
+    circle = first_circle(imports(texts))
+    assert {"twolink.robots.urdf", "twolink.robots.load"} <= set(circle)
+
+
+def test_rooms_import_only_from_rooms_below() -> None:
+    texts = sources()
+    assert upward(imports(texts)) == []
+    texts["twolink.io.text"] += "\nfrom twolink.dynamics import Robot"
+    assert upward(imports(texts)) == [("twolink.io.text", "twolink.dynamics")]
 
 
 def test_every_file_that_the_page_names_exists() -> None:
@@ -20,8 +94,6 @@ def test_every_file_that_the_page_names_exists() -> None:
 def test_the_picture_shows_the_rooms_in_the_order_of_imports() -> None:
     picture = (ROOT / "docs" / "architecture.svg").read_text("utf-8")
     rooms = re.findall(r'class="room"[^>]*>(\w+)<', picture.split('id="rooms"')[1])
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
-    layers = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
-    assert rooms == [layer.split(" ")[0] for layer in layers]
+    assert rooms == layers()
     folders = {path.parent.name for path in (ROOT / "twolink").glob("*/__init__.py")}
     assert set(rooms) == folders | {"errors"}
