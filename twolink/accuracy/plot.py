@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.study_data import BETTER, Price, Reference, Row, StudyData
+from twolink.accuracy.study_data import BETTER, Price, Row, StudyData, in_words
 from twolink.errors import ShowError
 from twolink.show.direct_labels import label_ends
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
@@ -21,139 +21,117 @@ STYLES = {
 ADAPTIVE: dict[str, Any] = {"linestyle": "-", "marker": "o", "linewidth": 1.8}
 FIXED: dict[str, Any] = {"linestyle": "--", "marker": "s", "linewidth": 1.2}
 PEERS: dict[str, Any] = {"linestyle": ":", "marker": "^", "linewidth": 1.5}
-WORST = 3.0  # rad or m: beyond it an answer tells nothing
-BEYOND = 200.0  # how far the figure goes beyond the best entry, at most
+MAX_ERROR = 3.0  # rad or m: an answer with a larger error says nothing
+BEYOND = 200.0  # largest ratio of the best error to the end of the error axis
+KINDS = {"steps by a tolerance": ADAPTIVE, "steps of one size": FIXED, "SciPy's": PEERS}
+SMALL: dict[str, Any] = {"fontsize": 8, "va": "bottom", "color": "0.35"}
+DOUBTFUL: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
+Points = tuple[list[float], list[float]]
 
 
 def plot_study(study: StudyData, path: Path) -> Path:
-    """Seconds over error, both logarithmic, accuracy growing to the right. Raises ShowError when there is nothing."""
-    rows = [row for row in study.rows if row.error <= WORST]
+    """Draw seconds over error, both logarithmic, with accuracy growing to the right.
+
+    Parameters
+    ----------
+    study : StudyData
+    path : Path
+        A .png, .svg or .pdf file.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    ShowError
+        No row has an error below 3.
+    """
+    rows = [row for row in study.rows if row.error <= MAX_ERROR]
     if not rows:
-        remedy = "study a shorter duration"
-        raise ShowError(f"no entry has an error below {WORST:g}", where=str(path), remedy=remedy)
+        what, remedy = f"no entry has an error below {MAX_ERROR:g}", "study a shorter duration"
+        raise ShowError(what, where=str(path), remedy=remedy, code="nothing-to-draw")
     figure, axes = new_figure(1, size=(11, 6.6))
-    axis = axes[0, 0]
-    axis.set(xscale="log", yscale="log")
-    floor = study.reference.error
-    _set_limits(axis, rows, floor)
-    _shade(axis, study.reference)
-    front = [row for row in study.front if row.error <= WORST]
+    axis, floor = axes[0, 0], study.reference.error
+    _set_axes(axis, *_points(rows, floor), floor)
+    front = [row for row in study.front if row.error <= MAX_ERROR]
     axis.plot(*_points(front, floor), color="0.82", linewidth=11, solid_capstyle="round", zorder=1)
     _write_prices(axis, study.price_of_digits())
-    lines = {name: [row for row in rows if row.method == name] for name in dict.fromkeys(row.method for row in rows)}
-    for name, own in lines.items():
-        _draw_line(axis, name, own, floor)
-    _explain(axis, figure, study)
-    styles = {name: _label_style(name, own[0]) for name, own in lines.items()}
-    label_ends(figure, axis, {name: _points(own, floor) for name, own in lines.items()}, styles)
+    by_method = {name: [row for row in rows if row.method == name] for name in dict.fromkeys(r.method for r in rows)}
+    for name, of_method in by_method.items():
+        _draw_line(axis, name, of_method, floor)
+    styles = [_style(of_method[0]) for of_method in by_method.values()]
+    _write_legend(axis, [kind for kind, style in KINDS.items() if style in styles], all(r.resolved for r in rows))
+    ended = ", interrupted" if study.interrupted else ""
+    figure.suptitle(f"{plain(study.robot)}: what accuracy costs for {study.duration:g} s of motion{ended}")
+    labels = {name: {"color": STYLES.get(name, "0.4"), "fontweight": "bold" if style is ADAPTIVE else "normal"}
+              for name, style in zip(by_method, styles, strict=True)}  # fmt: skip
+    label_ends(figure, axis, {name: _points(of_method, floor) for name, of_method in by_method.items()}, labels)
     return save_figure(figure, path)
 
 
-def _points(rows: list[Row], floor: float) -> tuple[list[float], list[float]]:
+def _points(rows: list[Row], floor: float) -> Points:
     return [max(row.error, floor) for row in rows], [row.seconds for row in rows]
 
 
-def _set_limits(axis: Any, rows: list[Row], floor: float) -> None:
-    errors, seconds = _points(rows, floor)
-    best = min(errors)
-    axis.set_xlim(max(errors) * 2, max(min(best, BETTER * floor) / 4, best / BEYOND))
-    axis.set_ylim(min(seconds) / 3.5, max(seconds) * 2)
-    axis.xaxis.set_major_locator(_decades())
-    axis.yaxis.set_major_formatter(lambda y, _: _seconds(y))
-    axis.minorticks_off()
-
-
-def _decades() -> Any:
+def _set_axes(axis: Any, errors: list[float], seconds: list[float], floor: float) -> None:
+    """Limits, ticks and titles; errors that are within 100 times the reference's own are shaded."""
     from matplotlib.ticker import LogLocator
 
-    return LogLocator(base=10, numticks=30)
-
-
-def _seconds(value: float) -> str:
-    size, unit = next(((s, u) for s, u in ((1.0, "s"), (1e-3, "ms")) if value >= 0.9995 * s), (1e-6, "µs"))
-    return f"{value / size:.3g} {unit}"
-
-
-def _shade(axis: Any, reference: Reference) -> None:
-    """Where the reference is not 100 times better, errors are not known."""
-    start, end = BETTER * reference.error, axis.get_xlim()[1]
-    if start <= end:
-        return
-    axis.axvspan(start, end, color="0.93", zorder=0, linewidth=0)
-    axis.text(
-        np.sqrt(start * end),
-        0.3,
-        f"the reference itself is good to {reference.error:.0e}",
-        fontsize=8,
-        color="0.45",
-        va="center",
-        ha="center",
-        rotation=90,
-        transform=axis.get_xaxis_transform(),
-    )
+    best = min(errors)
+    axis.set(xscale="log", yscale="log", ylim=(min(seconds) / 3.5, max(seconds) * 2),
+             xlim=(max(errors) * 2, max(min(best, BETTER * floor) / 4, best / BEYOND)),
+             xlabel="error of q, the largest at any sample (rad, m): more accurate to the right",
+             ylabel="time to solve, compiling not counted")  # fmt: skip
+    axis.xaxis.set_major_locator(LogLocator(base=10, numticks=30))
+    axis.yaxis.set_major_formatter(lambda y, _: in_words(y).replace("us", "µs"))
+    axis.minorticks_off()
+    start, end = BETTER * floor, axis.get_xlim()[1]
+    if start > end:
+        axis.axvspan(start, end, color="0.93", zorder=0, linewidth=0)
+        axis.text(np.sqrt(start * end), 0.3, f"the reference itself is good to {floor:.0e}", fontsize=8, color="0.45",
+                  va="center", ha="center", rotation=90, transform=axis.get_xaxis_transform())  # fmt: skip
 
 
 def _write_prices(axis: Any, prices: tuple[Price, ...]) -> None:
-    """Under the front at each decade: the least seconds, and between two decades what the second one costs."""
+    """Under the front at each decade: the fewest seconds, and between two decades the factor from one to the other."""
     left, right = axis.get_xlim()
+    at_error = {**SMALL, "transform": axis.get_xaxis_transform(), "ha": "center"}
     for height, words in ((0.05, "least time"), (0.012, "a digit more")):
-        axis.text(1.006, height, words, transform=axis.transAxes, fontsize=8, color="0.35", va="bottom")
+        axis.text(1.006, height, words, transform=axis.transAxes, **SMALL)
     for before, price in zip((None, *prices), prices, strict=False):
         if not right <= price.accuracy <= left:
             continue
         if before is not None and price.ratio is not None:
-            middle = np.sqrt(before.accuracy * price.accuracy)
-            dear = price.ratio > 1.005
-            axis.text(middle, 0.012, f"×{price.ratio:.2f}" if dear else "=", transform=axis.get_xaxis_transform(),
-                      ha="center", va="bottom", fontsize=8, fontweight="bold" if dear else "normal",
-                      color="0.15" if dear else "0.55")  # fmt: skip
-        axis.text(price.accuracy, 0.05, _seconds(float(f"{price.seconds:.2g}")), ha="center", va="bottom", fontsize=7.5,
-                  color="0.35", transform=axis.get_xaxis_transform(), bbox={"facecolor": "white", "pad": 0.5,
-                  "edgecolor": "none"})  # fmt: skip
+            dearer, middle = price.ratio > 1.005, np.sqrt(before.accuracy * price.accuracy)
+            look = {"fontweight": "bold", "color": "0.15"} if dearer else {"color": "0.55"}
+            axis.text(middle, 0.012, f"×{price.ratio:.2f}" if dearer else "=", **{**at_error, **look})
+        box = {"facecolor": "white", "pad": 0.5, "edgecolor": "none"}
+        seconds = in_words(float(f"{price.seconds:.2g}")).replace("us", "µs")
+        axis.text(price.accuracy, 0.05, seconds, bbox=box, **at_error)
 
 
 def _draw_line(axis: Any, name: str, rows: list[Row], floor: float) -> None:
+    """A method's line; rows whose error is not resolved have white markers."""
     x, y = _points(rows, floor)
-    colour, style = STYLES.get(name, "0.4"), _style(name, rows[0])
-    line = axis.plot(x, y, color=colour, markersize=0, **{**style, "marker": None}, zorder=3)[0]
-    line.set_alpha(0.9)
-    for known in (True, False):
-        chosen = [i for i, row in enumerate(rows) if row.resolved is known]
-        face = colour if known else "white"
-        look = {"marker": style["marker"], "markersize": 4.2, "markerfacecolor": face, "markeredgecolor": colour}
-        axis.plot([x[i] for i in chosen], [y[i] for i in chosen], linestyle="none", zorder=4, **look)
+    colour, style = STYLES.get(name, "0.4"), _style(rows[0])
+    axis.plot(x, y, color=colour, alpha=0.9, zorder=3, **{**style, "marker": None})
+    faces = [colour if row.resolved else "white" for row in rows]
+    axis.scatter(x, y, s=17.6, marker=style["marker"], facecolors=faces, edgecolors=colour, zorder=4)
 
 
-def _style(name: str, row: Row) -> dict[str, Any]:
-    return PEERS if name.startswith("scipy") else FIXED if row.step is not None else ADAPTIVE
+def _style(row: Row) -> dict[str, Any]:
+    return PEERS if row.method.startswith("scipy") else FIXED if row.step is not None else ADAPTIVE
 
 
-def _label_style(name: str, row: Row) -> dict[str, Any]:
-    weight = "bold" if _style(name, row) is ADAPTIVE else "normal"
-    return {"color": STYLES.get(name, "0.4"), "fontweight": weight}
-
-
-def _explain(axis: Any, figure: Any, study: StudyData) -> None:
+def _write_legend(axis: Any, kinds: list[str], resolved: bool) -> None:
     from matplotlib.lines import Line2D
 
-    def kind(label: str, style: dict[str, Any]) -> Any:
-        return Line2D([], [], color="0.3", markersize=4, label=label, **style)
-
-    handles = [kind("steps by a tolerance", ADAPTIVE), kind("steps of one size", FIXED), kind("SciPy's", PEERS)]
+    looks = {kind: KINDS[kind] for kind in kinds}
+    if not resolved:
+        looks["within 100 times the reference's error"] = DOUBTFUL
+    handles = [Line2D([], [], color="0.3", markersize=4, label=label, **look) for label, look in looks.items()]
     handles.append(Line2D([], [], color="0.82", linewidth=9, label="the front: nothing is both better and quicker"))
-    if not all(row.resolved for row in study.rows):
-        doubt = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
-        handles.append(kind("within 100 times the reference's error", doubt))
-    axis.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(0, 1.0),
-        ncols=len(handles),
-        fontsize=8.5,
-        frameon=False,
-        columnspacing=1.5,
-    )
-    axis.set_xlabel("error of q, the largest at any sample (rad, m): more accurate to the right")
-    axis.set_ylabel("time to solve, compiling not counted")
-    ended = ", interrupted" if study.interrupted else ""
-    figure.suptitle(f"{plain(study.robot)}: what accuracy costs for {study.duration:g} s of motion{ended}")
+    axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=len(handles), fontsize=8.5,
+                frameon=False, columnspacing=1.5)  # fmt: skip

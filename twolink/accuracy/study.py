@@ -167,10 +167,10 @@ def _methods(names: Sequence[str] | None) -> list[Method]:
 def _tolerances(values: Sequence[float] | None) -> tuple[float, ...] | None:
     if values is None:
         return None
-    given = [values] if isinstance(values, (int, float)) else list(values)
-    if not given:
-        raise AccuracyError("no tolerance is given", argument="tolerances", remedy="such as [1e-3, 1e-6, 1e-9]")
-    return tuple(positive(value, "tolerances", AccuracyError, "such as [1e-3, 1e-6, 1e-9]") for value in given)
+    tolerances, remedy = [values] if isinstance(values, (int, float)) else list(values), "such as [1e-3, 1e-6, 1e-9]"
+    if not tolerances:
+        raise AccuracyError("no tolerance is given", argument="tolerances", remedy=remedy)
+    return tuple(positive(value, "tolerances", AccuracyError, remedy) for value in tolerances)
 
 
 def _repeats(value: int) -> int:

@@ -5,11 +5,13 @@ Only studies write here. A simulation by itself does not, so that the same call 
 
 from __future__ import annotations
 
-import json
+import contextlib
+import functools
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
 from pathlib import Path
+
+import msgspec
 
 from twolink.dynamics import cache
 from twolink.errors import TwolinkError
@@ -23,8 +25,7 @@ MARGIN = 3.0  # how many times smaller than the accuracy a measured error must b
 SAME_DURATION = 1.01  # a study says nothing about a longer time
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(msgspec.Struct, frozen=True):
     """One entry of a study: a method at a setting had this error and took these seconds."""
 
     method: str
@@ -33,57 +34,46 @@ class Measured:
     seconds: float
 
 
+class _Study(msgspec.Struct):
+    duration: float
+    entries: list[Measured]
+
+
 def cheapest(equations: Equations, duration: float, accuracy: float) -> Measured | None:
     """The fastest entry for these equations, start and duration whose error is a third of the accuracy at most."""
     try:
-        os.stat(cache.location(FILE))  # mostly there is none, and this is the quickest check
+        stamp = os.stat(cache.location(FILE)).st_mtime_ns  # mostly there is no file, and this is the quickest check
     except OSError:
         return None
-    path = _path()
-    study = None if path is None else _read(path).get(_key(equations))
-    if not study or study["duration"] * SAME_DURATION < duration:
+    study = _read(cache.folder(), stamp).get(_key(equations))
+    if study is None or study.duration * SAME_DURATION < duration:
         return None
-    entries = [Measured(**entry) for entry in study["entries"] if entry["method"] in METHODS]
-    good = [entry for entry in entries if entry.error * MARGIN <= accuracy]
+    good = [entry for entry in study.entries if entry.method in METHODS and entry.error * MARGIN <= accuracy]
     return min(good, key=lambda entry: entry.seconds, default=None)
 
 
 def record(equations: Equations, duration: float, entries: Iterable[Measured]) -> None:
     """Keep what a study measured, in place of what an earlier one did."""
-    path = _path()
-    if path is None:
+    folder = cache.folder()
+    if folder is None:
         return
-    studies = _read(path)
-    studies.pop(_key(equations), None)
-    studies[_key(equations)] = {"duration": duration, "entries": [asdict(entry) for entry in entries]}
-    while len(studies) > MAX_SCENES:
-        del studies[next(iter(studies))]
-    try:
-        write_atomic(path, lambda file: file.write(json.dumps(studies).encode()), private=True)
-        _kept.clear()
-    except TwolinkError:
-        return  # a full disk costs time, not answers
+    studies, key = dict(_read.__wrapped__(folder, 0)), _key(equations)
+    studies.pop(key, None)  # the newest last
+    studies[key] = _Study(duration, list(entries))
+    newest = dict(list(studies.items())[-MAX_SCENES:])
+    with contextlib.suppress(TwolinkError):  # a full disk costs time, not answers
+        write_atomic(folder / FILE, lambda file: file.write(msgspec.json.encode(newest)), private=True)
+    _read.cache_clear()
 
 
 def _key(equations: Equations) -> str:
     return equations.key("study", equations.start.tobytes().hex())
 
 
-def _path() -> Path | None:
-    folder = cache.folder()
-    return None if folder is None else folder / FILE
-
-
-_kept: dict[tuple[str, int], dict[str, dict[str, object]]] = {}
-
-
-def _read(path: Path) -> dict:  # type: ignore[type-arg]
-    """The file's content; nothing where it is damaged."""
+@functools.lru_cache(1)
+def _read(folder: Path | None, _stamp: int) -> dict[str, _Study]:
+    """The studies in the folder's file of this time stamp; none where it is damaged."""
     try:
-        stamp = (str(path), path.stat().st_mtime_ns)
-        if stamp not in _kept:
-            _kept.clear()
-            _kept[stamp] = json.loads(path.read_text(encoding="utf-8"))
-        return dict(_kept[stamp])
-    except (OSError, ValueError):
+        return {} if folder is None else msgspec.json.decode((folder / FILE).read_bytes(), type=dict[str, _Study])
+    except (OSError, msgspec.MsgspecError):
         return {}
