@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import httpx
@@ -63,12 +64,17 @@ def test_tokens_allowed_hosts_and_origins(tmp_path: Path) -> None:
         assert http.options(PATH, headers={"Origin": "https://lab.example"}).status_code == 204
 
 
-def test_bodies_too_large_are_not_read(tmp_path: Path) -> None:
-    with serving(tmp_path / "data", "--quota", "body_mb=0.01") as served, served.client() as http:
-        for path in (PATH, "/v1/robots", "/v1/simulations"):
-            assert http.post(path, content=bytes(20_000)).status_code == 413
-            chunks = (bytes(1000) for _ in range(20))  # of no stated length
-            assert http.post(path, content=chunks).status_code == 413
+def test_requests_too_large_or_too_slow_are_ended(tmp_path: Path) -> None:
+    with serving(tmp_path / "data", "--quota", "body_mb=0.01", "--quota", "body_seconds=1") as served:
+        with served.client() as http:
+            for path in (PATH, "/v1/robots", "/v1/simulations"):
+                assert http.post(path, content=bytes(20_000)).status_code == 413
+                chunks = (bytes(1000) for _ in range(20))  # of no stated length
+                assert http.post(path, content=chunks).status_code == 413
+        for part in (b"", b"POST / HTTP", b"POST /v1/robots HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{"):
+            with socket.create_connection(("127.0.0.1", int(served.url.rpartition(":")[2])), timeout=60) as slow:
+                slow.sendall(part)
+                assert slow.recv(1) == b""  # the service has closed it
 
 
 def test_settings() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -89,3 +90,9 @@ def test_many_threads_share_a_client(client: Client) -> None:
         answers = list(pool.map(lambda x: robot.bias([x, 0.0], [1.0, 1.0]), np.linspace(0, 1, 100)))
     here = tl.load_robot("two_link")
     np.testing.assert_allclose(answers, [here.bias([x, 0.0], [1.0, 1.0]) for x in np.linspace(0, 1, 100)], rtol=1e-12)
+
+
+def test_a_connection_that_the_service_has_closed_is_opened_again(client: Client) -> None:
+    before = client.robots()
+    client._idle[-1].sock.shutdown(socket.SHUT_RDWR)
+    assert client.robots() == before

@@ -138,16 +138,12 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 async def visuals(service: Shared, robot: str) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     service.robots.require(robot)
-    target = service.store.folder / "results" / f"visuals-{__version__}-{robot}.json"
-    if service.store.robot(robot) is not None:
-        target = service.store.robot_folder(robot) / "visuals.json"
-    async with service.locks(str(target)):
-        if not target.exists():
-            draft = target.with_suffix(".draft")
-            await service.read("draw", key=robot, target=str(draft))
-            draft.replace(target)
-            service.store.measure_robot(robot)
-    return Response(target.read_bytes(), media_type=MediaType.JSON)
+    path = service.store.folder / "results" / f"visuals-{__version__}-{robot}.json"
+    if robot not in catalogue():
+        path = service.store.robot_folder(robot) / "visuals.json"
+    await service.make(path, "draw", key=robot)
+    service.store.measure_robot(robot)
+    return Response(path.read_bytes(), media_type=MediaType.JSON)
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)

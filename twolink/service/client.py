@@ -197,26 +197,23 @@ class Client:
         self, method: str, path: str, body: bytes | None, headers: Mapping[str, str]
     ) -> tuple[int, str, bytes]:
         """One request, on an open connection if there is one."""
-        while True:
-            try:
-                connection, used = self._idle.pop(), True
-            except IndexError:
-                connection, used = self._connection(), False
+        kind = http.client.HTTPSConnection if self._parts.scheme == "https" else http.client.HTTPConnection
+        try:
+            connection = self._idle.pop()
+        except IndexError:
+            connection = kind(self._parts.hostname or "", self._parts.port, timeout=self._timeout)
+        for is_last in (connection.sock is None, True):
             try:
                 connection.request(method, path, body, dict(headers))
                 answer = connection.getresponse()
                 result = answer.status, answer.headers.get_content_type(), answer.read()
-            except (OSError, http.client.HTTPException):
-                connection.close()
-                if not used:  # else the service may have closed it meanwhile
+                break
+            except (OSError, http.client.HTTPException) as error:
+                connection.close()  # the next request opens it again
+                if is_last or isinstance(error, TimeoutError):  # else the service may have closed it meanwhile
                     raise
-                continue
-            self._idle.append(connection)
-            return result
-
-    def _connection(self) -> http.client.HTTPConnection:
-        kind = http.client.HTTPSConnection if self._parts.scheme == "https" else http.client.HTTPConnection
-        return kind(self._parts.hostname or "", self._parts.port, timeout=self._timeout)
+        self._idle.append(connection)
+        return result
 
     def __repr__(self) -> str:
         return f"<Client of {self.url}>"

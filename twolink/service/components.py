@@ -48,10 +48,18 @@ class Service:
         self.queries = Queries(settings, self.robots, self.metrics)
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)
 
-    async def read(self, task: str, *, patience: float = 1.0, **arguments: Any) -> Any:
-        """Run a short task in a worker process, in at most `patience` times the quota's load_seconds."""
-        seconds = patience * self.settings.quotas.load_seconds
-        return await self._readers.run(task, seconds, robots=str(self.store.folder / "robots"), **arguments)
+    async def read(self, task: str, **arguments: Any) -> Any:
+        """Run a short task in a worker process."""
+        seconds, robots = self.settings.quotas.load_seconds, str(self.store.folder / "robots")
+        return await self._readers.run(task, seconds, robots=robots, **arguments)
+
+    async def make(self, path: Path, task: str, **arguments: Any) -> None:
+        """Have a task write a file, unless it is there."""
+        async with self.locks(str(path)):
+            if not path.exists():
+                draft = path.with_name(f"draft-{path.name}")
+                await self.read(task, path=str(draft), **arguments)
+                draft.replace(path)
 
     @contextlib.asynccontextmanager
     async def running(self, _: object = None) -> AsyncIterator[None]:

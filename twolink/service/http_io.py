@@ -53,18 +53,3 @@ async def send_answer(send: Any, status: int, headers: Sequence[Header], body: b
     length = (b"content-length", str(len(body)).encode())
     await send({"type": "http.response.start", "status": status, "headers": [*headers, length, *SECURITY]})
     await send({"type": "http.response.body", "body": body})
-
-
-def accepted(scope: Any, offered: Sequence[str], default: str) -> str:
-    """The first of the offered media types that the client accepts; the default when it accepts that, or anything.
-
-    Raises Refusal (406) when it accepts none of them.
-    """
-    value = header(scope, b"accept")
-    if value in (b"", b"*/*"):
-        return default
-    wanted = [part.partition(b";")[0].strip().decode("latin-1") for part in value.split(b",")]
-    explicit = next((media for media in wanted if media in offered), None)
-    if explicit or not {"*/*", "application/*"}.isdisjoint(wanted):
-        return explicit or default
-    raise Refusal(406, "none of the accepted media types", where="header: Accept", remedy=f"accept {default}")

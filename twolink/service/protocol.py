@@ -1,4 +1,4 @@
-"""HTTP on uvicorn, with patience that ends: a client that does not finish its request in time is let go."""
+"""HTTP on uvicorn, with a limit of the time that a request may take to arrive."""
 
 from __future__ import annotations
 
@@ -9,49 +9,38 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 
 class Protocol(HttpToolsProtocol):
-    """uvicorn's protocol waits for ever for headers and bodies; it limits only the time between requests.
+    """uvicorn's protocol waits without limit for headers and bodies; it limits only the time between requests.
 
-    seconds: that a request may take to come, from the connection or its first byte on.
+    seconds: that a request may take to arrive, from the connection or its first byte on.
     """
 
     seconds = 120.0
     _timer: TimerHandle | None = None
-    _incomplete = True
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
         super().connection_made(transport)
-        self._timer = self.loop.call_later(self.seconds, self._let_go)
-
-    def data_received(self, data: bytes) -> None:
-        """Some bytes have come: most often whole requests, for which no clock is started."""
-        super().data_received(data)
-        if not self._incomplete:
-            self._stop()
-        elif self._timer is None:
-            self._timer = self.loop.call_later(self.seconds, self._let_go)
+        self._start_timer()
 
     def on_message_begin(self) -> None:
         """A request begins."""
-        self._incomplete = True
+        self._start_timer()
         super().on_message_begin()
 
     def on_message_complete(self) -> None:
-        """All of it is here."""
-        self._incomplete = False
+        """The whole request has arrived."""
+        self._stop_timer()
         super().on_message_complete()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The client has gone."""
-        self._stop()
+        self._stop_timer()
         super().connection_lost(exc)
 
-    def _stop(self) -> None:
+    def _start_timer(self) -> None:
+        self._stop_timer()
+        self._timer = self.loop.call_later(self.seconds, self.transport.close)
+
+    def _stop_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
-
-    def _let_go(self) -> None:
-        self._timer = None
-        if not self.transport.is_closing():
-            self.transport.close()

@@ -19,7 +19,7 @@ from twolink.dynamics.named_queries import NamedQuery
 from twolink.dynamics.robot_record import link_names
 from twolink.errors import QueryError
 from twolink.service import npz
-from twolink.service.http_io import JSON, UNSPECIFIED, accepted, header, media_type, read_body
+from twolink.service.http_io import JSON, UNSPECIFIED, header, media_type, read_body
 from twolink.service.kinematics import link_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
@@ -75,7 +75,9 @@ class Queries:
         if sent not in (JSON, npz.MEDIA_TYPE, "application/zip"):
             remedy = f"send {JSON} or {npz.MEDIA_TYPE}"
             raise Refusal(415, f"{sent[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
-        reply = accepted(scope, (JSON, npz.MEDIA_TYPE), default=JSON if sent == JSON else npz.MEDIA_TYPE)
+        same, other = (JSON, npz.MEDIA_TYPE) if sent == JSON else (npz.MEDIA_TYPE, JSON)
+        accept = header(scope, b"accept")
+        reply = other if other.encode() in accept and same.encode() not in accept else same
         if sent == JSON and reply == JSON and len(body) < _IN_LOOP:
             return 200, _HEADERS[JSON], self._answer(robot, what, body, sent, reply)
         loop = asyncio.get_running_loop()

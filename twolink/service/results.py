@@ -32,10 +32,8 @@ async def result_file(service: Service, kind: str, key: str, name: str, task: st
     """
     service.jobs.require_done(kind, key)
     path = service.store.result_folder(key) / name
-    async with service.locks(str(path)):
-        if not path.exists():
-            await service.read(task, patience=3.0, path=str(path), **arguments)
-            service.store.measure(key)
+    await service.make(path, task, **arguments)
+    service.store.measure(key)
     return path
 
 

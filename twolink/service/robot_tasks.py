@@ -99,6 +99,6 @@ def load(*, key: str, robots: str) -> bytes:
     return pickle.dumps(robot_by_id(key, robots))
 
 
-def draw(*, key: str, robots: str, target: str) -> None:
+def draw(*, key: str, robots: str, path: str) -> None:
     """Write what a robot looks like into a file."""
-    Path(target).write_bytes(visuals_of(robot_by_id(key, robots)))
+    Path(path).write_bytes(visuals_of(robot_by_id(key, robots)))

@@ -19,11 +19,12 @@ Amount = Annotated[float, msgspec.Meta(gt=0)]
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one call, one job and the whole store may take.
 
-    body_mb: bytes of a request. upload_mb: unpacked bytes of a zip. files: in a zip. states: in a batch. answer_mb:
-    bytes of an answer. moving_joints: of an uploaded robot. uploads: robots kept. load_seconds: reading a robot, a
-    scene or a file. memory_mb: address space of a worker process. jobs: at once. queue: jobs waiting. job_seconds:
-    computing of one job. duration: simulated seconds. samples: of a run. result_mb: of one result. disk_mb: of all
-    results and uploads together; the oldest results go first. body_seconds: a request may take to come in.
+    body_mb: size of a request. upload_mb: unpacked size of a zip. files: in a zip. states: in a batch. answer_mb: size
+    of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads: robots kept. load_seconds: for
+    reading a robot or a scene, or writing a file. memory_mb: address space of a worker process. jobs: at once. queue:
+    jobs that wait. job_seconds: computing time of a job. duration: simulated seconds. samples: of a run. result_mb:
+    size of a result. disk_mb: size of all results and uploads together; the results not used for longest go first.
+    body_seconds: time in which a request must arrive.
     """
 
     body_mb: Amount = 128
