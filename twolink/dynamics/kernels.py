@@ -137,20 +137,19 @@ class Kernel:
 
 
 def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (size, n) one under the other; one alone is taken as it is."""
+    """Arrays (size, n) one under the other, in this thread's buffer; one alone is taken as it is.
+
+    The buffer is kept from call to call up to STACK_BYTES: new memory costs as much as copying.
+    """
     if len(arrays) == 1:
         return arrays[0]
-    return np.concatenate(arrays, out=_stack(sum(len(a) for a in arrays), arrays[0].shape[1]))
-
-
-def _stack(rows: int, count: int) -> np.ndarray:
-    """This thread's buffer for stacking, kept from call to call up to STACK_BYTES: new memory costs like copying."""
-    if rows * count * 8 > STACK_BYTES:
-        return np.empty((rows, count))
-    kept: np.ndarray | None = getattr(_local, "stack", None)
-    if kept is None or kept.shape != (rows, count):
-        kept = _local.stack = np.empty((rows, count))
-    return kept
+    shape = (sum(len(a) for a in arrays), arrays[0].shape[1])
+    buffer: np.ndarray | None = getattr(_local, "stack", None)
+    if buffer is None or buffer.shape != shape:
+        buffer = np.empty(shape)
+        if buffer.nbytes <= STACK_BYTES:
+            _local.stack = buffer
+    return np.concatenate(arrays, out=buffer)
 
 
 def _work(operations: Mapping[str, int]) -> int:
