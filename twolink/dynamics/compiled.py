@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -18,7 +19,7 @@ from twolink.dynamics import cache, pinocchio_queries
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
 from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.wrench import FExt, Wrench
+from twolink.dynamics.wrench import FExt, read_wrenches
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
@@ -66,14 +67,11 @@ class Compiled:
                 raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, names))
         self.robot = robot
         self.parameters: tuple[str, ...] = tuple(dict.fromkeys(parameters))
-        self.compile_seconds = 0.0
-        self._kernels: dict[tuple[str, ...], tuple[Kernel, Certificate]] = {}
-        self._refused: dict[tuple[str, ...], CertificationError] = {}
-        self._files: dict[tuple[str, ...], str] = {}
+        self._made: dict[tuple[str, ...], tuple[Kernel, Certificate] | CertificationError] = {}
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
-        ready = ", ".join("+".join(key) for key in self._kernels) or "none yet"
+        ready = ", ".join(certificate.function for certificate in self.certificates) or "none yet"
         kept = f", parameters {', '.join(self.parameters)}" if self.parameters else ""
         return f"<Compiled {self.robot.name!r}: functions {ready}{kept}>"
 
@@ -153,57 +151,38 @@ class Compiled:
     @property
     def certificates(self) -> tuple[Certificate, ...]:
         """The certificates of all functions built so far."""
-        return tuple(c for _, c in self._kernels.values())
-
-    def _file(self, name: str, frames: tuple[str, ...]) -> str:
-        key = (name, *frames)
-        if key not in self._files:
-            self._files[key] = kernel_key(self.robot.model, (*key, "|", *self.parameters))
-        return self._files[key]
+        return tuple(made[1] for made in self._made.values() if not isinstance(made, CertificationError))
 
     def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
-        """The kernel of a function, built and certified, or read from the cache and checked again on its states."""
+        """The certified kernel of a function with wrenches on frames. Raises CertificationError."""
         key = (name, *frames)
-        made = self._kernels.get(key)
-        if made is not None:
-            return made
-        with self._lock:
-            if key in self._refused:
-                raise self._refused[key]
-            if key not in self._kernels:
-                start = time.perf_counter()
-                try:
-                    self._kernels[key] = self._read(name, frames) or self._build(name, frames)
-                except CertificationError as error:
-                    self._refused[key] = error
-                    raise
-                self.compile_seconds += time.perf_counter() - start
-            return self._kernels[key]
+        if key not in self._made:
+            with self._lock:
+                if key not in self._made:
+                    self._made[key] = self._load_or_build(name, frames)
+        made = self._made[key]
+        if isinstance(made, CertificationError):
+            raise made
+        return made
 
-    def _read(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate] | None:
-        content = cache.load(self._file(name, frames))
-        if not (isinstance(content, tuple) and len(content) == 2 and isinstance(content[0], Kernel)):
-            return None
-        kernel, certificate = content
+    def _load_or_build(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate] | CertificationError:
+        """A kernel from the cache, checked again on a few states, or a new one, or why a new one is refused."""
+        model, start = self.robot.model, time.perf_counter()
+        forces = [FrameForce(f"f_ext:{frame}", *frame_pose(model, frame)) for frame in frames]
+        traced, file = function(model, name, forces), kernel_key(model, (name, *frames, "|", *self.parameters))
+        match cache.load(file):
+            case (Kernel() as kernel, certificate):
+                with contextlib.suppress(CertificationError):  # made elsewhere, or damaged: build it again
+                    certify(model, traced, kernel, self.parameters, 8)
+                    return kernel, certificate
         try:
-            certify(
-                self.robot.model, function(self.robot.model, name, self._forces(frames)), kernel, self.parameters, 8
-            )
-        except CertificationError:
-            return None  # made elsewhere, or damaged in a way its digest does not show: build it again
-        return kernel, certificate
-
-    def _build(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
-        start = time.perf_counter()
-        made = function(self.robot.model, name, self._forces(frames))
-        kernel = build(self.robot.model, made, self.parameters)
-        certificate = certify(self.robot.model, made, kernel, self.parameters)
+            kernel = build(model, traced, self.parameters)
+            certificate = certify(model, traced, kernel, self.parameters)
+        except CertificationError as error:
+            return error
         _log.info("compiled %s of %s in %.2f s", name, self.robot.name, time.perf_counter() - start)
-        cache.store(self._file(name, frames), (kernel, certificate))
+        cache.store(file, (kernel, certificate))
         return kernel, certificate
-
-    def _forces(self, frames: tuple[str, ...]) -> list[FrameForce]:
-        return [FrameForce(f"f_ext:{frame}", *frame_pose(self.robot.model, frame)) for frame in frames]
 
     def answer(
         self,
@@ -228,14 +207,13 @@ class Compiled:
     def _own_axes(self, f_ext: FExt, q: ArrayLike) -> dict[str, Array]:
         """Wrenches by frame, turned into the frames' own axes."""
         out: dict[str, Array] = {}
-        for frame, entry in f_ext.items():
-            wrench = entry if isinstance(entry, Wrench) else Wrench(entry)
-            value = array(f"f_ext[{frame!r}]", wrench.value, 6)
+        for wrench in read_wrenches(self.robot.model, f_ext):
+            value = wrench.value
             if wrench.axes == "world":
-                turn = np.swapaxes(self.frame_rotation(frame, q), -1, -2)
+                turn = np.swapaxes(self.frame_rotation(wrench.frame, q), -1, -2)
                 parts = [(turn @ value[..., i : i + 3, None])[..., 0] for i in (0, 3)]
                 value = np.concatenate(parts, axis=-1)
-            out[frame] = value
+            out[wrench.frame] = value
         return out
 
     def _parameter_arrays(self, parameters: Parameters | None) -> dict[str, Array]:
@@ -260,12 +238,9 @@ class Compiled:
             size = value.shape[-1]
             configuration(key, value, size, robot.joints) if key == "q" else array(key, value, size)
         if self.parameters:
-            raise QueryError(
-                f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad",
-                where=f"compiled {name}",
-                remedy="wrap the angles, or check the values",
-                code="not-finite",
-            )
+            what = f"the result is not finite, or an angle is beyond {LIMIT:.0e} rad"
+            remedy = "wrap the angles, or check the values"
+            raise QueryError(what, where=f"compiled {name}", remedy=remedy, code="not-finite")
         query = pinocchio_queries.query_of(robot, name)
         method = "crba" if name == "forward_dynamics" and robot.has_mimic else ""
         return pinocchio_queries.answer(robot, query, tuple(arguments.values()), wrenches or None, method)

@@ -11,13 +11,13 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.algorithms.functions import frame_index
+from twolink.algorithms.functions import Shape, frame_index
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
 from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
@@ -32,9 +32,6 @@ PARALLEL_FROM = 64
 (scripts/bench_queries.py). The choice depends on nothing else, since the parallel loops round differently."""
 
 _local = threading.local()
-
-
-Shape = tuple[int | Literal["nv"], ...]
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,9 @@ FExt = Mapping[str, Wrench | ArrayLike]
 
 @dataclass(frozen=True)
 class Applied:
-    """A checked wrench: the joint it acts on, where its frame sits there, and its values (..., 6)."""
+    """A checked wrench: its frame, the joint it acts on, where its frame sits there, and its values (..., 6)."""
 
+    frame: str
     joint: int
     placement: pin.SE3
     value: np.ndarray
@@ -60,7 +61,7 @@ def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
                 f"axes {wrench.axes!r} is unknown", argument=f"f_ext[{name!r}]", remedy='"frame" or "world"'
             )
         entries = array(f"f_ext[{name!r}]", wrench.value, 6)
-        applied.append(Applied(frame.parentJoint, frame.placement, entries, wrench.axes))
+        applied.append(Applied(name, frame.parentJoint, frame.placement, entries, wrench.axes))
     return applied
 
 
