@@ -31,6 +31,7 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import kernels
 from twolink.dynamics.engine import compiled_from
 from twolink.dynamics.threads import thread_count
+from twolink.hard.cases.chains import chain_urdf
 from twolink.hard.peers import mujoco_peer
 from twolink.hard.peers.task import task_of
 
@@ -42,18 +43,8 @@ Contest = dict[str, Callable[[], np.ndarray]]
 
 
 def chain(n: int) -> tl.Robot:
-    """A chain of n links of 1 m and 1 kg, bending in a plane."""
-    link = '<inertial><origin xyz="0 0 -0.5"/><mass value="1"/><inertia ixx="0.084" iyy="0.084" izz="0.002" ' \
-           'ixy="0" ixz="0" iyz="0"/></inertial>'  # fmt: skip
-    parts = ['<link name="l0"/>']
-    for i in range(1, n + 1):
-        origin = "0 0 0" if i == 1 else "0 0 -1"
-        parts.append(
-            f'<link name="l{i}">{link}</link><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/>'
-            f'<child link="l{i}"/><origin xyz="{origin}"/><axis xyz="0 1 0"/>'
-            '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
-        )
-    return tl.load_robot(f'<robot name="chain{n}">{"".join(parts)}</robot>')
+    """A chain of n rods of 1 m and 1 kg, bending in a plane."""
+    return tl.load_robot(chain_urdf([1.0] * n))
 
 
 def robots(quick: bool) -> dict[str, tl.Robot]:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.functions import Shape
 from twolink.dynamics import Robot
-from twolink.dynamics.pinocchio_queries import Shape, signature
+from twolink.dynamics.pinocchio_queries import signature
 from twolink.errors import QueryError, nearest
 from twolink.io.csv_text import first_repeated, parse_csv
 from twolink.io.text import decode, parse_number, read_bytes
