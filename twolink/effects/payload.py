@@ -9,7 +9,7 @@ from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, finite
 from twolink.effects.frame_checks import check_frame, check_three
 from twolink.errors import SceneError
-from twolink.robots.physical_checks import semidefinite_defect, triangle_excess
+from twolink.robots.physical_checks import is_impossible
 
 
 class Payload(Effect, frozen=True):
@@ -42,7 +42,7 @@ class Payload(Effect, frozen=True):
             raise SceneError(what, where="inertia", remedy=remedy)
         all_finite(self.inertia, "inertia")
         matrix, mass = _matrix(self.inertia), float(self.mass)
-        if semidefinite_defect(matrix, mass) < 0 or triangle_excess(matrix, mass) > 0 or (not mass and matrix.any()):
+        if is_impossible(matrix, mass) or (not mass and matrix.any()):
             what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
             remedy = "give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)"
             raise SceneError(what, where="inertia", remedy=remedy)

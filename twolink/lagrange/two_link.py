@@ -53,23 +53,19 @@ class TwoLink:
 
     def mass_matrix(self, theta: ArrayLike) -> Array:
         """A(theta), (..., 2, 2) [kg m^2] (eqs 8-11), symmetric and positive definite."""
-        (angles,) = self._pairs(theta=theta)
-        return _matrix(formulas.mass_entries(self.lengths, self.masses, angles, np))
+        return _matrix(formulas.mass_entries(self.lengths, self.masses, self._angles(theta), np))
 
     def velocity_products(self, theta: ArrayLike) -> Array:
         """B(theta), (..., 2, 2) [kg m^2], to multiply [td1 td2, td2 td1] (eqs 13, 14)."""
-        (angles,) = self._pairs(theta=theta)
-        return _matrix(formulas.product_entries(self.lengths, self.masses, angles, np))
+        return _matrix(formulas.product_entries(self.lengths, self.masses, self._angles(theta), np))
 
     def velocity_squares(self, theta: ArrayLike) -> Array:
         """C(theta), (..., 2, 2) [kg m^2], to multiply [td1^2, td2^2] (eqs 16-18; the erratum is here)."""
-        (angles,) = self._pairs(theta=theta)
-        return _matrix(formulas.square_entries(self.lengths, self.masses, angles, np, self.variant))
+        return _matrix(formulas.square_entries(self.lengths, self.masses, self._angles(theta), np, self.variant))
 
     def gravity_torque(self, theta: ArrayLike) -> Array:
         """D(theta), (..., 2) [N m] (eqs 20, 21)."""
-        (angles,) = self._pairs(theta=theta)
-        return _vector(formulas.gravity_entries(self.lengths, self.masses, self.g, angles, np))
+        return _vector(formulas.gravity_entries(self.lengths, self.masses, self.g, self._angles(theta), np))
 
     A, B, C, D = mass_matrix, velocity_products, velocity_squares, gravity_torque  # the paper's names
 
@@ -102,6 +98,9 @@ class TwoLink:
         potential = formulas.potential_entry(self.lengths, self.masses, self.g, angles, np)
         kinetic, potential = np.broadcast_arrays(kinetic, potential)
         return kinetic.copy(), potential.copy()
+
+    def _angles(self, theta: ArrayLike) -> Pair:
+        return self._pairs(theta=theta)[0]
 
     def _bias(self, angles: Pair, speeds: Pair) -> Pair:
         (b11, b12), (b21, b22) = formulas.product_entries(self.lengths, self.masses, angles, np)

@@ -43,12 +43,13 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
         inertia = model.inertias[joint]
         if not np.isfinite(inertia.inertia).all():
             raise RobotError("inertia is not finite: numbers are too large", where=tree.name, remedy="check the units")
-        if unphysical == "refuse" and _is_impossible(inertia.inertia, inertia.mass):
+        if unphysical == "refuse" and is_impossible(inertia.inertia, inertia.mass):
             raise _impossible(_culprit(tree, model, joint))
-    return [link.name for link in tree.links.values() if _is_impossible(link.inertia, link.mass)]
+    return [link.name for link in tree.links.values() if is_impossible(link.inertia, link.mass)]
 
 
-def _is_impossible(inertia: np.ndarray, mass: float) -> bool:
+def is_impossible(inertia: np.ndarray, mass: float) -> bool:
+    """Whether no body has this inertia (3, 3) [kg m^2] about its centre of mass."""
     return semidefinite_defect(inertia, mass) < 0 or triangle_excess(inertia, mass) > 0
 
 
