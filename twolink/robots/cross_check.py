@@ -50,8 +50,7 @@ def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
         coupled = {j.name: j.mimic for j in second.robot.joints if j.mimic is not None and j.name in layouts}
         values = {name: m.multiplier * angles.get(m.joint, 0.0) + m.offset for name, m in coupled.items()}
         for name, angle in (angles | values).items():
-            joint = layouts[name]
-            q[joint.q] = [np.cos(angle), np.sin(angle)] if joint.kind == "cos-sin" else angle
+            q[layouts[name].q] = layouts[name].configuration(angle)
         second.update_cfg(angles)
         pin.framesForwardKinematics(model, data, q)
         for frame, placement in zip(model.frames, data.oMf, strict=True):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
 
@@ -31,6 +33,11 @@ class JointLayout:
     q: slice
     v: slice
     unit: slice | None
+
+    def configuration(self, values: ArrayLike) -> np.ndarray:
+        """Values as the entries of q, where one value of a continuous joint is its angle [rad]."""
+        entries = np.atleast_1d(np.asarray(values, dtype=float))
+        return np.append(np.cos(entries), np.sin(entries)) if self.kind == "cos-sin" and entries.size == 1 else entries
 
 
 def _kind(joint: pin.JointModel) -> JointKind:

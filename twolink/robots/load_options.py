@@ -58,9 +58,7 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
             raise RobotError(what, argument="lock", remedy=nearest(str(name), list(layouts)), code="unknown-joint")
         joint = layouts[name]
         size = joint.q.stop - joint.q.start
-        values = _numbers(value)
-        if joint.kind == "cos-sin" and values.size == 1:
-            values = np.array([np.cos(values[0]), np.sin(values[0])])
+        values = joint.configuration(_numbers(value))
         if values.shape != (size,) or not np.isfinite(values).all():
             what = f"expected {size} finite number{'s' if size > 1 else ''}, got {value!r}"
             raise RobotError(what, where=f"lock[{name!r}]", argument="lock", remedy="give its configuration")

@@ -95,10 +95,7 @@ def _state(robot: Robot, values: JointValues, start: np.ndarray, name: str) -> n
             what, remedy = f"robot {robot.name!r} has no joint {joint_name!r}", nearest(joint_name, joints)
             raise SceneError(what, where=name, remedy=remedy, code="unknown-joint")
         joint = joints[joint_name]
-        part = joint.q if name == "q" else joint.v
-        numbers = np.atleast_1d(np.asarray(value, dtype=float))
-        if joint.kind == "cos-sin" and name == "q" and numbers.size == 1:
-            numbers = np.array([np.cos(numbers[0]), np.sin(numbers[0])])
+        part, numbers = (joint.q, joint.configuration(value)) if name == "q" else (joint.v, np.atleast_1d(value))
         if numbers.size != part.stop - part.start:
             what = f"expected {part.stop - part.start} numbers, got {numbers.size}"
             remedy = "give the joint's configuration or velocity"
