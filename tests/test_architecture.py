@@ -1,8 +1,11 @@
-"""The order of imports, and docs/architecture.md with its picture."""
+"""The order of imports, the size of files and functions, and docs/architecture.md with its picture."""
 
 import ast
 import graphlib
+import io
 import re
+import statistics
+import tokenize
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +13,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 90, 50  # lines of code
+LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 EXAMPLES = {"effects/my_effect.py", "hard/peers/my_peer.py", "scenes/bundled/my_scene.toml"}
 
 
@@ -80,6 +85,44 @@ def test_rooms_import_only_from_rooms_below() -> None:
     assert upward(imports(texts)) == []
     texts["twolink.io.text"] += "\nfrom twolink.dynamics import Robot"
     assert upward(imports(texts)) == [("twolink.io.text", "twolink.dynamics")]
+
+
+def code_lines(text: str) -> set[int]:
+    """The lines with code: no docstrings, no comments, no blank lines."""
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in LAYOUT:
+            lines |= set(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0] if node.body else None
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                lines -= set(range(first.lineno, (first.end_lineno or 0) + 1))
+    return lines
+
+
+def test_lines_of_code_leave_out_docstrings_comments_and_blank_lines() -> None:
+    text = (
+        '"""Module."""\n\n# comment\ndef f(\n    x: int,\n) -> int:\n    """Doc.\n\n    More.\n    """\n    return x\n'
+    )
+    assert code_lines(text) == {4, 5, 6, 11}
+
+
+def test_files_and_functions_are_short() -> None:
+    texts = {
+        path: path.read_text("utf-8") for folder in ("twolink", "scripts") for path in (ROOT / folder).rglob("*.py")
+    }
+    lines = {path: code_lines(text) for path, text in texts.items()}
+    assert {str(path): len(own) for path, own in lines.items() if len(own) > LONGEST_MODULE} == {}
+    assert statistics.median(len(own) for path, own in lines.items() if path.name != "__init__.py") <= MEDIAN_MODULE
+    long = {}
+    for path, text in texts.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                size = len(lines[path] & set(range(node.lineno, (node.end_lineno or 0) + 1)))
+                if size > LONGEST_FUNCTION:
+                    long[f"{path.relative_to(ROOT)}: {node.name}"] = size
+    assert long == {}
 
 
 def test_every_file_that_the_page_names_exists() -> None:
