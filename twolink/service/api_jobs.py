@@ -79,6 +79,13 @@ def _shared(path: str, kind: str) -> list[Any]:
         """A running one is cancelled first."""
         await service.jobs.remove(kind, job)
 
+    return [list_jobs, show_job, events, cancel, run_again, remove]
+
+
+def _results(path: str, kind: str) -> list[Any]:
+    """The handlers of results that simulations and studies have alike."""
+    tags = [path]
+
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
     async def figure(
         service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
@@ -87,21 +94,23 @@ def _shared(path: str, kind: str) -> list[Any]:
         path = await result_file(service, kind, job, f"figure.{form}")
         return Response(path.read_bytes(), media_type=MEDIA[form])
 
-    return [list_jobs, show_job, events, cancel, run_again, remove, figure]
+    @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
+    async def result(
+        service: Shared,
+        job: str,
+        form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
+        points: Points = MAX_POINTS,
+    ) -> Response[Any] | File:
+        """A simulation's samples: columns t, q.JOINT, v.JOINT, energy, error; JSON is thinned to at most `points`.
 
+        A study: all of it as JSON, its rows in the other formats.
+        """
+        if form == "json" and kind == "simulation":
+            return Response(await samples_json(service, job, points), media_type=MediaType.JSON)
+        file = await result_file(service, kind, job, f"result.{form}")
+        return File(file, filename=f"{job}.{form}", media_type=MEDIA[form])
 
-@get("/v1/simulations/{job:str}/result", tags=["simulations"], summary="A simulation's samples")
-async def samples(
-    service: Shared,
-    job: str,
-    form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
-    points: Points = MAX_POINTS,
-) -> Response[Any] | File:
-    """Columns t, q.JOINT, v.JOINT, energy, error. JSON is thinned to at most `points`; the others hold all samples."""
-    if form == "json":
-        return Response(await samples_json(service, job, points), media_type=MediaType.JSON)
-    path = await result_file(service, "simulation", job, f"result.{form}")
-    return File(path, filename=f"{job}.{form}", media_type=MEDIA[form])
+    return [figure, result]
 
 
 @get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
@@ -119,18 +128,8 @@ async def playback(service: Shared, job: str) -> Response[bytes]:
     return Response(path.read_bytes(), media_type=MediaType.HTML, headers=headers)
 
 
-@get("/v1/studies/{job:str}/result", tags=["studies"], summary="A study's rows")
-async def rows(
-    service: Shared,
-    job: str,
-    form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
-) -> File:
-    """JSON is all of the study, the others its rows."""
-    path = await result_file(service, "study", job, f"result.{form}")
-    return File(path, filename=f"{job}.{form}", media_type=MEDIA[form])
-
-
 HANDLERS = [
-    simulate, study, samples, motion, playback, rows,
+    simulate, study, motion, playback,
     *_shared("simulations", "simulation"), *_shared("studies", "study"),
+    *_results("simulations", "simulation"), *_results("studies", "study"),
 ]  # fmt: skip

@@ -24,12 +24,6 @@ _XML = ("application/xml", "text/xml", "application/urdf+xml")
 _ZIP = ("application/zip", "application/x-zip-compressed")
 
 
-class RobotUpload(RobotOptions, frozen=True, forbid_unknown_fields=True):
-    """A robot to load, and how: text is a URDF; or source is a name of the catalogue."""
-
-    text: str = ""
-
-
 @get("/v1/robots", tags=["robots"], summary="List robots")
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and those uploaded."""
@@ -92,11 +86,11 @@ def _sniffed(body: bytes) -> str:
 
 def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
     """What is uploaded ("source" or "urdf"), how to load it, and its content."""
-    upload = msgspec.json.decode(body, type=RobotUpload)
+    upload = msgspec.json.decode(body, type=RobotOptions)
     if bool(upload.source) == bool(upload.text):
         raise Refusal(400, "expected source or text", where="body", remedy='such as {"source": "panda"}')
-    options = RobotOptions(**{name: getattr(upload, name) for name in RobotOptions.__struct_fields__})
-    return "source" if upload.source else "urdf", options, upload.text.encode()
+    kind = "source" if upload.source else "urdf"
+    return kind, msgspec.structs.replace(upload, text=""), upload.text.encode()
 
 
 def _options(query: MultiDict[str]) -> RobotOptions:

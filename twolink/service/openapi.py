@@ -36,7 +36,9 @@ def openapi_document(app: Litestar) -> Json:
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
     for what, body in zip(QUERIES, bodies, strict=False):
         document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
-    document["paths"]["/v1/robots"]["post"]["requestBody"] = _upload(components["RobotOptions"])
+    upload = {"schema": {"$ref": "#/components/schemas/RobotOptions"}}
+    content = {JSON: upload, "application/xml": {"schema": _TEXT}, "application/zip": _BINARY}
+    document["paths"]["/v1/robots"]["post"]["requestBody"] = {"required": True, "content": content}
     document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
     document["security"] = [{}, {"token": []}]
     for operations in document["paths"].values():
@@ -57,13 +59,6 @@ def _query(what: str, body: Json) -> Json:
         "requestBody": {"required": True, "content": {JSON: {"schema": body}, npz.MEDIA_TYPE: _BINARY}},
         "responses": {"200": answer},
     }
-
-
-def _upload(options: Json) -> Json:
-    properties = {**options["properties"], "text": {**_TEXT, "description": "a URDF"}}
-    schema = {"type": "object", "properties": properties, "additionalProperties": False}
-    content = {JSON: {"schema": schema}, "application/xml": {"schema": _TEXT}, "application/zip": _BINARY}
-    return {"required": True, "content": content}
 
 
 def _add_problems(operation: Json) -> None:

@@ -24,12 +24,13 @@ _UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
 
 
 class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """How a robot is loaded, as load_robot takes it. source: a name of the catalogue, in place of a URDF.
+    """A robot and how it is loaded, as load_robot takes it.
 
-    urdf: which file of a zip is the robot.
+    source: a name of the catalogue. text: a URDF, in JSON without a source. urdf: which file of a zip is the robot.
     """
 
     source: str = ""
+    text: str = ""
     urdf: str = ""
     root: Literal["fixed", "free"] = "fixed"
     lock: dict[str, float | list[float]] = {}

@@ -62,8 +62,6 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     Protocol.seconds = settings.quotas.body_seconds
     return {
-        "host": settings.host,
-        "port": settings.port,
         "http": Protocol,
         "ws": "none",
         "log_level": "warning",
