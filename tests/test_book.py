@@ -93,8 +93,8 @@ def test_loop_forces_explain_the_motion(name: str) -> None:
     np.testing.assert_allclose(applied, [float(x) for x in loads.tau], atol=2e-4 * (1.0 + np.abs(needed).max()))
 
 
-def test_a_run_without_its_cost_is_refused() -> None:
+def test_a_trajectory_without_equations_is_refused() -> None:
     scene = tl.load_scene("crankshaft")
     run = tl.simulate(scene, 0.1)
-    with pytest.raises(SceneError, match="does not say how it was solved"):
+    with pytest.raises(SceneError, match="has no equations of motion"):
         tl.loop_forces(scene, tl.Trajectory(run.robot, run.t, run.q, run.v, None, None))

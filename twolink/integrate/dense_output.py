@@ -100,6 +100,11 @@ class DenseOutput:
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
 
+    def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array]]:
+        """The equations of each piece that has some of the times (m,), and the places of those."""
+        for group in self._groups(times):
+            yield group.equations, group.places
+
     def _groups(self, times: Array) -> Iterator[_Group]:
         """The times by pieces; a time at which a piece begins belongs to that piece."""
         number = np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1

@@ -3,7 +3,7 @@
     stored(t) = stored(0) + sum of works(t) - lost(t),   work of an effect = integral of (tau . v + wrench . V) dt
 
 Stored is kinetic and gravity's potential energy; springs are effects, and what they store is their work. The integrals
-are Gauss's of order 12 between samples, split where the motion is not smooth.
+are Gauss's of order 12 between samples, split where the motion is not smooth, from the dense output of the run.
 """
 
 from __future__ import annotations
@@ -20,9 +20,7 @@ from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.hybrid.snapshot import Evaluator
-from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.solver import solve
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
@@ -63,12 +61,12 @@ class Book:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Part of a run in one mode: its equations, the states x (size, n) at times t (n,), their place among the times."""
+    """Part of a run in one mode: its equations, states x (size, n) at times t (n,), and their places among the times."""
 
     equations: Equations
     t: np.ndarray
     x: np.ndarray
-    place: slice
+    places: np.ndarray
 
 
 def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
@@ -89,7 +87,7 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
     Raises
     ------
     SceneError
-        The run does not say how it was solved.
+        The run is a loaded trajectory, without equations of motion (code "no-equations").
     """
     run = simulate(scene, accuracy=1e-9) if run is None else run
     edges = np.union1d(run.t, [event.t for event in run.events if event.t < run.t[-1]])
@@ -101,9 +99,9 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
     times = times[np.append(True, np.diff(times) > 0)]
     names = effect_names(scene)
     power: dict[str, np.ndarray] = {}
-    for stretch in _stretches(scene, run, times):
+    for stretch in _stretches(run, times):
         for place, watts in _powers(scene, stretch):
-            power.setdefault(names[place], np.zeros(len(times)))[stretch.place] += watts
+            power.setdefault(names[place], np.zeros(len(times)))[stretch.places] += watts
     at = np.searchsorted(times, inner)
     kept = np.searchsorted(edges, run.t)
     work = {}
@@ -135,18 +133,18 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
     Raises
     ------
     SceneError
-        The run does not say how it was solved.
+        The run is a loaded trajectory, without equations of motion (code "no-equations").
     """
     names = effect_names(scene)
     tables: dict[str, np.ndarray] = {}
-    for stretch in _stretches(scene, run, run.t):
+    for stretch in _stretches(run, run.t):
         constraints = stretch.equations.constraints
         for i, rows in enumerate(_multipliers(stretch)):
             loop = constraints.loops[i] if constraints is not None else None
             width = max(len(rows), loop.max_rows if loop is not None else 0)
             name = names[stretch.equations.places[len(stretch.equations.effects) + i]]
             table = tables.setdefault(name, np.zeros((len(run.t), width)))
-            table[stretch.place, : len(rows)] = rows.T
+            table[stretch.places, : len(rows)] = rows.T
     return tables
 
 
@@ -156,19 +154,15 @@ def effect_names(scene: Scene) -> list[str]:
     return [f"{kind} [{i}]" if kinds.count(kind) > 1 else kind for i, kind in enumerate(kinds)]
 
 
-def _stretches(scene: Scene, run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
-    """The states of a run at other times, mode by mode, by solving the scene as the run was solved."""
-    if run.cost is None:
-        raise SceneError("the run does not say how it was solved", where="run", remedy="simulate it again",
-                         code="no-equations", argument="run")  # fmt: skip
-    solution = solve(equations_of(scene), METHODS[run.cost.method], times, run.cost.setting)
-    first = 0
-    for piece in solution.pieces:
-        equations, count = piece.equations, piece.samples
-        place = slice(first, first + count)
-        numbers = np.repeat(equations.start[equations.moving :, None], count, axis=1)
-        yield _Stretch(equations, solution.t[place], np.concatenate([solution.x[:, place], numbers]), place)
-        first += count
+def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
+    """The states of a run at other times, by its smooth pieces."""
+    if run.solution is None:
+        raise SceneError("a loaded trajectory has no equations of motion", where="run",
+                         remedy="simulate it again with its scene", code="no-equations", argument="run")  # fmt: skip
+    states = run.solution.states(times)
+    for equations, places in run.solution.by_piece(times):
+        numbers = np.repeat(equations.start[equations.moving :, None], len(places), axis=1)
+        yield _Stretch(equations, times[places], np.concatenate([states[:, places], numbers]), places)
 
 
 def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
