@@ -61,7 +61,7 @@ class Book:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Part of a run in one mode: its equations, states x (size, n) at times t (n,), and their places among the times."""
+    """Part of a run in one mode: its equations, states x (size, n) at times t (n,), their places among the times."""
 
     equations: Equations
     t: np.ndarray
