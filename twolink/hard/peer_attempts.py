@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from types import ModuleType
 
 import numpy as np
 
 from twolink.hard.case import SimulationCase
 from twolink.hard.case_result import MET, SAID, UNABLE, WRONG, Attempt, Curve
 from twolink.hard.peers import NAMES, peer_module
-from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, UnsupportedError, task_of
+from twolink.hard.peers.task import PeerError, PeerTask, Setting, UnsupportedError, task_of
 from twolink.hard.peers.time_limit import run_limited
 from twolink.scenes import Scene
 
 MAX_INTERVALS = 400  # between the times at which peers answer
-Prepare = Callable[[PeerTask, Setting], Callable[[], PeerRun]]
 WRONG_FROM = 0.1  # of the motion's size: the error from which a peer is called wrong, whatever its tolerance promises
 
 
@@ -40,13 +40,13 @@ def run_peers(case: SimulationCase, scene: Scene) -> Iterator[tuple[str, Attempt
             yield NAMES[name], Attempt("", UNABLE, message=str(error))
             continue
         for setting in settings:
-            yield NAMES[name], _attempt(case, task, module.prepare, setting)
+            yield NAMES[name], _attempt(case, task, module, setting)
 
 
-def _attempt(case: SimulationCase, task: PeerTask, prepare: Prepare, setting: Setting) -> Attempt:
+def _attempt(case: SimulationCase, task: PeerTask, module: ModuleType, setting: Setting) -> Attempt:
     start = time.perf_counter()
     try:
-        run = prepare(task, setting)
+        run = module.prepare(task, setting)
         start = time.perf_counter()
         answer, warning = run_limited(run)
     except (PeerError, UnsupportedError) as failure:
