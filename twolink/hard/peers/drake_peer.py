@@ -21,6 +21,7 @@ from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Set
 
 VERSION = version("drake")
 TIGHT, STEP = 1e-10, 1e-3
+MAX_STEP = 0.1  # s, Drake's default for integrators with error control
 DISCRETE = "discrete plant (SAP)"
 METHODS = {"runge_kutta3": 1e-16, "runge_kutta5": 1e-16, "radau3": 1e-9}
 """Each with the smallest accuracy it is asked for: below it radau3's Newton iterations no longer converge, and it takes
@@ -54,7 +55,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 
     def run() -> PeerRun:
         if setting.tolerance is not None:  # takes 10 microseconds, and drops the last run's integrator
-            integrator = ResetIntegratorFromFlags(simulator, setting.method, task.interval)
+            integrator = ResetIntegratorFromFlags(simulator, setting.method, min(task.interval, MAX_STEP))
             integrator.set_target_accuracy(setting.tolerance)
         context.SetTime(0.0)
         plant.SetPositions(context, q0)
