@@ -17,7 +17,7 @@ from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedErro
 
 TIMES = np.linspace(0.0, 0.5, 6)
 TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3),
-         "drake": Setting("runge_kutta5", "accuracy 1e-10", 1e-10)}  # fmt: skip
+         "drake": Setting("runge_kutta5", "accuracy 1e-10", 1e-10, 0.1)}  # fmt: skip
 TREE = """<robot name="tree"><link name="base"><inertial><mass value="2"/>
 <inertia ixx="0.3" iyy="0.4" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>{links}</robot>"""
 LINK = """<link name="{name}"><inertial><origin xyz="0.1 0.2 0.3"/><mass value="1"/>

@@ -35,19 +35,19 @@ def usual_settings(task: PeerTask) -> list[Setting]:
     if task.loops:
         return [Setting(DISCRETE, f"{h * 1e3:g} ms, ball constraints", step=h) for h in (STEP, STEP / 10)]
     return [Setting("runge_kutta3", "default: accuracy 1e-3", default=True),
-            Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT)]  # fmt: skip
+            Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT, MAX_STEP)]  # fmt: skip
 
 
 def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
     """Integrators with error control at falling accuracies."""
-    del task
-    return [Setting(method, f"accuracy {a:.0e}", a) for method, smallest in METHODS.items()
+    return [Setting(method, f"accuracy {a:.0e}", a, task.interval) for method, smallest in METHODS.items()
             for a in tolerances(coarse) if a >= smallest]  # fmt: skip
 
 
 def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
     """The function that solves the task at the setting. Raises PeerError when Drake refuses the model."""
-    plant, q_at, v_at = _build(task, setting.step or 0.0)
+    discrete = setting.method == DISCRETE
+    plant, q_at, v_at = _build(task, setting.step if discrete else 0.0)
     simulator = Simulator(plant)
     context, later = simulator.get_mutable_context(), task.times[1:].tolist()
     q0, v0 = np.empty(len(q_at)), np.empty(len(v_at))
@@ -55,7 +55,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 
     def run() -> PeerRun:
         if setting.tolerance is not None:  # takes 10 microseconds, and drops the last run's integrator
-            integrator = ResetIntegratorFromFlags(simulator, setting.method, min(task.interval, MAX_STEP))
+            integrator = ResetIntegratorFromFlags(simulator, setting.method, setting.step)
             integrator.set_target_accuracy(setting.tolerance)
         context.SetTime(0.0)
         plant.SetPositions(context, q0)
@@ -69,7 +69,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
                 v.append(plant.GetVelocities(context).copy())
         except RuntimeError as error:
             raise PeerError(str(error).split("\n")[0]) from None
-        evaluations = None if setting.step else simulator.get_integrator().get_num_derivative_evaluations()
+        evaluations = None if discrete else simulator.get_integrator().get_num_derivative_evaluations()
         return PeerRun(from_peer(task, np.array(q)[:, q_at], np.array(v)[:, v_at], body_spin=False), evaluations)
 
     return run

@@ -46,7 +46,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
     """The function that solves the task at the setting. Raises PeerError when MuJoCo refuses the model."""
     model = build(task)
     data, times, count = mujoco.MjData(model), task.times, len(task.times)
-    per_interval = max(1, int(np.ceil(task.interval / (setting.step or DEFAULT_STEP) * (1 - 1e-9))))
+    per_interval = max(1, int(np.ceil(task.interval / setting.step * (1 - 1e-9))))
     model.opt.timestep = task.interval / per_interval
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{setting.method.upper()}")
     (q0, v0), (q_at, v_at) = to_peer(task, body_spin=True), _columns(task, model)

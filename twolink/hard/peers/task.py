@@ -38,8 +38,8 @@ class Setting:
         Tolerance or step as text.
     tolerance : float, optional
         Relative and absolute tolerance of a step; None leaves the peer's default.
-    step : float, optional
-        Length of a step, s.
+    step : float
+        Length of a step, s; with a tolerance the longest one; 0 leaves the peer's default.
     default : bool
         Whether this is what the peer does when nothing is set.
     """
@@ -47,7 +47,7 @@ class Setting:
     method: str
     words: str
     tolerance: float | None = None
-    step: float | None = None
+    step: float = 0.0
     default: bool = False
 
     def __str__(self) -> str:
