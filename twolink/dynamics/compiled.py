@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import FrameForce, frame_pose, function
-from twolink.algorithms.mechanism import nominal, parameter_names
+from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache, pinocchio_queries
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
@@ -61,10 +61,8 @@ class Compiled:
             raise MissingExtraError(
                 "compiled dynamics need heyoka", remedy="pip install heyoka (Linux), or conda-forge"
             )
-        names = parameter_names(robot.model)
         for name in parameters:
-            if name not in names:
-                raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, names))
+            nominal(robot.model, name)  # refuses an unknown name
         self.robot = robot
         self.parameters: tuple[str, ...] = tuple(dict.fromkeys(parameters))
         self._made: dict[tuple[str, ...], tuple[Kernel, Certificate] | CertificationError] = {}
