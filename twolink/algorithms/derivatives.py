@@ -64,11 +64,8 @@ def forward_dynamics_derivatives(mech: Mechanism, q: Scalars, v: Scalars, tau: S
 
 def _refuse_mimic(mech: Mechanism) -> None:
     if mech.has_mimic:
-        raise QueryError(
-            "derivatives are not available for mimic joints",
-            where="robot",
-            remedy="remove the <mimic> elements, or take finite differences of the dynamics",
-        )
+        remedy = "remove the <mimic> elements, or take finite differences of the dynamics"
+        raise QueryError("derivatives are not available for mimic joints", where="robot", remedy=remedy)
 
 
 class _Flow(NamedTuple):

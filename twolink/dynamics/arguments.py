@@ -36,24 +36,19 @@ def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
     try:
         out = np.asarray(value)
     except ValueError:
-        raise QueryError(
-            "expected an array, got rows of different lengths", argument=name, remedy=f"give shape (..., {size})"
-        ) from None
+        what, remedy = "expected an array, got rows of different lengths", f"give shape (..., {size})"
+        raise QueryError(what, argument=name, remedy=remedy) from None
     if out.dtype != np.float64:
         if out.dtype.kind not in "fiu":
             raise QueryError(f"expected real numbers, got {out.dtype}", argument=name, remedy="convert it to float")
         out = out.astype(np.float64)
     if out.ndim == 0 or out.shape[-1] != size:
-        raise QueryError(
-            f"expected shape (..., {size}), got {out.shape}", argument=name, remedy=_shape_remedy(out, size)
-        )
+        what = f"expected shape (..., {size}), got {out.shape}"
+        raise QueryError(what, argument=name, remedy=_shape_remedy(out, size))
     if not np.isfinite(out).all():
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(out))[0])
-        raise QueryError(
-            f"expected finite numbers, got {out[index]} at {list(index)}",
-            argument=name,
-            remedy="check where it comes from",
-        )
+        what = f"expected finite numbers, got {out[index]} at {list(index)}"
+        raise QueryError(what, argument=name, remedy="check where it comes from")
     return out
 
 
@@ -73,14 +68,11 @@ def configuration(name: str, value: ArrayLike, nq: int, joints: Sequence[JointLa
         wrong = np.abs(length - 1) > UNIT_TOLERANCE
         if wrong.any():
             index = [int(i) for i in np.argwhere(wrong)[0]]
-            what = "(cos, sin)" if joint.kind in ("cos-sin", "planar") else "quaternion (x, y, z, w)"
-            at = f" at {index}" if index else ""
-            raise QueryError(
-                f"{what} of joint {joint.name!r}, entries {joint.unit.start}:{joint.unit.stop}, expected length 1, "
-                f"got {float(length[tuple(index)]):.12g}{at}",
-                argument=name,
-                remedy=f"{name} = robot.normalize({name})",
-            )
+            part = "(cos, sin)" if joint.kind in ("cos-sin", "planar") else "quaternion (x, y, z, w)"
+            entries, at = f"{joint.unit.start}:{joint.unit.stop}", f" at {index}" if index else ""
+            what = f"{part} of joint {joint.name!r}, entries {entries}, expected length 1, got "
+            what += f"{float(length[tuple(index)]):.12g}{at}"
+            raise QueryError(what, argument=name, remedy=f"{name} = robot.normalize({name})")
     return q
 
 
@@ -93,9 +85,8 @@ def batch_shape(**arrays: np.ndarray) -> tuple[int, ...]:
         return np.broadcast_shapes(*(a.shape[:-1] for a in arrays.values()))
     except ValueError:
         shapes = ", ".join(f"{name} {a.shape}" for name, a in arrays.items())
-        raise QueryError(
-            f"leading axes do not broadcast: {shapes}", where="batch", remedy="give each the same leading axes, or none"
-        ) from None
+        what, remedy = f"leading axes do not broadcast: {shapes}", "give each the same leading axes, or none"
+        raise QueryError(what, where="batch", remedy=remedy) from None
 
 
 def rows(array: np.ndarray, batch: tuple[int, ...]) -> np.ndarray:

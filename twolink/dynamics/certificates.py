@@ -21,6 +21,7 @@ from twolink.errors import CertificationError
 
 BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
 STATES = 96
+NOT_USED = "it is not used; Pinocchio answers instead"
 
 
 @dataclass(frozen=True)
@@ -57,11 +58,8 @@ def certify(
     damped = tuple(name.removesuffix(".damping") for name in parameters if name.endswith(".damping"))
     results = kernel(columns)
     if results is None:
-        raise CertificationError(
-            "the compiled function gives a number that is not finite",
-            where=function.name,
-            remedy="it is not used; Pinocchio answers instead",
-        )
+        what = "the compiled function gives a number that is not finite"
+        raise CertificationError(what, where=function.name, remedy=NOT_USED)
     worst = 0.0
     for i in range(count):
         at = with_values(model, {name: v[i] for name, v in values.items()}) if values else model
@@ -70,11 +68,8 @@ def certify(
         error = float((np.abs(results[i] - expected) / scale).max(initial=0.0))
         if not error <= BOUND:
             shown = ", ".join(f"{name} = {np.array2string(x, precision=17)}" for name, x in state.items())
-            raise CertificationError(
-                f"the compiled function differs from Pinocchio by {error:.1e} of its scale, the bound is {BOUND:.0e}",
-                where=f"{function.name} at {shown}",
-                remedy="it is not used; Pinocchio answers instead",
-            )
+            what = f"the compiled function differs from Pinocchio by {error:.1e} of its scale, the bound is {BOUND:.0e}"
+            raise CertificationError(what, where=f"{function.name} at {shown}", remedy=NOT_USED)
         worst = max(worst, error)
     versions = ", ".join(f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy"))
     operations = sum(kernel.operations.values())

@@ -58,9 +58,8 @@ class Compiled:
 
     def __init__(self, robot: RobotModel, parameters: Sequence[str] = ()) -> None:
         if heyoka() is None:
-            raise MissingExtraError(
-                "compiled dynamics need heyoka", remedy="pip install heyoka (Linux), or conda-forge"
-            )
+            remedy = "pip install heyoka (Linux), or conda-forge"
+            raise MissingExtraError("compiled dynamics need heyoka", remedy=remedy)
         for name in parameters:
             nominal(robot.model, name)  # refuses an unknown name
         self.robot = robot

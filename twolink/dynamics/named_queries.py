@@ -165,17 +165,13 @@ def _from_json(text: str) -> dict[str, Any]:
         names = list(content[0])
         odd = next((i for i, c in enumerate(content) if set(c) != set(names)), None)
         if odd is not None:
-            raise QueryError(
-                f"state {odd} has {list(content[odd])}, the first has {names}",
-                where="states",
-                remedy="give every state the same entries",
-            )
+            what = f"state {odd} has {list(content[odd])}, the first has {names}"
+            raise QueryError(what, where="states", remedy="give every state the same entries")
         return {name: [c[name] for c in content] for name in names}
     if isinstance(content, dict):
         return content
-    raise QueryError(
-        "expected an object, or a list of objects", where="states", remedy='such as {"q": [[0, 0]], "v": [[0, 0]]}'
-    )
+    remedy = 'such as {"q": [[0, 0]], "v": [[0, 0]]}'
+    raise QueryError("expected an object, or a list of objects", where="states", remedy=remedy)
 
 
 def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
@@ -195,11 +191,8 @@ def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
         left -= set(wanted)
     unknown = [column for column in table if column in left - {"t", "energy", "error"}]
     if unknown:
-        raise QueryError(
-            f"column {unknown[0]!r} is unknown",
-            where="states",
-            remedy="columns are q0, q1, ... or q.JOINT, and so on for v, tau, a",
-        )
+        remedy = "columns are q0, q1, ... or q.JOINT, and so on for v, tau, a"
+        raise QueryError(f"column {unknown[0]!r} is unknown", where="states", remedy=remedy)
     return out
 
 

@@ -113,12 +113,9 @@ def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...]
     """The result; raises QueryError that names the first state whose answer is not finite."""
     if not np.isfinite(result).all():
         row = int(np.argwhere(~np.isfinite(result.reshape(math.prod(batch), *shape)))[0][0])
-        raise QueryError(
-            f"the result is not finite{f' for state {row} of the batch' if batch else ''}",
-            where=f"robot {name!r}",
-            remedy="the values overflow, or the mass matrix is singular there",
-            code="not-finite",
-        )
+        what = f"the result is not finite{f' for state {row} of the batch' if batch else ''}"
+        remedy = "the values overflow, or the mass matrix is singular there"
+        raise QueryError(what, where=f"robot {name!r}", remedy=remedy, code="not-finite")
     return result
 
 
@@ -127,9 +124,8 @@ def require_method(method: str, has_mimic: bool) -> None:
     if method not in ("aba", "crba"):
         raise QueryError(f"{method!r} is unknown", argument="method", remedy=nearest(str(method), ("aba", "crba")))
     if method == "aba" and has_mimic:
-        raise QueryError(
-            '"aba" cannot follow mimic joints', argument="method", remedy='use method="crba"', code="mimic-joints"
-        )
+        what, remedy = '"aba" cannot follow mimic joints', 'use method="crba"'
+        raise QueryError(what, argument="method", remedy=remedy, code="mimic-joints")
 
 
 def _forward_by_matrix(robot: RobotModel, states: list[Array], applied: list[Applied]) -> Array:

@@ -47,19 +47,15 @@ class Applied:
 def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
     """Check f_ext against the model. Raises QueryError that names the frame."""
     if not isinstance(f_ext, Mapping):
-        raise QueryError(
-            f"expected a mapping of frame name to wrench, got {type(f_ext).__name__}",
-            argument="f_ext",
-            remedy='such as {"tip": [fx, fy, fz, tx, ty, tz]}',
-        )
+        what = f"expected a mapping of frame name to wrench, got {type(f_ext).__name__}"
+        raise QueryError(what, argument="f_ext", remedy='such as {"tip": [fx, fy, fz, tx, ty, tz]}')
     applied = []
     for name, value in f_ext.items():
         frame = model.frames[frame_index(model, name, "f_ext")]
         wrench = value if isinstance(value, Wrench) else Wrench(value)
         if wrench.axes not in ("frame", "world"):
-            raise QueryError(
-                f"axes {wrench.axes!r} is unknown", argument=f"f_ext[{name!r}]", remedy='"frame" or "world"'
-            )
+            what = f"axes {wrench.axes!r} is unknown"
+            raise QueryError(what, argument=f"f_ext[{name!r}]", remedy='"frame" or "world"')
         entries = array(f"f_ext[{name!r}]", wrench.value, 6)
         applied.append(Applied(name, frame.parentJoint, frame.placement, entries, wrench.axes))
     return applied
