@@ -50,7 +50,33 @@ class MethodChoice:
 def choose(
     equations: Equations, accuracy: float, duration: float, name: str, precision: taylor.Precision = "double"
 ) -> MethodChoice:
-    """The method called `name` with the setting for an accuracy; of "auto", the cheapest method."""
+    """The method and its setting for an accuracy.
+
+    Parameters
+    ----------
+    equations : Equations
+    accuracy : float
+        Bound on the global error of q, rad or m.
+    duration : float
+        Simulated time, s.
+    name : str
+        A method; or "auto", the cheapest one.
+    precision : {"double", "quad"}
+
+    Returns
+    -------
+    MethodChoice
+
+    Raises
+    ------
+    SceneError
+        The method is unknown, or works in double precision only.
+
+    Notes
+    -----
+    "auto" takes SciPy's DOP853 without heyoka and where compiling would take long, ESDIRK43 for stiff scenes, the
+    fastest method that a study of this scene measured, or else the cheapest by the built-in calibration.
+    """
     if precision == "quad":
         if name not in ("auto", "taylor"):
             raise SceneError(f"{name} works in double precision", argument="method", remedy='method="taylor" or "auto"')

@@ -20,9 +20,19 @@ Kind = Literal["semi-implicit", "explicit", "implicit", "taylor", "scipy"]
 class Method:
     """A method for x' = f(t, x).
 
-    order: of its global error; a Taylor method takes the order its tolerance calls for. kind: how a step is made.
-    adaptive: it chooses its steps by a tolerance; else the steps are all equal. tableau: of a Runge-Kutta method.
-    solver: SciPy's class, of the methods that are SciPy's.
+    Parameters
+    ----------
+    name : str
+    order : int
+        Of the global error; a Taylor method takes the order that its tolerance calls for.
+    kind : str
+        How a step is made.
+    good_for, source : str
+        What it is good for, and where it comes from.
+    tableau : Tableau, optional
+        Of a Runge-Kutta method.
+    solver : str
+        SciPy's class, of the methods that are SciPy's.
     """
 
     name: str

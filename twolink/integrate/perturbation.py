@@ -1,9 +1,9 @@
 """Perturbation: how the second solution behind an error bar differs from the plain one.
 
-Two solutions tell each other's error only if their errors differ. The second one starts some roundings away, since
-the motion amplifies that shift as it amplifies the roundings on the way. It takes other steps where both solutions
-would take the longest allowed ones. It counts a near miss of a stop or a plane as a touch, which the plain one does
-not.
+The distance of two solutions measures their error only if their errors differ. The second one starts some roundings
+away, since the motion amplifies that shift as it amplifies the roundings on the way. It takes other steps where both
+solutions would take the longest allowed ones. It counts a near miss of a stop or a plane as a touch, which the plain
+one does not.
 """
 
 from __future__ import annotations
@@ -23,8 +23,14 @@ STEPS_RATIO = 2.6  # no whole number: at a whole ratio, the ends of the longest 
 class Perturbation:
     """What differs from the plain solution; by default nothing.
 
-    start_shift: change of the initial state, relative to max(1, |x|). touch_margin: a guard of a stop or a plane that
-    comes as near to 0 as this counts as 0, m or rad. min_steps: the smallest number of steps of an adaptive method.
+    Parameters
+    ----------
+    start_shift : float
+        Change of the initial state, relative to max(1, |x|).
+    touch_margin : float
+        A guard of a stop or a plane that comes as near to 0 as this counts as 0, m or rad.
+    min_steps : float
+        The smallest number of steps of an adaptive method.
     """
 
     start_shift: float = 0.0

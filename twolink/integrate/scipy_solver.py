@@ -24,10 +24,10 @@ SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy d
 def solve(
     equations: Equations, method: Method, times: Array, tolerance: float, progress: Progress | None = None
 ) -> Solution:
-    """Solve from the equations' start for the samples `times` (n,), increasing.
+    """Solve from the equations' start for the samples `times` (n,), by SciPy's solver of the method.
 
-    tolerance: the error admitted in each step, relative and absolute. Samples come from the method's own
-    interpolation. Raises AccuracyError when the step size collapses or the state stops being finite.
+    tolerance: the error admitted in each step, relative and absolute. Samples come from the method's interpolation.
+    Raises AccuracyError (codes "steps-collapsed", "not-finite", "too-many-steps").
     """
     tolerance = max(tolerance, SMALLEST_TOLERANCE)
     kind = getattr(importlib.import_module("scipy.integrate"), method.solver)

@@ -15,9 +15,16 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Piece:
-    """A smooth part of a solution: its equations, whose `start` is the state at its begin [s], and its samples' number.
+    """A smooth part of a solution; between two events it may have no sample.
 
-    A piece between two events may have no sample.
+    Parameters
+    ----------
+    equations : Equations
+        Their `start` is the state at the begin.
+    begin : float
+        When it begins, s.
+    samples : int
+        The number of its samples.
     """
 
     equations: Any
@@ -27,12 +34,30 @@ class Piece:
 
 @dataclass(frozen=True)
 class Solution:
-    """States x (size, n) at times t (n,); fewer than asked when `interrupted` by Ctrl-C.
+    """The states that a solver computed, and their cost.
 
-    steps, rejected: steps taken and refused. evaluations: of the equations. compile_seconds: what compiling or
-    loading took, not part of the solving. precise: the states (n, size) in a higher precision where it was asked
-    for. events: what happened on the way. hit: the event that ended a piece, as a watcher found it.
-    pieces: its smooth parts; of what `solver.solve` returns there is one at least.
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Times, s; fewer than asked for when interrupted, or when an event ended the run.
+    x : ndarray (size, n)
+        States.
+    steps, evaluations, rejected : int
+        Steps taken, evaluations of the equations, attempts in vain.
+    compile_seconds : float
+        Of compiling or loading, which is not part of the solving.
+    compiled : bool
+        Whether the steps were compiled ones.
+    interrupted : bool
+        Ctrl-C ended it.
+    precise : ndarray (n, size) or None
+        The states in a higher precision, where it was asked for.
+    events : tuple of Event
+        What happened on the way.
+    hit : object
+        The event that ended a piece, as the watcher found it.
+    pieces : tuple of Piece
+        The smooth parts; one at least in what `solver.solve` returns.
     """
 
     t: np.ndarray

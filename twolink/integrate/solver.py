@@ -39,11 +39,34 @@ def solve(
     precision: taylor.Precision = "double",
     perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
-    """Solve from the equations' start for the samples `times` (n,).
+    """Solve equations of motion from their start for samples.
 
-    setting: the tolerance of an adaptive method, or the step of a fixed one [s]. precision: of the numbers, beyond
-    "double" by Taylor's method only. perturbation: of the second solution behind an error bar. No step goes across a
-    time at which the equations are not smooth. Raises AccuracyError and SceneError.
+    Parameters
+    ----------
+    equations : Equations
+    method : Method
+    times : ndarray (n,)
+        Sample times, increasing, s; the first is that of the start.
+    setting : float
+        The tolerance of an adaptive method, or the step of another, s.
+    progress : callable, optional
+        Called with the simulated time now and then.
+    precision : {"double", "extended", "quad"}
+        Of the numbers; beyond "double" by Taylor's method only.
+    perturbation : Perturbation
+        Of the second solution behind an error bar.
+
+    Returns
+    -------
+    Solution
+        With one piece at least. No step goes across a time at which the equations are not smooth.
+
+    Raises
+    ------
+    AccuracyError
+        The motion cannot be solved (codes of `failures`), or the setting is no number above 0.
+    SceneError
+        The method cannot solve these equations, or not in this precision.
     """
     if not (isinstance(setting, (int, float)) and math.isfinite(setting) and setting > 0):
         name = "tolerance" if method.adaptive else "step"

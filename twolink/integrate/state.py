@@ -66,7 +66,22 @@ class StateSpace:
         return x
 
     def distance(self, q: Array, other: Array) -> Array:
-        """max |difference(q, other)| over the tangent space, rad or m, for rows (n, nq)."""
+        """The distance of configurations, max |difference(q, other)| over the tangent space.
+
+        Parameters
+        ----------
+        q, other : ndarray (n, nq)
+            Configurations on their manifold.
+
+        Returns
+        -------
+        distance : ndarray (n,)
+            In rad or m.
+
+        Notes
+        -----
+        Angles between (cos, sin) pairs are computed here: pin.difference gives exactly 0 for many below 1e-8.
+        """
         if not self.curved:
             return np.asarray(np.abs(q - other).max(axis=-1, initial=0.0))
         return np.asarray(np.abs(difference_rows(self.robot, q, other)).max(axis=-1, initial=0.0))

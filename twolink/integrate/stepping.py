@@ -63,13 +63,34 @@ def integrate(
     longest: float | None = None,
     rate: Array | None = None,
 ) -> Solution:
-    """Solve from the equations' start at times[0] for the samples `times` (n,).
+    """Solve from the equations' start for samples, one world.
 
-    setting: the tolerance of an adaptive method, or the step [s], which is shortened so that equal steps end at the
-    last sample. watcher: the first event that it finds ends the solution. longest: no step of an adaptive method is
-    longer, s; by default 1 / MIN_STEPS of the time from the first sample to the last. rate: of (q, v) at the start
-    (nq + nv, 1), where the caller knows it. Raises AccuracyError when the
-    step size collapses or the state stops being finite.
+    Parameters
+    ----------
+    step_map : StepMap
+    times : ndarray (n,)
+        Sample times, increasing, s.
+    setting : float
+        The tolerance of an adaptive method. Or the step, s, which is shortened so that equal steps end at the last
+        sample.
+    progress : callable, optional
+        Called with the simulated time after each block of steps.
+    watcher : Watcher, optional
+        The first event that it finds ends the solution.
+    longest : float, optional
+        The longest step of an adaptive method, s; by default 1 / MIN_STEPS of the time from first to last sample.
+    rate : ndarray (nq + nv,), optional
+        The rate at the start, where the caller knows it.
+
+    Returns
+    -------
+    Solution
+        Up to the last sample, the event, or Ctrl-C.
+
+    Raises
+    ------
+    AccuracyError
+        Codes "steps-collapsed", "not-finite", "step-too-large", "too-many-steps" and "angle-out-of-reach".
     """
     equations, method = step_map.equations, step_map.method
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
@@ -117,11 +138,35 @@ def integrate_many(
     progress: Progress | None = None,
     min_steps: float = MIN_STEPS,
 ) -> tuple[Array, Array, Array]:
-    """Solve worlds x0 (size, n) for the samples `times` (m,).
+    """Solve many worlds for the same samples, each with steps of its own.
 
-    parameters (p, n): the run-time parameters of each. min_steps: the smallest number of steps of an adaptive method.
-    Returns the states (m, nq + nv, n), and the steps and the rejected ones of each world (n,). A world whose step size
-    collapses or whose state stops being finite is NaN from there on, and the others go on.
+    Parameters
+    ----------
+    step_map : StepMap
+    x0 : ndarray (size, n)
+        Initial states.
+    times : ndarray (m,)
+        Sample times, increasing, s.
+    setting : float
+        The tolerance of an adaptive method, or the step of another, s.
+    parameters : ndarray (p, n), optional
+        Run-time parameters of each world.
+    progress : callable, optional
+        Called with the time that all worlds have reached after each block of steps.
+    min_steps : float
+        The smallest number of steps of an adaptive method.
+
+    Returns
+    -------
+    x : ndarray (m, nq + nv, n)
+        States. A world whose step size collapses, or whose state stops being finite, is NaN from there on.
+    steps, rejected : ndarray (n,)
+        Steps and attempts in vain of each world.
+
+    Raises
+    ------
+    AccuracyError
+        No world has a finite acceleration at the start.
     """
     equations, rows = step_map.equations, step_map.rows
     start, end, moving = float(times[0]), float(times[-1]), equations.moving
@@ -236,11 +281,11 @@ def start_state(
         raise failure("acceleration-not-finite", float(np.min(start)))
     if not method.adaptive:
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
-        most = float(steps.max(initial=0.0))
-        if most > MAX_FIXED_STEPS:
-            raise AccuracyError(f"{most:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED_STEPS:.0e}",
+        largest = float(steps.max(initial=0.0))
+        if largest > MAX_FIXED_STEPS:
+            raise AccuracyError(f"{largest:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED_STEPS:.0e}",
                                 argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
-        return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(most) + BLOCK
+        return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(largest) + BLOCK
     # A fraction of the time in which the state changes by its own size; the control lengthens it step by step.
     change = (rate / (1.0 + np.abs(x[: len(rate)]))).max(axis=0, initial=0.0)
     change[~finite] = np.inf  # a step of 0, which counts as collapsed

@@ -66,13 +66,35 @@ def solve(
     min_steps: float = MIN_STEPS,
     compact: bool = False,
 ) -> Solution:
-    """Solve for the samples `times` (n,), from the equations' start.
+    """Solve from the equations' start for samples, by Taylor's method.
 
-    precision: "double" (16 digits), "extended" (19, where the processor has it) or "quad" (33). Of the last two the
-    states are in Solution.precise as well, and the model's constants keep their digits when products are made of them.
-    min_steps: the smallest number of steps of a piece. compact: loops for a robot of any size, which compile in about a
-    second and run at about half the speed. No step goes across a time at which the equations are not smooth. Raises
-    AccuracyError when a step or the state stops being finite.
+    Parameters
+    ----------
+    equations : Equations
+    times : ndarray (n,)
+        Sample times, increasing, s.
+    tolerance : float
+        Of the error in each step.
+    progress : callable, optional
+        Called with the simulated time now and then.
+    precision : {"double", "extended", "quad"}
+        16 digits, 19 (where the processor has them) or 33. Of the last two the states are in Solution.precise as well,
+        and products of the model's constants keep their digits.
+    min_steps : float
+        The smallest number of steps of a piece.
+    compact : bool
+        Compile loops for a robot of any size: they compile in about a second and run at about half the speed.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    AccuracyError
+        A step or the state is not finite, or too many steps are needed.
+    MissingExtraError
+        heyoka is not installed.
     """
     if heyoka() is None:
         raise MissingExtraError("Taylor's method needs heyoka", remedy='pip install heyoka, or method="dop853"')

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.effects.effect import Effect
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, choose
@@ -140,7 +139,7 @@ def explain(
     ]
     return Explanation(
         scene.title or scene.robot.name,
-        tuple(_described(effect) for effect in scene.effects),
+        tuple(repr(effect) for effect in scene.effects),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -163,11 +162,6 @@ def _formulation(equations: Equations) -> str:
     if equations.has_events:
         return f"events ({text}, between events that are located)"
     return f"{kind} ({text})"
-
-
-def _described(effect: Effect) -> str:
-    """An effect with its fields, as the scene gives them."""
-    return repr(effect)
 
 
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
