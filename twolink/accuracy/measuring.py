@@ -104,16 +104,12 @@ class _Progression:
         """The row of a setting, or None; sets `ended` when a run took too long or rounding decides."""
         self.announce(self.number, setting)
         self.number += 1
-        budget, row = self.measurements.budget, None
         try:
             row = self.measurements.measure(self.method, setting)
-        except OverBudget as over:
-            what = f"stopped at t = {over.t:.3g} s after {budget:g} s, the budget of a run"
-            self.measurements.fail(self.method, setting, what)
-            self.ended = True
-        except TwolinkError as error:  # such as a compiled step that disagrees with Pinocchio's, at any setting
+        except (OverBudget, TwolinkError) as error:  # such as a compiled step that disagrees with Pinocchio's
             self.measurements.fail(self.method, setting, str(error))
             self.ended = True
+            return None
         if row is None:
             return None
         if setting < self.finest:
@@ -121,7 +117,7 @@ class _Progression:
             self.without_improvement = 0 if improved else self.without_improvement + 1
             self.best, self.finest = min(self.best, row.error), setting
         rounding = self.without_improvement >= MAX_WITHOUT_IMPROVEMENT and not self.to_the_end
-        self.ended = rounding or row.seconds > budget
+        self.ended = rounding or row.seconds > self.measurements.budget
         return row
 
 

@@ -18,8 +18,7 @@ from twolink.integrate import calibration
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
-from twolink.scenes.scene import duration_of
-from twolink.simulation.sampling import sample_times
+from twolink.simulation.sampling import duration_for, sample_times
 
 MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 StudyProgress = Callable[[int, int, str], None]
@@ -71,11 +70,9 @@ def accuracy_study(
     -----
     A complete study of all methods is kept, so that simulate's method="auto" chooses by it.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
-    began = time.perf_counter()
+    began, end = time.perf_counter(), duration_for(scene, duration)
     chosen, aims = _methods(methods), _tolerances(tolerances)
-    times = sample_times(scene.duration if duration is None else duration_of(duration), samples, MAX_SAMPLES)
+    times = sample_times(end, samples, MAX_SAMPLES)
     equations = equations_of(scene)
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")

@@ -6,11 +6,10 @@ import time
 
 
 class OverBudget(Exception):
-    """The time is up at the simulated time `t` [s]. It never leaves this package."""
+    """The time is up at a simulated time t [s]. It never leaves this package."""
 
-    def __init__(self, t: float) -> None:
-        super().__init__(t)
-        self.t = t
+    def __init__(self, t: float, seconds: float) -> None:
+        super().__init__(f"stopped at t = {t:.3g} s after {seconds:g} s, the budget of a run")
 
 
 class TimeLimit:
@@ -25,4 +24,4 @@ class TimeLimit:
         if self.start is None:
             self.start = now
         elif now - self.start > self.seconds:
-            raise OverBudget(t)
+            raise OverBudget(t, self.seconds)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
@@ -18,7 +17,8 @@ from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
-from twolink.scenes.scene import accuracy_of, duration_of
+from twolink.scenes.scene import accuracy_of
+from twolink.simulation.sampling import duration_for
 from twolink.simulation.text import as_html
 
 BATCH = 1024  # worlds that an evaluation is timed in
@@ -127,11 +127,8 @@ def explain(
     SceneError, AccuracyError
         An argument does not fit, or the first part of the motion cannot be solved.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
-    accuracy = accuracy_of(accuracy)
+    length, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     equations = equations_of(scene)
-    length = scene.duration if duration is None else duration_of(duration)
     choice = choose(equations, accuracy, length, method)
     shares = [
         Share(kebab_case(type(effect).__name__), equations.operations - equations_of(scene.without(i)).operations)

@@ -1,4 +1,4 @@
-"""Sample times, and the times at which errors are looked at."""
+"""What is asked of a run: scene, duration, sample times, and the times at which errors are looked at."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ import numpy as np
 
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError
+from twolink.scenes import Scene
+from twolink.scenes.scene import duration_of
+
+
+def duration_for(scene: Scene, duration: float | None) -> float:
+    """The duration [s] to simulate a scene for: the asked one, or its own. Raises SceneError for what is no scene."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
+    return scene.duration if duration is None else duration_of(duration)
 
 
 def sample_times(duration: float, samples: float, limit: float) -> np.ndarray:

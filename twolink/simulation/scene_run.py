@@ -21,11 +21,11 @@ from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene
-from twolink.scenes.scene import accuracy_of, duration_of
+from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import bar_of_run
 from twolink.simulation.refinement import finer, refined
-from twolink.simulation.sampling import sample_times, with_looks
+from twolink.simulation.sampling import duration_for, sample_times, with_looks
 from twolink.simulation.trajectory import Trajectory
 
 MAX_SAMPLES = 20_000_000
@@ -94,10 +94,7 @@ def simulate(
     SceneError
         An argument does not fit.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
-    accuracy = accuracy_of(accuracy)
-    end = scene.duration if duration is None else duration_of(duration)
+    end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     times = sample_times(end, samples, MAX_SAMPLES)
     equations = equations_of(scene)
     choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)

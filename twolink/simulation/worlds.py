@@ -22,10 +22,10 @@ from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.integrate.stepping import integrate_many
 from twolink.scenes import Scene
-from twolink.scenes.scene import accuracy_of, duration_of
+from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import bar_of_worlds
-from twolink.simulation.sampling import with_looks
+from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import as_html
 from twolink.simulation.world_states import close_loops, world_states
 
@@ -126,10 +126,7 @@ def simulate_many(
     AccuracyError
         The accuracy cannot be verified (code "accuracy-not-verifiable").
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"expected a Scene, got {type(scene).__name__}", where="scene", remedy="tl.load_scene(...)")
-    accuracy = accuracy_of(accuracy)
-    end = scene.duration if duration is None else duration_of(duration)
+    end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     states, values = world_states(scene, q, v, parameters)
     _require_samples(samples, states.shape)
     steps_by = _step_map(scene, tuple(values), end)
