@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -17,9 +18,7 @@ from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
 from twolink.integrate.step_control import ROWS, Problem, Step, adaptive_advance, fixed_advance
 from twolink.integrate.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
-from twolink.integrate.tableau import Tableau
 
-NO_TABLEAU = Tableau((), (), 0)
 Jacobian = Callable[[Any, Array], list[list[Any]]]
 
 
@@ -84,13 +83,11 @@ def _advance(equations: Equations, method: Method, step: Step, state: Array, xp:
 
 def _step(equations: Equations, method: Method, rate: Rate, jacobian: Jacobian) -> Step:
     """The method's step (t, x, h) -> (x_new, error estimates, last change of an iteration)."""
-    space, tableau = equations.space, method.tableau or NO_TABLEAU
-
-    def semi_implicit(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], None]:
-        return *semi_implicit_step(space.nq, space.rate, rate, t, x, h), None
-
-    def explicit(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], None]:
-        return *explicit_step(tableau, rate, t, x, h), None
+    space, tableau = equations.space, method.tableau
+    if tableau is None:
+        return functools.partial(semi_implicit_step, space.nq, space.rate, rate)
+    if method.kind == "explicit":
+        return functools.partial(explicit_step, tableau, rate)
 
     def implicit(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], Array]:
         matrix = jacobian(t + h * 0.5, x + rate(t, x) * (h * 0.5))
@@ -105,7 +102,7 @@ def _step(equations: Equations, method: Method, rate: Rate, jacobian: Jacobian) 
 
         return diagonally_implicit_step(tableau, rate, solve, t, x, h)
 
-    return {"semi-implicit": semi_implicit, "explicit": explicit, "implicit": implicit}[method.kind]
+    return implicit
 
 
 def _one_minus(h: Any, matrix: list[list[Any]]) -> list[list[Any]]:

@@ -42,17 +42,14 @@ def _lock_some(equations: Equations, x: Array) -> None:
     first = equations.space.size - 2 * len(lockable)
     x[first : first + len(lockable)] = 0.0
     for column in range(1, x.shape[1]):
-        for i in range(len(lockable)):
-            if (i + column) % 2:
-                continue
+        locks = x[first : first + len(lockable), column]
+        for i in range(column % 2, len(lockable), 2):
             if constraints is not None:
                 jacobian = constraints.jacobian_at(x[: equations.space.nq, column], constraints.kept)
-                free = [1.0 - x[first + j, column] for j in range(len(lockable))]
-                for j, dof in enumerate(lockable):
-                    jacobian[:, dof] *= free[j] if j != i else 0.0
+                jacobian[:, list(lockable)] *= 1.0 - np.where(np.arange(len(lockable)) == i, 1.0, locks)
                 if np.linalg.matrix_rank(jacobian, tol=1e-3) < len(jacobian):
                     continue
-            x[first + i, column] = 1.0
+            locks[i] = 1.0
 
 
 def certify(equations: Equations, method: Method, portable: Map, compiled: Map) -> None:

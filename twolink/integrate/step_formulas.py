@@ -1,7 +1,7 @@
 """One step of each kind of method, over arrays of numbers or of expressions. Each is as its textbook has it.
 
-A step returns the new state and a list of error estimates, which is empty for methods of fixed steps; implicit steps
-also return the last change of their iteration, which must be small.
+A step returns the new state, a list of error estimates, which is empty for methods of fixed steps, and the last change
+of its iteration, which must be small; None for explicit steps.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from twolink.integrate.tableau import Tableau
 Rate = Callable[[Any, Array], Array]
 
 
-def explicit_step(tableau: Tableau, rate: Rate, t: Any, x: Array, h: Any) -> tuple[Array, list[Array]]:
+def explicit_step(tableau: Tableau, rate: Rate, t: Any, x: Array, h: Any) -> tuple[Array, list[Array], None]:
     """k_i = f(t + c_i h, x + h sum_j a_ij k_j), x_new = x + h sum_i b_i k_i (Hairer, Norsett, Wanner, II.1)."""
     stages: list[Array] = []
     for row, c in zip(tableau.a, tableau.c, strict=True):
         stages.append(rate(t + c * h, x + _weighted(row, stages) * h if row else x))
-    return x + _weighted(tableau.b, stages) * h, [_weighted(e, stages) * h for e in tableau.errors]
+    return x + _weighted(tableau.b, stages) * h, [_weighted(e, stages) * h for e in tableau.errors], None
 
 
 def semi_implicit_step(
     nq: int, position_rate: Callable[[Array, Array], Array], rate: Rate, t: Any, x: Array, h: Any
-) -> tuple[Array, list[Array]]:
+) -> tuple[Array, list[Array], None]:
     """v_new = v + h a(t, q, v), q_new = q + h q'(q, v_new)."""
     new = x + rate(t, x) * h  # for its v
     new[:nq] = x[:nq] + position_rate(x[:nq], new[nq:]) * h
-    return new, []
+    return new, [], None
 
 
 def diagonally_implicit_step(
