@@ -1,38 +1,31 @@
-"""Do the error bars hold? Random scenes, each simulated with verify=True, against a reference of more digits.
-
-    python scripts/honest_bars.py [--scenes 200] [--seed 0]
+"""Error bars hold on random scenes, against a reference of more digits.
 
 Robots: random chains and trees of 2 to 7 degrees of freedom with revolute, prismatic and continuous joints, some with
 a floating base. Scenes: gravity mostly, easy and chaotic, 1 to 10 s. Asked: accuracies of 1e-3 to 1e-11, method "auto"
 two times of three. Truth: Taylor's method in extended precision (19 digits); its own error is the distance to another
 order and, in every tenth scene if it is small, to quadruple precision.
 Error: as `simulate` defines it, max |difference(q, q_exact)|, rad or m, taken here in extended precision.
-Prints a table, and each bar met or missed; writes out/honest_bars.csv. Nothing is kept in the cache.
+
+The slow test has 200 scenes and takes about half an hour; with -s it prints a table by method.
 """
 
-from __future__ import annotations
-
-import argparse
-import itertools
-import multiprocessing
 import os
 import statistics
 import sys
-import time
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from _common import write_records
-from random_robots import random_scene
+import pytest
 
 import twolink as tl
+from tests.hard.random_robots import random_scene
 from twolink.errors import AccuracyError, CertificationError
 from twolink.hard.deadline import TooSlowError, deadline
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.truths import distance
 
+SCENES, SEED = 200, 0
 SAMPLES = 20.0
 # The finest accuracy asked of a method: beyond, it takes minutes, and says nothing new.
 FINEST = {
@@ -43,7 +36,6 @@ QUAD_UP_TO = 3  # degrees of freedom: compiling in quadruple precision takes a m
 OUTCOMES = ("kept", "refused", "broken", "unknown", "uncertified", "slow")
 PATIENCE = 15.0  # seconds of solving a scene may take: fixed steps may be millions
 AUTO = 2 / 3  # the share of scenes for method "auto"
-SCENES_A_PROCESS = 25  # compiled code of scenes that do not come again is freed with its process
 
 
 @dataclass(frozen=True)
@@ -72,27 +64,6 @@ class Checked:
     reference: float = 0.0
     seconds: float = 0.0
     verify_seconds: float = 0.0
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=200, help="how many (200)")
-    parser.add_argument("--seed", type=int, default=0, help="of the random scenes (0)")
-    options = parser.parse_args()
-    os.environ["TWOLINK_CACHE"] = "off"
-    start, checked = time.perf_counter(), []
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, max_tasks_per_child=SCENES_A_PROCESS) as pool:
-        for one in pool.map(check, range(options.scenes), itertools.repeat(options.seed)):
-            checked.append(one)
-            elapsed = time.perf_counter() - start
-            print(f"\r{len(checked)}/{options.scenes} scenes, {elapsed:.0f} s  ", end="", file=sys.stderr)
-            if one.outcome == "broken" or one.covered < one.samples:
-                print(f"\n{one}", file=sys.stderr)
-    path = write_records("honest_bars.csv", checked)
-    print(f"\r{options.scenes} scenes of seed {options.seed} in {time.perf_counter() - start:.0f} s; rows in {path}\n")
-    print_table(checked)
-    return 0 if print_bars(checked) else 1
 
 
 def check(number: int, seed: int) -> Checked:
@@ -183,5 +154,31 @@ def median(values: list[float]) -> float:
     return statistics.median(values) if values else float("nan")
 
 
-if __name__ == "__main__":
-    raise SystemExit(main())
+@pytest.mark.parametrize("seed", range(15))
+def test_the_error_bar_holds_at_every_sample(seed: int) -> None:
+    """2 degrees of freedom, sometimes 3; 1 to 4 s, method "auto"; the best run of a refusal has a true bar as well."""
+    random = np.random.default_rng([77, seed])
+    scene, name = random_scene(random, {2: 0.87, 3: 0.13}, floating=0.0)
+    accuracy = float(10 ** random.uniform(-10, -3))
+    try:
+        run = tl.simulate(scene, float(random.uniform(1, 4)), accuracy, samples=20)
+    except AccuracyError as error:
+        run = error.run
+    else:
+        assert run.error is not None
+        assert run.error[-1] <= accuracy
+    true, reference = true_error(run, scene, quad=False)
+    assert run.error is not None
+    sure = reference <= 0.1 * run.error
+    sure[0] = False  # the start is not computed
+    assert sure[1:].mean() > 0.9, name
+    assert np.all(true[sure] <= run.error[sure]), (name, (true[1:] / run.error[1:]).max())
+
+
+@pytest.mark.slow
+def test_error_bars_of_many_random_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(os.environ, "TWOLINK_CACHE", "off")
+    checked = [check(number, SEED) for number in range(SCENES)]
+    print_table(checked)
+    missed = [one for one in checked if one.outcome == "broken" or one.covered < one.samples]
+    assert print_bars(checked), missed

@@ -1,4 +1,4 @@
-"""Random robots and scenes for studies: chains and trees of rigid bodies as URDF text. Imported by other scripts."""
+"""Random robots and scenes for studies: chains and trees of rigid bodies as URDF text."""
 
 from __future__ import annotations
 
