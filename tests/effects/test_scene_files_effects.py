@@ -24,6 +24,8 @@ FILES = {
     "gravity-compensation": ('joints = ["elbow"]\neffort = {elbow = 5}',
                              E.GravityCompensation(("elbow",), {"elbow": 5.0})),
     "joint-damping": ("damping = {elbow = 0.5}", E.JointDamping({"elbow": 0.5})),
+    "detent": ('joint = "elbow"\ntorque = 2\npositions = [0, 0.5]\nspeed = 0.1',
+               E.Detent("elbow", 2.0, (0.0, 0.5), 0.1)),
     "dry-friction": ("kinetic = {elbow = 1}\nstatic = {elbow = 2}", E.DryFriction({"elbow": 1.0}, {"elbow": 2.0})),
     "joint-stops": ("limits = {elbow = [-1, inf]}\nrestitution = 0.5",
                     E.JointStops({"elbow": (-1.0, math.inf)}, 0.5)),

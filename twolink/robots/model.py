@@ -161,6 +161,3 @@ class RobotModel:
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__dict__.update(state)
         self._local = threading.local()
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {self.name!r}: nq={self.nq}, nv={self.nv}, {self.mass:.4g} kg>"
