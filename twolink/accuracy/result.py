@@ -17,13 +17,13 @@ from twolink.accuracy.text import study_text
 from twolink.errors import TwolinkError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import SUFFIXES, require_format, write_table
-from twolink.simulation.text import as_html
+from twolink.simulation.text import ShownAsText
 
 SAVED = (".json", *SUFFIXES)
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData):
+class Study(StudyData, ShownAsText):
     """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -90,6 +90,3 @@ class Study(StudyData):
             f"<Study of {self.robot!r}: {self.duration:g} s, {len(self.rows)} rows, {len(self.front)} on the front, "
             f"best error {best:.1e}{ended}>"
         )
-
-    def _repr_html_(self) -> str:
-        return as_html(self)

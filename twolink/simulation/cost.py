@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twolink.simulation.text import as_html
+from twolink.simulation.text import ShownAsText
 
 
 @dataclass(frozen=True, repr=False)
-class Cost:
+class Cost(ShownAsText):
     """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
     Parameters
@@ -55,6 +55,3 @@ class Cost:
             f"{self.steps} steps ({kind}), {self.rejected} rejected, {self.evaluations} evaluations\n"
             f"solved in {seconds}"
         )
-
-    def _repr_html_(self) -> str:
-        return as_html(self)

@@ -19,7 +19,7 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.text import as_html
+from twolink.simulation.text import ShownAsText
 
 BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
@@ -37,7 +37,7 @@ class Share:
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation:
+class Explanation(ShownAsText):
     """How a scene is computed.
 
     Parameters
@@ -98,9 +98,6 @@ class Explanation:
             f"error bar{' and later events' if self.formulation.startswith('events') else ''} not included",
         ]
         return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return as_html(self)
 
 
 def explain(

@@ -1,10 +1,12 @@
-"""Texts of results: what `repr` says, as HTML for notebooks."""
+"""Results as text in notebooks."""
 
 from __future__ import annotations
 
 import html
 
 
-def as_html(result: object) -> str:
-    """The text of a result as a block of fixed-width HTML."""
-    return f"<pre>{html.escape(str(result))}</pre>"
+class ShownAsText:
+    """A result that notebooks show as the text of its `repr`."""
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>"

@@ -21,13 +21,13 @@ from twolink.integrate.event import Event
 from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.cost import Cost
-from twolink.simulation.text import as_html
+from twolink.simulation.text import ShownAsText
 
 log = logging.getLogger("twolink")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(ShownAsText):
     """A motion and how far it can be trusted.
 
     Parameters
@@ -278,9 +278,6 @@ class Trajectory:
         events = f", {len(self.events)} events" if self.events else ""
         ended = ", interrupted" if self.interrupted else ""
         return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples{events}, {error}{ended}>"
-
-    def _repr_html_(self) -> str:
-        return as_html(repr(self) if self.cost is None else f"{self!r}\n{self.cost}")
 
 
 def _log_url(url: str) -> None:

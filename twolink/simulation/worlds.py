@@ -26,7 +26,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import bar_of_worlds
 from twolink.simulation.sampling import duration_for, with_looks
-from twolink.simulation.text import as_html
+from twolink.simulation.text import ShownAsText
 from twolink.simulation.world_states import close_loops, world_states
 
 LOOKS = 17  # times at least at which errors are looked at
@@ -34,7 +34,7 @@ MAX_NUMBERS = 200_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Worlds:
+class Worlds(ShownAsText):
     """Where many worlds ended.
 
     Parameters
@@ -77,9 +77,6 @@ class Worlds:
     def __repr__(self) -> str:
         kept = "not verified" if self.kept is None else f"{int(self.kept.sum())} within {self.accuracy:g}"
         return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {kept}>"
-
-    def _repr_html_(self) -> str:
-        return as_html(f"{self!r}\n{self.cost}")
 
 
 def simulate_many(
