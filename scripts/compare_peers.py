@@ -21,14 +21,14 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import groupby
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from _common import OUT, write_records
 from peers_report import PLAIN, VERIFIED, Entry, picture, print_scene
 
 import twolink as tl
@@ -37,7 +37,9 @@ from twolink.hard.case import Track
 from twolink.hard.extended_precision import COARSE, FINE, extended_reference
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
+from twolink.io.tables import write_table
 
+OUT = Path(__file__).parents[1] / "out"
 INTERVALS, SAMPLES = 20, 200  # between the common times; a second, twolink's default
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 AGREED = 1e-10  # relative: accelerations that differ by more belong to a different model
@@ -85,9 +87,9 @@ def main() -> None:
     entries: list[Entry] = []
     for name in options.scene or scenes:
         entries += measure(name, *scenes[name], modules, options)
-    path = write_records("compare_peers.csv", entries)
+    columns = {f.name: np.array([getattr(entry, f.name) for entry in entries], object) for f in fields(Entry)}
     picture(entries, OUT / "compare_peers.png")
-    print(f"\nwrote {path} and {OUT / 'compare_peers.png'}")
+    print(f"\nwrote {write_table(OUT / 'compare_peers.csv', columns, {})} and {OUT / 'compare_peers.png'}")
 
 
 def compared_scenes() -> dict[str, tuple[tl.Scene, float]]:

@@ -1,6 +1,4 @@
-"""Energy over a million steps of one size: which methods drift.
-
-    python scripts/energy_drift.py [--steps 1000000]
+"""Energy over many steps of one size: which methods drift.
 
 Two motions: the paper's arm from its release (arm-swing, nearly periodic) with steps of 10 ms, and the double pendulum
 of equal rods from the horizontal (chaotic) with steps of 2.5 ms. Methods: implicit-midpoint and suzuki4, both in
@@ -12,88 +10,71 @@ of that slope, from the scatter of the means about the line. A drift of less tha
 Wander: the scatter of the means about the line. It is a random walk, not an oscillation, where neighbouring means are
 nearer to each other than means at large: the mean square of their differences over their variance (von Neumann's ratio)
 is 2 for independent means and far less for a random walk, which has no bound in time. Below 1 it counts as one.
-Writes out/energy_drift.png and out/energy_drift.csv.
 """
 
-from __future__ import annotations
+import functools
 
-import argparse
-import time
-from dataclasses import dataclass
-from typing import Any
-
-import heyoka as hy
 import numpy as np
-from _common import OUT, write_records
+import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError
 from twolink.lagrange.pinocchio_arm import arm_urdf
-from twolink.show.trajectory_plot import COLOURS, new_figure, save_figure
 
-METHODS = ("implicit-midpoint", "suzuki4", "rk4", "semi-implicit-euler")
+hy = pytest.importorskip("heyoka")
+
+SYMMETRIC = ("implicit-midpoint", "suzuki4")
+DRIFTING = ("rk4", "semi-implicit-euler")
 CANONICAL = "implicit-midpoint in (q, p)"
 SAMPLES, PARTS = 20_000, 50
+STEPS, MANY_STEPS = 20_000, 1_000_000
 SWEEPS = 14  # of fixed-point iteration in a canonical step; the step fails unless the last sweep changes nothing
 G = 9.81
 
 
-@dataclass(frozen=True)
-class Drift:
-    """The energy error of a method on a motion, relative; NaN where the method failed. See the top for the words."""
-
-    motion: str
-    method: str
-    seconds: float
-    largest: float = float("nan")
-    drift: float = float("nan")
-    noise: float = float("nan")
-    wander: float = float("nan")
-    ratio: float = float("nan")
-
-    @property
-    def verdict(self) -> str:
-        return "drifts" if abs(self.drift) > 3 * self.noise else "wanders" if self.ratio < 1 else "no drift"
+def motion(name: str) -> tuple[tl.Scene, float, float]:
+    """The scene, the step [s] and the mass of the upper rod [kg]."""
+    if name == "arm-swing":
+        return tl.load_scene("arm-swing"), 0.01, 3.0
+    return tl.Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=[tl.effects.Gravity((0.0, 0.0, -G))]), 0.0025, 1.0
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=1_000_000, help="of each run (1,000,000)")
-    steps = parser.parse_args().steps
-    rods = tl.Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=[tl.effects.Gravity((0.0, 0.0, -G))])
-    motions = {"arm-swing, steps of 10 ms": (tl.load_scene("arm-swing"), 0.01, 3.0),
-               "equal rods (chaotic), steps of 2.5 ms": (rods, 0.0025, 1.0)}  # fmt: skip
-    figure, axes = new_figure(1, 2, size=(13, 5.2), sharey=True)
-    rows = []
-    for (motion, (scene, h, mass)), ax in zip(motions.items(), axes[0], strict=True):
-        print(f"\n{motion}\n{'method':<30}{'seconds':>9}{'largest':>11}{'drift':>11}{'noise':>10}{'wander':>10}"
-              f"{'ratio':>7}  verdict")  # fmt: skip
-        for method, colour in zip((*METHODS, CANONICAL), COLOURS, strict=False):
-            rows.append(study(motion, scene, method, h, steps, mass, ax, colour))
-        ax.set(title=motion, xlabel="simulated time (s)", yscale="log", ylim=(1e-11, 3))
-        ax.legend(loc="lower right", fontsize=9)
-    axes[0, 0].set_ylabel("largest |energy error| so far, relative")
-    figure.suptitle(f"Energy over {steps:,} steps: level is no loss, a slope is drift")
-    write_records("energy_drift.csv", rows)
-    print(f"\n{save_figure(figure, OUT / 'energy_drift.png')}")
+@functools.cache
+def study(name: str, method: str, steps: int) -> tuple[float, float, float, float]:
+    """Drift, its noise, the wander and von Neumann's ratio of a method on a motion; printed with -s."""
+    scene, h, mass = motion(name)
+    _, error = canonical(scene, h, steps, mass) if method == CANONICAL else ours(scene, method, h, steps)
+    size, noise, wander, ratio = drift(error)
+    print(f"{name:<12}{method:<30}{np.abs(error).max():>10.1e}{size:>10.1e}{noise:>10.1e}{wander:>10.1e}{ratio:>7.2f}")
+    return size, noise, wander, ratio
 
 
-def study(motion: str, scene: tl.Scene, method: str, h: float, steps: int, mass: float, ax: Any, colour: str) -> Drift:
-    """Run a method, draw its error and print a line of the table."""
-    start = time.perf_counter()
-    try:
-        t, error = canonical(scene, h, steps, mass) if method == CANONICAL else ours(scene, method, h, steps)
-    except AccuracyError as failure:
-        seconds = time.perf_counter() - start
-        print(f"{method:<30}{seconds:>9.1f}  failed: {failure.where}")
-        ax.plot([], [], color=colour, label=f"{method}: failed at {failure.where}")
-        return Drift(motion, method, seconds)
-    row = Drift(motion, method, time.perf_counter() - start, float(np.abs(error).max()), *drift(error))
-    print(f"{method:<30}{row.seconds:>9.1f}{row.largest:>11.1e}{row.drift:>11.1e}{row.noise:>10.1e}"
-          f"{row.wander:>10.1e}{row.ratio:>7.2f}  {row.verdict}", flush=True)  # fmt: skip
-    ax.plot(t[1:], np.maximum.accumulate(np.abs(error))[1:], color=colour, label=f"{method}: {row.verdict}",
-            linestyle="--" if method == CANONICAL else "-")  # fmt: skip
-    return row
+@pytest.mark.parametrize("method", [*SYMMETRIC, CANONICAL])
+def test_symmetric_methods_do_not_drift_on_a_nearly_periodic_motion(method: str) -> None:
+    size, noise, _, ratio = study("arm-swing", method, STEPS)
+    assert abs(size) <= 3 * noise
+    assert ratio >= 1
+
+
+@pytest.mark.parametrize("method", DRIFTING)
+def test_other_methods_drift(method: str) -> None:
+    size, noise, _, _ = study("arm-swing", method, STEPS)
+    assert abs(size) > 3 * noise
+
+
+def test_only_canonical_variables_keep_the_energy_of_a_chaotic_motion() -> None:
+    size, noise, _, ratio = study("equal rods", CANONICAL, STEPS)
+    assert abs(size) <= 3 * noise
+    assert ratio >= 1
+    size, noise, _, ratio = study("equal rods", "implicit-midpoint", STEPS)
+    assert abs(size) > 3 * noise or ratio < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["suzuki4", CANONICAL])
+def test_a_million_steps_without_drift(method: str) -> None:
+    size, noise, _, _ = study("arm-swing", method, MANY_STEPS)
+    assert abs(size) <= 3 * noise
 
 
 def ours(scene: tl.Scene, method: str, h: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +130,3 @@ def hamilton(x: np.ndarray, mass: float) -> np.ndarray:
     v1, v2 = (d * p1 - b * p2) / det, (a * p2 - b * p1) / det
     second = 0.5 * G * hy.cos(q1 + q2)
     return np.array([v1, v2, -(mass / 2 + 1) * G * hy.cos(q1) - second, -0.5 * hy.sin(q2) * v1 * (v1 + v2) - second])
-
-
-if __name__ == "__main__":
-    main()
