@@ -52,8 +52,8 @@ class Watcher:
     """The guards of a piece. margin: dips to it are touches, m, rad or per second."""
 
     def __init__(self, evaluate: Evaluator, step_map: StepMap, guards: Sequence[Guard], margin: float = 0.0) -> None:
-        self.evaluate, self.map, self.guards, self.margin = evaluate, step_map, guards, margin
-        self._margins = np.array([[self._margin(guard)] for guard in guards])
+        self.evaluate, self.map, self.guards = evaluate, step_map, guards
+        self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
     def first(self, t: Array, x: Array) -> Hit | None:
@@ -76,7 +76,7 @@ class Watcher:
             return None
         brackets = {}
         for j in np.flatnonzero(hits).tolist():
-            bracket = self._bracket(self.guards[j], times, values[j], dips[j], t, x)
+            bracket = self._bracket(j, times, values[j], dips[j], t, x)
             if bracket is not None:
                 brackets[j] = bracket
         if not brackets:
@@ -104,21 +104,18 @@ class Watcher:
         low = (here < before) & (here <= after)
         if low.any():
             depth = np.maximum(before, after) - here
-            dips[:, 1:-1] = low & (here < np.maximum(self._margins, DIP * depth)) & np.isfinite(depth)
+            dips[:, 1:-1] = low & (here < np.maximum(self.margins[:, None], DIP * depth)) & np.isfinite(depth)
         return dips
 
-    def _margin(self, guard: Guard) -> float:
-        return self.margin if guard.touching and not guard.at_zero else 0.0
-
-    def _bracket(self, guard: Guard, times: Array, g: Array, dips: Array, t: Array, x: Array) -> _Bracket | None:
-        """Where the guard first passes 0, or the margin of a near touch."""
+    def _bracket(self, j: int, times: Array, g: Array, dips: Array, t: Array, x: Array) -> _Bracket | None:
+        """Where guard j first passes 0, or the margin of a near touch."""
         below = np.flatnonzero(g <= 0.0)  # NaN is neither
         last = int(below[0]) if below.size else len(g)
         if last == 0:  # the mode ends where it begins
             return _Bracket(times[:1], g[:1])
-        margin = self._margin(guard)
+        margin = float(self.margins[j])
         for i in np.flatnonzero(dips[:last]).tolist():
-            bottom, value = roots.lowest(lambda s: self._values(guard, s, t, x), float(times[i - 1]),
+            bottom, value = roots.lowest(lambda s: self._values(self.guards[j], s, t, x), float(times[i - 1]),
                                          float(times[i + 1]))  # fmt: skip
             if value <= margin < g[i - 1]:
                 level = margin if value > 0.0 else 0.0

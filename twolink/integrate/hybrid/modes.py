@@ -21,7 +21,7 @@ ContactMode = Literal["free", "sliding", "rolling"]
 
 @dataclass(frozen=True)
 class Mode:
-    """What the switching effects do.
+    """What the switching effects do. At first nothing is locked or in contact: forces decide what is at rest.
 
     contacts: the mode of each contact. directions: of each, the direction along its tangents in which it began to
     slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped: places
@@ -101,12 +101,6 @@ class System:
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
         )
-
-    @property
-    def first_mode(self) -> Mode:
-        """Nothing locked, no contact, every effect acting. What is at rest is decided by forces."""
-        free: tuple[ContactMode, ...] = tuple("free" for _ in self.contacts)
-        return Mode(free, ((0.0, 0.0),) * len(free))
 
     def holds(self, k: int, x: Array) -> list[Hold]:
         """What can hold a degree of freedom where it is."""

@@ -10,7 +10,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import consistent
 from twolink.integrate.hybrid.guard import Key
 from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact
-from twolink.integrate.hybrid.modes import Mode, Situation, System
+from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 
@@ -27,7 +27,8 @@ class RunState:
         self.system = System(equations)
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
-        self.mode = self.system.first_mode
+        free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
+        self.mode = Mode(free, ((0.0, 0.0),) * len(free))
         self.events: list[Event] = []
         self.sides: dict[Key, float] = {}
         self.fired: set[Key] = set()
