@@ -8,11 +8,9 @@ from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
 from twolink.integrate.methods import methods
-from twolink.scenes import Scene, load_scene
-from twolink.simulation import Worlds, simulate_many
-from twolink.simulation.explanation import explain
-from twolink.simulation.scene_run import simulate
-from twolink.simulation.trajectory import Trajectory
+from twolink.robots import LoadReport, robots
+from twolink.scenes import Scene, load_scene, scenes
+from twolink.simulation import Cost, Event, Explanation, Trajectory, Worlds, explain, simulate, simulate_many
 
 if TYPE_CHECKING:
     from twolink.service.client import connect
@@ -40,6 +38,10 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "Book",
+    "Cost",
+    "Event",
+    "Explanation",
+    "LoadReport",
     "Robot",
     "Scene",
     "Study",
@@ -57,6 +59,8 @@ __all__ = [
     "load_scene",
     "loop_forces",
     "methods",
+    "robots",
+    "scenes",
     "simulate",
     "simulate_many",
 ]
