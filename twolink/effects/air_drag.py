@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from twolink.algorithms.spatial import add, dot, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, finite
-from twolink.effects.frame_checks import check_frame, check_three, floats, three
-from twolink.effects.inputs import Input, check_input, value_at
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.frame_checks import check_frame, floats
+from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
 
 # m/s. |u| has no second derivative at u = 0, and the formula of its first derivative is 0 / 0 there, which a solver
@@ -44,9 +44,9 @@ class AirDrag(Effect, frozen=True):
     """
 
     frame: str
-    area: float
-    coefficient: float = 1.0
-    density: float = 1.225
+    area: NotNegative
+    coefficient: NotNegative = 1.0
+    density: NotNegative = 1.225
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     wind: tuple[Input, Input, Input] = (0.0, 0.0, 0.0)
 
@@ -56,13 +56,8 @@ class AirDrag(Effect, frozen=True):
         return False
 
     def check(self, robot: Robot) -> None:
-        """Require a link that moves, and area, coefficient and density that are not negative."""
+        """Require a link that moves."""
         check_frame(self.frame, robot, "frame")
-        for name in ("area", "coefficient", "density"):
-            finite(getattr(self, name), name, least=0.0)
-        check_three(self.point, "point")
-        for i, wind in enumerate(three(self.wind, "wind")):
-            check_input(wind, f"wind[{i}]")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -rho c A |u| u / 2."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, finite
+from twolink.effects.effect import Effect, NotNegative
 from twolink.effects.inputs import Input, derivatives_at, twice_differentiable
-from twolink.effects.joint_checks import Limits, check_inputs, check_joints, check_limits, clamped
+from twolink.effects.joint_checks import Limits, check_joints, check_limits, clamped
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
@@ -42,8 +42,8 @@ class ComputedTorque(Effect, frozen=True):
     """
 
     path: Mapping[str, Input]
-    kp: float
-    kd: float
+    kp: NotNegative
+    kd: NotNegative
     effort: Limits = None
 
     @property
@@ -59,13 +59,10 @@ class ComputedTorque(Effect, frozen=True):
             floating = robot.joints[0].kind == "free-flyer"
             remedy = "give every joint a path" + (": the robot's free root has no motor" if floating else "")
             raise SceneError(f"it has no path for {', '.join(map(repr, missing))}", where="path", remedy=remedy)
-        check_inputs(self.path, "path")
         for joint, path in self.path.items():
             if not twice_differentiable(path):
                 what = "a path needs accelerations, which this interpolation does not have"
                 raise SceneError(what, where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')
-        finite(self.kp, "kp", least=0.0)
-        finite(self.kd, "kd", least=0.0)
         check_limits(self.effort, self.path, robot)
 
     def act(self, motion: Motion, loads: Loads) -> None:

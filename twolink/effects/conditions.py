@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import msgspec
 
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
-from twolink.effects.effect import all_finite, finite
 from twolink.effects.frame_checks import check_frame
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
-
-QUANTITIES = ("position", "velocity")
 
 
 class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="joint-reaches"):
@@ -30,12 +29,11 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 
     joint: str
     value: float
-    of: str = "position"
+    of: Literal["position", "velocity"] = "position"
 
     def check(self, robot: Robot, field: str) -> None:
         """The joint has one coordinate."""
         check_joint(self.joint, robot, f"{field}.joint", coordinate=self.of == "position")
-        _check(self.of, self.value, field)
 
     def distance(self, motion: Motion) -> Scalar:
         """What is missing: 0 when it is reached."""
@@ -63,17 +61,14 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 
     frame: str
     value: float
-    of: str = "position"
+    of: Literal["position", "velocity"] = "position"
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot, field: str) -> None:
         """The frame exists, the direction has a length."""
         check_frame(self.frame, robot, f"{field}.frame")
-        all_finite(self.direction, f"{field}.direction")
-        all_finite(self.point, f"{field}.point")
         unit(self.direction, f"{field}.direction")
-        _check(self.of, self.value, field)
 
     def distance(self, motion: Motion) -> Scalar:
         """What is missing: 0 when it is reached."""
@@ -99,13 +94,5 @@ def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:
         what = "neither a time nor a condition is given" if at is None else "a time and a condition are both given"
         remedy = 'at = 1.5, or when = {kind = "joint-reaches", joint = .., value = ..}'
         raise SceneError(what, where="at", remedy=remedy)
-    if at is not None:
-        finite(at, "at", least=0.0)
     if when is not None:
         when.check(robot, "when")
-
-
-def _check(of: str, value: float, field: str) -> None:
-    finite(value, f"{field}.value")
-    if of not in QUANTITIES:
-        raise SceneError(f"{of!r} is unknown", where=f"{field}.of", remedy='"position" or "velocity"')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import all_finite, one_of
+from twolink.effects.effect import one_of
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
@@ -33,7 +33,6 @@ class Coupling(Loop, frozen=True):
         names = [j.name for j in robot.joints if j.kind == "vector"]
         one_of(self.joint, names, "joint", "joint with one coordinate")
         one_of(self.other, names, "other", "joint with one coordinate")
-        all_finite((self.ratio, self.offset), "ratio")
         if self.joint == self.other:
             raise SceneError(f"joint {self.joint!r} is coupled to itself", where="other", remedy="name two joints")
 

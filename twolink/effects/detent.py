@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import JointReaches
-from twolink.effects.effect import all_finite, finite
+from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.switching import Catch, Hold, SwitchingEffect, Trigger
 from twolink.errors import SceneError
@@ -38,16 +38,13 @@ class Detent(SwitchingEffect, frozen=True):
     """
 
     joint: str
-    torque: float
+    torque: NotNegative
     positions: tuple[float, ...] = (0.0,)
-    speed: float = 0.0
+    speed: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
-        """The joint has one coordinate; torque and speed are not negative; there is a notch."""
+        """Require a joint with one coordinate, and a notch."""
         check_joint(self.joint, robot, "joint", coordinate=True)
-        finite(self.torque, "torque", least=0.0)
-        finite(self.speed, "speed", least=0.0)
-        all_finite(self.positions, "positions")
         if not self.positions:
             raise SceneError("there is no notch", where="positions", remedy="such as (0.0,)")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import one_of
-from twolink.effects.joint_checks import check_joints, check_values
+from twolink.effects.effect import NotNegative, one_of
+from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Hold, SwitchingEffect
 from twolink.errors import SceneError
 
@@ -25,14 +25,12 @@ class DryFriction(SwitchingEffect, frozen=True):
         s, N m or N, not below c; c by default.
     """
 
-    kinetic: Mapping[str, float]
-    static: Mapping[str, float] = {}
+    kinetic: Mapping[str, NotNegative]
+    static: Mapping[str, NotNegative] = {}
 
     def check(self, robot: Robot) -> None:
-        """Names are joints of one degree of freedom, values are not negative, s is not below c."""
+        """Require joints with one degree of freedom, and s that is not below c."""
         check_joints(self.kinetic, robot, "kinetic", dofs=True)
-        check_values(self.kinetic, "kinetic", least=0.0)
-        check_values(self.static, "static", least=0.0)
         for joint, level in self.static.items():
             one_of(joint, self.kinetic, "static", "joint with kinetic friction")
             if level < self.kinetic[joint]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import numpy as np
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from twolink.dynamics import Robot
     from twolink.effects.motion import Loads, Motion
+
+# A number that is not negative, for fields. The bound is for JSON Schema and `field_checks`, which names the field.
+NotNegative = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
 
 
 class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=kebab_case):
@@ -32,7 +35,10 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return True
 
     def check(self, robot: Robot) -> None:
-        """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name."""
+        """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.
+
+        `field_checks` has checked before that the fields have their declared types, with finite numbers.
+        """
 
     def change(self, model: pin.Model) -> None:
         """Change the constants of a model that belongs to the scene alone."""

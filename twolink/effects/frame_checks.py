@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
-from twolink.effects.effect import all_finite, one_of
+from twolink.effects.effect import one_of
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
@@ -29,12 +27,6 @@ def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -
     return body
 
 
-def check_place(frame: str, point: Any, robot: Robot, name: str) -> None:
-    """Require a link or the ground, in the field `name`, and a point of it, in point_`name`. Raises SceneError."""
-    check_frame(frame, robot, name, ground=True)
-    check_three(point, f"point_{name}")
-
-
 def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
     """x_a - x_b of two frames' points, along the world's axes, m."""
     ends = motion.position(a, point_a), motion.position(b, point_b)
@@ -45,15 +37,3 @@ def floats(vector: tuple[float, float, float]) -> Vec:
     """Three numbers as floats, which a formula folds as constants."""
     x, y, z = map(float, vector)
     return x, y, z
-
-
-def three(vector: Any, field: str) -> tuple[Any, Any, Any]:
-    """Require three of something. Raises SceneError."""
-    if not isinstance(vector, (tuple, list)) or len(vector) != 3:
-        raise SceneError(f"expected three, got {vector!r}", where=field, remedy="one along each of x, y, z")
-    return vector[0], vector[1], vector[2]
-
-
-def check_three(vector: Any, field: str) -> None:
-    """Require three finite numbers. Raises SceneError."""
-    all_finite(three(vector, field), field)

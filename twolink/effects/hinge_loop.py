@@ -6,10 +6,10 @@ import numpy as np
 
 from twolink.algorithms.spatial import Scalar, Vec, dot
 from twolink.dynamics import Robot
-from twolink.effects.frame_checks import apart, check_place, check_three
+from twolink.effects.conditions import unit
+from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
-from twolink.errors import SceneError
 
 
 class HingeLoop(Loop, frozen=True):
@@ -33,13 +33,11 @@ class HingeLoop(Loop, frozen=True):
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """Links exist; points are numbers; axes have a direction."""
-        check_place(self.a, self.point_a, robot, "a")
-        check_place(self.b, self.point_b, robot, "b")
-        for field in ("axis_a", "axis_b"):
-            check_three(getattr(self, field), field)
-            if not any(getattr(self, field)):
-                raise SceneError("expected a direction, got (0, 0, 0)", where=field, remedy="such as (0, 1, 0)")
+        """Require links, and axes that have a direction."""
+        check_frame(self.a, robot, "a", ground=True)
+        check_frame(self.b, robot, "b", ground=True)
+        unit(self.axis_a, "axis_a")
+        unit(self.axis_b, "axis_b")
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and the parts of b's axis along two directions across a's."""

@@ -8,9 +8,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from twolink.algorithms.spatial import Scalar, plus, times
-from twolink.effects.effect import Effect, all_finite, finite
-from twolink.effects.sampled import Piece, Sampled, check_table
-from twolink.errors import SceneError
+from twolink.effects.effect import Effect
+from twolink.effects.sampled import Piece, Sampled
 
 _E = TypeVar("_E", bound=Effect)
 
@@ -67,21 +66,6 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
 
 
 Input = float | Polynomial | Sine | Sampled
-
-
-def check_input(signal: Input, field: str) -> None:
-    """Require finite numbers. Raises SceneError."""
-    if isinstance(signal, Polynomial):
-        all_finite(signal.coefficients, f"{field}.coefficients")
-    elif isinstance(signal, Sine):
-        all_finite((signal.amplitude, signal.frequency, signal.phase, signal.mean), field)
-    elif isinstance(signal, Sampled):
-        check_table(signal, field)
-    elif isinstance(signal, (int, float)):
-        finite(signal, field)
-    else:
-        raise SceneError(f"expected a number, Polynomial, Sine or Sampled, got {signal!r}", where=field,
-                         remedy="such as 1.5")  # fmt: skip
 
 
 def value_at(signal: Input | Piece, t: Scalar, xp: Any) -> Scalar:

@@ -8,20 +8,18 @@ from typing import Any, Literal
 
 from twolink.algorithms.spatial import Scalar, minus, plus
 from twolink.dynamics import Robot
-from twolink.effects.effect import finite, one_of
-from twolink.effects.inputs import check_input
+from twolink.effects.effect import NotNegative, one_of
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
-Limits = Mapping[str, float] | Literal["urdf"] | None
+Limits = Mapping[str, NotNegative] | Literal["urdf"] | None
 
 
 def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:
-    """Require a mapping that names one joint or more. Raises SceneError.
+    """Require values by joint, for one joint or more. Raises SceneError.
 
     dofs: joints with one degree of freedom only. coordinates: joints with one coordinate only, an angle or a length.
     """
-    _require_mapping(values, field)
     if not values:
         raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
     for joint in values:
@@ -42,23 +40,15 @@ def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coor
 
 
 def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> None:
-    """Require a mapping that names only some of the joints, which are each a `what`. Raises SceneError."""
-    _require_mapping(values, field)
+    """Require values by joint for some of the joints alone, which are each a `what`. Raises SceneError."""
     for joint in values:
         one_of(joint, joints, field, what)
 
 
-def check_values(values: Mapping[str, float], field: str, *, least: float = -math.inf) -> None:
-    """Require finite numbers by joint, none below `least`. Raises SceneError."""
-    for joint, value in values.items():
-        finite(value, f"{field}.{joint}", least=least)
-
-
 def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str) -> None:
-    """Require values by joint that are not negative; or None, and values (nv,) in the URDF. Raises SceneError."""
+    """Require values by joint; or None, and values (nv,) in the URDF. Raises SceneError."""
     if values is not None:
         check_joints(values, robot, field)
-        check_values(values, field, least=0.0)
     elif not urdf.any():
         remedy = "give it by joint, or leave the effect out"
         raise SceneError(f"the URDF gives no joint {field}", where=field, remedy=remedy)
@@ -69,17 +59,6 @@ def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion)
     if values is None:
         return dict(enumerate(urdf.tolist()))
     return {k: float(value) for joint, value in values.items() for k in motion.dofs(joint)}
-
-
-def check_inputs(values: Mapping[str, Any], field: str) -> None:
-    """Require numbers or functions of time by joint. Raises SceneError."""
-    for joint, value in values.items():
-        check_input(value, f"{field}.{joint}")
-
-
-def _require_mapping(values: Any, field: str, expected: str = "values by joint") -> None:
-    if not isinstance(values, Mapping):
-        raise SceneError(f"expected {expected}, got {values!r}", where=field, remedy="such as {'elbow': 1.0}")
 
 
 def locked_joints(robot: Robot) -> tuple[str, ...]:
@@ -93,11 +72,9 @@ def single_joints(robot: Robot) -> list[str]:
 
 
 def check_limits(limits: Limits, joints: Iterable[str], robot: Robot) -> None:
-    """Require effort limits that are not negative, or "urdf" where the URDF gives them. Raises SceneError."""
+    """Require effort limits of driven joints, or "urdf" where the URDF gives them. Raises SceneError."""
     if limits is not None and limits != "urdf":
-        _require_mapping(limits, "effort", "limits by joint, or 'urdf'")
         check_subset(limits, joints, "effort", "driven joint")
-        check_values(limits, "effort", least=0.0)
     for joint in joints if limits == "urdf" else ():
         value = _urdf_limit(robot.model, joint)
         if not (math.isfinite(value) and value > 0):

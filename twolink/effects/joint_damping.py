@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect
+from twolink.effects.effect import Effect, NotNegative
 from twolink.effects.joint_checks import check_values_or_urdf, values_by_dof
 from twolink.effects.motion import Loads, Motion
 
@@ -21,10 +21,10 @@ class JointDamping(Effect, frozen=True):
         values of the URDF (<dynamics damping>), which forward dynamics alone does not apply.
     """
 
-    damping: Mapping[str, float] | None = None
+    damping: Mapping[str, NotNegative] | None = None
 
     def check(self, robot: Robot) -> None:
-        """Require joints and damping that is not negative, or damping in the URDF."""
+        """Require joints, or damping in the URDF."""
         check_values_or_urdf(self.damping, robot.model.damping, robot, "damping")
 
     def act(self, motion: Motion, loads: Loads) -> None:

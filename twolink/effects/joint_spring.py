@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect
-from twolink.effects.joint_checks import check_joints, check_subset, check_values
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.joint_checks import check_joints, check_subset
 from twolink.effects.motion import Loads, Motion
 
 
@@ -22,15 +22,13 @@ class JointSpring(Effect, frozen=True):
         q0, rad or m; 0 by default.
     """
 
-    stiffness: Mapping[str, float]
+    stiffness: Mapping[str, NotNegative]
     rest: Mapping[str, float] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one coordinate, and stiffness that is not negative."""
+        """Require joints with one coordinate."""
         check_joints(self.stiffness, robot, "stiffness", coordinates=True)
-        check_values(self.stiffness, "stiffness", least=0.0)
         check_subset(self.rest, self.stiffness, "rest", "joint with a stiffness")
-        check_values(self.rest, "rest")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -k (q - q0)."""

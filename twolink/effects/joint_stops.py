@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import finite
+from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.errors import SceneError
@@ -31,7 +31,7 @@ class JointStops(SwitchingEffect, frozen=True):
     """
 
     limits: Mapping[str, tuple[float, float]] | Literal["urdf"] = "urdf"
-    restitution: float = 0.0
+    restitution: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
         """Names are joints with one coordinate, and the lower stop is below the upper one."""
@@ -70,8 +70,7 @@ class JointStops(SwitchingEffect, frozen=True):
 
 
 def check_restitution(value: float) -> None:
-    """Require a coefficient of restitution from 0 to 1. Raises SceneError."""
-    finite(value, "restitution", least=0.0)
+    """Require a coefficient of restitution of at most 1. Raises SceneError."""
     if value > 1:
         raise SceneError(f"expected a number from 0 to 1, got {value:g}", where="restitution",
                          remedy="above 1 an impact would create energy")  # fmt: skip

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, all_finite, finite
-from twolink.effects.frame_checks import check_frame, check_three
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.frame_checks import check_frame
 from twolink.errors import SceneError
 from twolink.robots.physical_checks import is_impossible
 
@@ -28,19 +28,13 @@ class Payload(Effect, frozen=True):
     """
 
     frame: str
-    mass: float
+    mass: NotNegative
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
 
     def check(self, robot: Robot) -> None:
         """Require a link that moves, and a mass and an inertia that a body can have."""
         check_frame(self.frame, robot, "frame")
-        finite(self.mass, "mass", least=0.0)
-        check_three(self.com, "com")
-        if not isinstance(self.inertia, (list, tuple)) or len(self.inertia) != 6:
-            what, remedy = f"expected 6 numbers, got {self.inertia!r}", "give (xx, xy, xz, yy, yz, zz)"
-            raise SceneError(what, where="inertia", remedy=remedy)
-        all_finite(self.inertia, "inertia")
         matrix, mass = _matrix(self.inertia), float(self.mass)
         if is_impossible(matrix, mass) or (not mass and matrix.any()):
             what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"

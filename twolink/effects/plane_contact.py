@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from twolink.algorithms.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.conditions import unit
-from twolink.effects.effect import finite
-from twolink.effects.frame_checks import check_frame, check_three
+from twolink.effects.effect import NotNegative
+from twolink.effects.frame_checks import check_frame
 from twolink.effects.inputs import Slot
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.loop import Loop
@@ -46,21 +46,16 @@ class PlaneContact(SwitchingEffect, frozen=True):
 
     frame: str
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: float = 0.0
+    radius: NotNegative = 0.0
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     height: float = 0.0
-    restitution: float = 0.0
-    friction: float = 0.0
+    restitution: NotNegative = 0.0
+    friction: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
-        """The frame moves, the numbers make sense."""
+        """Require a link that moves, and a normal that has a direction."""
         check_frame(self.frame, robot, "frame")
-        check_three(self.point, "point")
-        check_three(self.normal, "normal")
         unit(self.normal, "normal")
-        for field in ("radius", "friction"):
-            finite(getattr(self, field), field, least=0.0)
-        finite(self.height, "height")
         check_restitution(self.restitution)
 
     def gap(self, motion: Motion) -> Scalar:

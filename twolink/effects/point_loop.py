@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from twolink.algorithms.spatial import Scalar
 from twolink.dynamics import Robot
-from twolink.effects.frame_checks import apart, check_place
+from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 
@@ -26,9 +26,9 @@ class PointLoop(Loop, frozen=True):
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """Links exist, points are numbers."""
-        check_place(self.a, self.point_a, robot, "a")
-        check_place(self.b, self.point_b, robot, "b")
+        """Require links."""
+        check_frame(self.a, robot, "a", ground=True)
+        check_frame(self.b, robot, "b", ground=True)
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b along the world's axes."""

@@ -7,7 +7,8 @@ from typing import Any
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import Condition, check_when
-from twolink.effects.effect import Effect
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.field_checks import check_effect
 from twolink.effects.switching import SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.io.text import kebab_case
@@ -29,7 +30,7 @@ class Release(SwitchingEffect, frozen=True):
     """
 
     of: Any  # an Effect: scene files read it by its type
-    at: float | None = None
+    at: NotNegative | None = None
     when: Condition | None = None
 
     def check(self, robot: Robot) -> None:
@@ -38,7 +39,7 @@ class Release(SwitchingEffect, frozen=True):
             raise SceneError(f"{type(self.of).__name__} cannot be released", where="of",
                              remedy="give an effect without modes, such as a payload or a loop")  # fmt: skip
         try:
-            self.of.check(robot)
+            check_effect(self.of, robot)
         except SceneError as error:
             raise SceneError(error.what, where=f"of.{error.where}", remedy=error.remedy) from None
         check_when(self.at, self.when, robot)

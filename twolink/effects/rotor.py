@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect
-from twolink.effects.joint_checks import check_joints, check_subset, check_values
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.joint_checks import check_joints, check_subset
 
 
 class Rotor(Effect, frozen=True):
@@ -32,15 +32,13 @@ class Rotor(Effect, frozen=True):
     Siciliano et al., Robotics, 2009, section 7.1.1.
     """
 
-    inertia: Mapping[str, float]
+    inertia: Mapping[str, NotNegative]
     ratio: Mapping[str, float] = {}
 
     def check(self, robot: Robot) -> None:
-        """Require joints of one degree of freedom, and inertias that are not negative."""
+        """Require joints of one degree of freedom."""
         check_joints(self.inertia, robot, "inertia", dofs=True)
-        check_values(self.inertia, "inertia", least=0.0)
         check_subset(self.ratio, self.inertia, "ratio", "joint with a rotor")
-        check_values(self.ratio, "ratio")
 
     def change(self, model: pin.Model) -> None:
         """Add N^2 J to the model's armature."""

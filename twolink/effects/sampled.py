@@ -11,15 +11,13 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.spatial import Scalar
-from twolink.effects.effect import all_finite
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError
 from twolink.io.csv_text import csv_rows
 from twolink.io.text import parse_number, read_text
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 MAX_BYTES = 2**28
 DEGREES = {"hold": 0, "linear": 1, "cubic": 3}
-BEYOND = ("hold", "zero", "error")
 
 
 class Piece(NamedTuple):
@@ -123,16 +121,10 @@ class Sampled(
 
 
 def check_table(table: Sampled, field: str) -> None:
-    """Require a table that says what it is. Raises SceneError."""
-    for name, known in (("interpolation", tuple(DEGREES)), ("beyond", BEYOND)):
-        if getattr(table, name) not in known:
-            raise SceneError(f"{getattr(table, name)!r} is unknown", where=f"{field}.{name}",
-                             remedy=nearest(str(getattr(table, name)), known))  # fmt: skip
+    """Require as many values as times, and times that increase. Raises SceneError."""
     if not table.times or len(table.times) != len(table.values):
         what = f"expected as many values as times, one at least; got {len(table.values)} and {len(table.times)}"
         raise SceneError(what, where=field, remedy="give times and values, or a file with the two columns")
-    all_finite(table.times, f"{field}.times")
-    all_finite(table.values, f"{field}.values")
     late = next((i for i, (a, b) in enumerate(zip(table.times, table.times[1:], strict=False)) if not a < b), None)
     if late is not None:
         raise SceneError(

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, finite
+from twolink.effects.effect import Effect, NotNegative, finite
 from twolink.effects.joint_checks import check_values_or_urdf, values_by_dof
 from twolink.effects.motion import Loads, Motion
 
@@ -34,11 +34,11 @@ class SmoothFriction(Effect, frozen=True):
     Andersson, Söderberg, Björklund 2007, Tribology International 40(4), 580-587.
     """
 
-    friction: Mapping[str, float] | None = None
+    friction: Mapping[str, NotNegative] | None = None
     scale: float = 0.01
 
     def check(self, robot: Robot) -> None:
-        """Require joints, friction that is not negative or that the URDF gives, and a scale above 0."""
+        """Require joints, or friction in the URDF, and a scale above 0."""
         finite(self.scale, "scale", least=math.ulp(0.0))
         check_values_or_urdf(self.friction, robot.model.friction, robot, "friction")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from twolink.algorithms.spatial import add, dot, plus, reciprocal, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, finite
-from twolink.effects.frame_checks import check_frame, check_three, floats
-from twolink.effects.inputs import Input, check_input, value_at
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.frame_checks import check_frame, floats
+from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
@@ -43,24 +43,19 @@ class SpringBetween(Effect, frozen=True):
 
     first: str
     second: str
-    stiffness: float = 0.0
-    rest_length: float = 0.0
-    damping: float = 0.0
+    stiffness: NotNegative = 0.0
+    rest_length: NotNegative = 0.0
+    damping: NotNegative = 0.0
     force: Input = 0.0
     first_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     second_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """Require two points on different bodies, and k, l0 and c that are not negative."""
+        """Require two points on different bodies."""
         bodies = [check_frame(getattr(self, field), robot, field, ground=True) for field in ("first", "second")]
         if bodies[0] == bodies[1]:
             what = f"{self.first!r} and {self.second!r} do not move against each other"
             raise SceneError(what, where="second", remedy="name links with a joint between them")
-        for name in ("stiffness", "rest_length", "damping"):
-            finite(getattr(self, name), name, least=0.0)
-        check_input(self.force, "force")
-        check_three(self.first_point, "first_point")
-        check_three(self.second_point, "second_point")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add T n to the first point and -T n to the second, n the direction from the first to the second."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Input, value_at
-from twolink.effects.joint_checks import check_inputs, check_joints
+from twolink.effects.joint_checks import check_joints
 from twolink.effects.motion import Loads, Motion
 
 
@@ -23,9 +23,8 @@ class Torque(Effect, frozen=True):
     inputs: Mapping[str, Input]
 
     def check(self, robot: Robot) -> None:
-        """Require joints with one degree of freedom, and finite inputs."""
+        """Require joints with one degree of freedom."""
         check_joints(self.inputs, robot, "inputs", dofs=True)
-        check_inputs(self.inputs, "inputs")
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add u(t)."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import Condition, check_when
+from twolink.effects.effect import NotNegative
 from twolink.effects.switching import SwitchingEffect, Trigger
 from twolink.errors import SceneError
 
@@ -32,7 +33,7 @@ class Watch(SwitchingEffect, frozen=True):
     """
 
     name: str
-    at: float | None = None
+    at: NotNegative | None = None
     when: Condition | None = None
     function: Any = None
     stop: bool = False

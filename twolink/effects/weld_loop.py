@@ -6,7 +6,7 @@ import pinocchio as pin
 
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
-from twolink.effects.frame_checks import apart, check_place, check_three
+from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
 
@@ -33,10 +33,9 @@ class WeldLoop(Loop, frozen=True):
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """Links exist, the rest is numbers."""
-        check_place(self.a, self.point_a, robot, "a")
-        check_place(self.b, self.point_b, robot, "b")
-        check_three(self.rpy, "rpy")
+        """Require links."""
+        check_frame(self.a, robot, "a", ground=True)
+        check_frame(self.b, robot, "b", ground=True)
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""

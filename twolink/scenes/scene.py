@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
+from twolink.effects.field_checks import check_effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.listing import facts_html
 from twolink.scenes.save import save_scene
@@ -193,7 +194,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
     for i, effect in enumerate(effects):
         try:
-            effect.check(robot)
+            check_effect(effect, robot)
         except TwolinkError as error:
             raise at_effect(error, i) from None
     return tuple(effects)

@@ -1,0 +1,79 @@
+"""Checks of the fields of effects by their declared types: finite numbers within bounds, vectors, values by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import msgspec
+
+from twolink.dynamics import Robot
+from twolink.effects.effect import Effect, all_finite, finite
+from twolink.effects.inputs import Input
+from twolink.effects.sampled import Sampled, check_table
+from twolink.errors import SceneError, nearest
+
+# By the number of entries: how messages name it, and what to give.
+_VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, yy, yz, zz)")}
+
+
+def check_effect(effect: Effect, robot: Robot) -> None:
+    """Require an effect whose fields have the declared types and that fits the robot. Raises SceneError."""
+    check_fields(effect)
+    effect.check(robot)
+
+
+def check_fields(part: msgspec.Struct, place: str = "") -> None:
+    """Require values of the declared types in the fields of an effect, input or condition. Raises SceneError."""
+    for field in msgspec.structs.fields(part):
+        _check(getattr(part, field.name), field.type, f"{place}{field.name}")
+
+
+def _check(value: Any, kind: Any, field: str, words: tuple[str, ...] = ()) -> None:
+    """Require a value of a type, in place of which messages name `words`. The effect checks names and callables."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if kind is float:
+        finite(value, field)
+    elif origin is Annotated:
+        finite(value, field, least=arguments[1].extra_json_schema["minimum"])
+    elif origin is Literal and value not in arguments:
+        raise SceneError(f"{value!r} is unknown", where=field, remedy=nearest(str(value), arguments))
+    elif origin is Mapping:
+        if not isinstance(value, Mapping):
+            what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r}"
+            raise SceneError(what, where=field, remedy="such as {'elbow': 1.0}")
+        for key, item in value.items():
+            _check(item, arguments[1], f"{field}.{key}")
+    elif origin is tuple and arguments != (float, float):  # a pair of stops may be infinite
+        _check_tuple(value, arguments, field)
+    elif origin in (Union, UnionType):
+        _check_choice(value, kind, field)
+
+
+def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
+    """Require a tuple or list of so many numbers or inputs; for kinds (float, ...) of any size."""
+    if len(kinds) in _VECTORS and not (isinstance(value, (tuple, list)) and len(value) == len(kinds)):
+        word, remedy = _VECTORS[len(kinds)]
+        raise SceneError(f"expected {word}, got {value!r}", where=field, remedy=f"give {remedy}")
+    if kinds[0] is float:
+        all_finite(value, field)
+    elif kinds[0] == Input:
+        for i, item in enumerate(value):
+            _check(item, Input, f"{field}[{i}]")
+
+
+def _check_choice(value: Any, kind: Any, field: str) -> None:
+    """Require one of the types of a union: an input, a condition, or None or a word in place of the first type."""
+    arguments = get_args(kind)
+    words = next((get_args(other) for other in arguments if get_origin(other) is Literal), ())
+    if isinstance(value, tuple(other for other in arguments if isinstance(other, type) and other is not float)):
+        if isinstance(value, msgspec.Struct):
+            check_fields(value, f"{field}.")
+        if isinstance(value, Sampled):
+            check_table(value, field)
+    elif kind == Input and not isinstance(value, (int, float)):
+        what = f"expected a number, Polynomial, Sine or Sampled, got {value!r}"
+        raise SceneError(what, where=field, remedy="such as 1.5")
+    elif not (isinstance(value, str) and value in words):
+        _check(value, arguments[0], field, words)
