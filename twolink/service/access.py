@@ -1,4 +1,4 @@
-"""Who may call: host check against DNS rebinding, origin check, bearer tokens; and the security headers."""
+"""Access control: host names (against DNS rebinding), origins, bearer tokens; and the security headers."""
 
 from __future__ import annotations
 
@@ -72,12 +72,12 @@ class AccessControl:
 
 
 def _is_own(origin: bytes, host: bytes) -> bool:
-    """Whether a script comes from a page of this service, as browsers say."""
+    """Whether the request comes from a page of this service: browsers send its origin."""
     return urlsplit(origin.decode("latin-1")).netloc.encode("latin-1") == host != b""
 
 
 def cors_headers(origin: bytes) -> list[Header]:
-    """What lets a page of an allowed origin read the answer."""
+    """The headers by which browsers let a page of an allowed origin read the answer."""
     return [
         (b"access-control-allow-origin", origin),
         (b"vary", b"Origin"),

@@ -44,12 +44,12 @@ async def study(service: Shared, data: StudyRequest) -> Response[dict[str, Any]]
 
 
 def _shared(path: str, kind: str) -> list[Any]:
-    """The handlers that simulations and studies have alike."""
+    """The handlers of jobs, for simulations and for studies."""
     tags = [path]
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
     async def list_jobs(service: Shared) -> list[dict[str, Any]]:
-        """The newest ones, without their results."""
+        """The newest jobs, without their results."""
         return service.jobs.all(kind)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
@@ -66,24 +66,24 @@ def _shared(path: str, kind: str) -> list[Any]:
 
     @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
     async def cancel(service: Shared, job: str) -> dict[str, Any]:
-        """Ends a job that waits or runs; nothing happens to one that has ended."""
+        """End a job that waits or runs. A job that has ended does not change."""
         return service.jobs.cancel(kind, job)
 
     @post(f"/v1/{path}/{{job:str}}/run", tags=tags, summary=f"Run a {kind} again", status_code=202)
     async def run_again(service: Shared, job: str) -> dict[str, Any]:
-        """One that failed, was cancelled or was interrupted; nothing happens to others."""
+        """Run a job again that failed, was cancelled or was interrupted. Others do not change."""
         return service.jobs.again(kind, job)
 
     @delete(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"Delete a {kind} and its result", status_code=204)
     async def remove(service: Shared, job: str) -> None:
-        """A running one is cancelled first."""
+        """Delete a job; a running one is cancelled first."""
         await service.jobs.remove(kind, job)
 
     return [list_jobs, show_job, events, cancel, run_again, remove]
 
 
 def _results(path: str, kind: str) -> list[Any]:
-    """The handlers of results that simulations and studies have alike."""
+    """The handlers of results, for simulations and for studies."""
     tags = [path]
 
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
@@ -122,7 +122,7 @@ async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[by
 
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
 async def playback(service: Shared, job: str) -> Response[bytes]:
-    """HTML that stands alone: no other request, no network."""
+    """One HTML file that needs no network."""
     path = await result_file(service, "simulation", job, "playback.html")
     headers = {"Content-Security-Policy": PLAYBACK_POLICY}
     return Response(path.read_bytes(), media_type=MediaType.HTML, headers=headers)

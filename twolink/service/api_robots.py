@@ -142,7 +142,7 @@ async def visuals(service: Shared, robot: str) -> Response[bytes]:
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)
 async def delete_robot(service: Shared, robot: str) -> None:
-    """Results computed with it stay."""
+    """Delete an uploaded robot. The results computed with it stay."""
     if robot in catalogue():
         raise Refusal(409, "robots of the catalogue stay", where="path: robot", remedy="delete uploaded ones")
     service.robots.require(robot)

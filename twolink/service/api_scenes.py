@@ -23,7 +23,7 @@ async def list_scenes() -> list[dict[str, Any]]:
 
 @get("/v1/scenes/{scene:str}", tags=["scenes"], summary="A bundled scene's content")
 async def show_scene(scene: str) -> dict[str, Any]:
-    """As a scene file says it: what simulations take as their scene, and a start for scenes of your own."""
+    """The content of its scene file, which simulations take as their scene."""
     if scene not in bundled_scenes():
         raise Refusal(404, f"there is no scene {scene[:80]!r}", where="path: scene", remedy="GET /v1/scenes lists them")
     return bundled_content(scene)
@@ -31,7 +31,7 @@ async def show_scene(scene: str) -> dict[str, Any]:
 
 @get("/v1/scene-schema", tags=["scenes"], summary="The JSON Schema of scenes")
 async def schema() -> dict[str, Any]:
-    """All effects and their fields included."""
+    """The schema of scene files, with all effects and their fields."""
     return scene_schema()
 
 

@@ -1,4 +1,4 @@
-"""What is not under /v1: the page, the API's description and docs, health and metrics."""
+"""Paths outside /v1: the page, the API's description and docs, health and metrics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
 _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 
-@get("/health", tags=["service"], summary="Whether the service is well")
+@get("/health", tags=["service"], summary="Health of the service")
 async def health(service: Shared) -> dict[str, Any]:
     """Version, jobs that wait or run, and bytes kept."""
     return {

@@ -1,4 +1,4 @@
-"""The application: Litestar in a shell that checks access, counts, and answers the queries by itself."""
+"""The application: Litestar inside an ASGI application that checks access, counts, and answers the queries."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
 
 
 class Shell:
-    """The outer application: access control and counters around everything, and the quick way of the queries."""
+    """The outer application: access control and counters around everything; queries go past Litestar, for speed."""
 
     def __init__(self, service: Service, inner: Litestar) -> None:
         self._inner, self._queries, self._metrics = inner, service.queries, service.metrics

@@ -52,6 +52,6 @@ class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
 
 
 def content_id(prefix: str, request: SimulationRequest | StudyRequest) -> str:
-    """An id of what is asked for: the same request has the same one. How long to wait is no part of it."""
+    """An id that depends on the content of the request alone, without `wait`, and on the version of twolink."""
     content = msgspec.json.encode(msgspec.structs.replace(request, wait=0.0), order="sorted")
     return f"{prefix}-{hashlib.sha256(__version__.encode() + content).hexdigest()[:20]}"

@@ -81,7 +81,7 @@ class Jobs:
         self._running[key] = _Running(asyncio.create_task(self._run(key, kind, request), name=key))
 
     async def _run(self, key: str, kind: str, request: Request) -> None:
-        """Take a job through its states to its end."""
+        """Run a job when a worker is free, and store how it ended."""
         end: dict[str, Any] = {}
         try:
             async with self._free:

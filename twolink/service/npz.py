@@ -1,4 +1,4 @@
-"""Arrays over HTTP: .npz without pickle, with every size checked before it is believed.
+"""Arrays over HTTP: .npz without pickle. Every size is checked before memory is taken for it.
 
 Measured on 3 arrays of 100,000 x 9 numbers: written in 13 ms (numpy.savez: 45 ms), read in 16 ms (NumPy's own reading
 of the members: 25 ms).
@@ -63,7 +63,7 @@ def _bad(what: str, where: str = "body") -> Refusal:
 
 
 def write_npz(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Arrays as an .npz archive, not compressed: numbers hardly are."""
+    """Arrays as an .npz archive, not compressed, because floats hardly get smaller."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():

@@ -1,4 +1,4 @@
-"""Robots by id, ready to answer: those of the catalogue are read here, uploaded ones by a worker process."""
+"""Loaded robots by id. Robots of the catalogue are read here, uploaded ones by a worker process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes as they come over the wire: the scene file's own schema in JSON, with robots by id and nothing from files."""
+"""Scenes in requests: the schema of scene files as JSON, with robots by id. Nothing is read from files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of the service: where it listens, where it keeps things, who may call it, and what a call may take."""
+"""Settings of the service: address, data folder, access, and quotas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Amount = Annotated[float, msgspec.Meta(gt=0)]
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one call, one job and the whole store may take.
+    """Limits of a request, a job and the store.
 
     body_mb: size of a request. upload_mb: unpacked size of a zip. files: in a zip. states: in a batch. answer_mb: size
     of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads: robots kept. load_seconds: for
@@ -47,7 +47,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All there is to set. data: the folder of everything that is kept.
+    """The settings of a service. data: the folder of everything that is kept.
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
     called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.

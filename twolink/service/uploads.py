@@ -1,7 +1,7 @@
-"""Uploaded robots: a URDF, alone or in a zip with its meshes. Run in a worker process; nothing here is trusted.
+"""Uploaded robots: a URDF, alone or in a zip with its meshes. This runs in a worker process and trusts nothing.
 
-A mesh may only come from the upload. Its names are rewritten so that they can mean nothing else, line by line as they
-stand, so that errors keep their line numbers.
+A mesh may only come from the upload. File names in the URDF are rewritten to package:// and the place in the upload;
+lines stay as they are, so that errors name the right line.
 """
 
 from __future__ import annotations
