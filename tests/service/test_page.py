@@ -339,10 +339,10 @@ def test_earlier_runs_are_shown_again(page: Page) -> None:
     page.open("#scene=arm-swing")
     page.click("#tab-past")
     page.wait_for("document.querySelector('#past .past-title')")
-    page.evaluate("[...document.querySelectorAll('#past li')].find(x => x.innerText.includes('A human arm'))"
+    page.evaluate("[...document.querySelectorAll('#past li')].find(x => x.innerText.includes('human arm'))"
                   ".querySelector('button').click()")  # fmt: skip
     page.wait_for("!document.getElementById('result').hidden")
-    assert page.text("#results-title").startswith("A human arm")
+    assert "human arm" in page.text("#results-title")
 
 
 @pytest.mark.browser
