@@ -42,6 +42,14 @@ def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
     np.testing.assert_allclose(np.linalg.norm(q[..., run.robot.joints[0].unit], axis=-1), 1, atol=1e-14)
 
 
+@pytest.mark.parametrize("method", ["dop853", "rk4", "esdirk43", "taylor", "scipy-rk45"])
+def test_times_a_rounding_after_samples_have_their_states(method: str) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, 1e-4, method=method, samples=20)
+    later = np.nextafter(run.t[:-1], np.inf)
+    np.testing.assert_allclose(run.at(later)[0], run.q[:-1], rtol=0, atol=1e-14)
+    assert np.isfinite(run.at(np.linspace(0, 0.5, 301))[0]).all()
+
+
 @pytest.mark.parametrize("t", [-1e-9, 0.5 + 1e-9, np.nan])
 def test_times_outside_the_run_are_refused(t: float) -> None:
     with pytest.raises(SceneError, match="is not within 0 and") as caught:

@@ -124,6 +124,8 @@ class DenseOutput:
         rows = np.asarray(group.equations.start[len(self.x) :], dtype=float)
         x0 = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
         state, limit = start_state(steps, x0, group.stored_t, group.t, self.setting)
+        if steps.method.adaptive:  # one step mostly suffices, and a time may be a rounding after a sample
+            state[steps.rows.step] = group.t - group.stored_t
         for block in advance(steps, state, limit, lanes=LANES):
             if (block.outcome != FINE).any():
                 t = float(group.t[block.worlds[block.outcome != FINE][0]])
