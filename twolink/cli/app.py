@@ -75,7 +75,5 @@ def _drop_output() -> None:
 
 def _fail(message: str, code: int) -> NoReturn:
     """One line on stderr, and the exit code."""
-    line = " ".join(message.split())
-    if line:
-        sys.stderr.write(f"twolink: {line}\n")
+    sys.stderr.write(f"twolink: {' '.join(message.split())}\n")
     sys.exit(code)

@@ -36,23 +36,21 @@ def hard_cases(
     twolink hard-cases --peers --html hard.html
     """
     from twolink.hard import select_cases
+    from twolink.hard.page import write_page
     from twolink.hard.table import summary
 
     cases = select_cases(names, quick=quick)
-    if html is not None:
-        require_endings([html], (".html",))
+    paths = [] if html is None else [html]
+    require_endings(paths, (".html",))
     if listed:
         for case in cases:
             typer.echo(f"{case.name:<24}{case.title}{' (slow)' if case.slow else ''}\n{'':<24}{case.why}")
         return
     results = _run(cases, peers=peers, silent=as_json)
-    if html is not None:
-        from twolink.hard.page import write_page
-
-        write_page(results, html)
-    written = [] if html is None else [html]
-    text = "\n".join(["", summary(results), *(f"wrote {path}" for path in written)])
-    show({"cases": [result.to_dict() for result in results], "written": written}, text, as_json)
+    for path in paths:
+        write_page(results, path)
+    text = "\n".join(["", summary(results), *(f"wrote {path}" for path in paths)])
+    show({"cases": [result.to_dict() for result in results], "written": paths}, text, as_json)
     finish([], len(results) < len(cases))
     if not all(result.passed for result in results):
         raise typer.Exit(FAILED)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -33,20 +32,13 @@ Folders = Annotated[
 
 
 def robot_from(
-    source: str,
-    root: str,
-    lock: Sequence[str] | None,
-    gravity: str,
-    mimic: bool,
-    unphysical: str,
-    package_dirs: Sequence[Path] | None,
+    source: str, root: Root, lock: Lock, gravity: Gravity, mimic: Mimic, unphysical: Unphysical, package_dirs: Folders
 ) -> Robot:
     """The robot that the options describe."""
     locks: dict[str, list[float]] = {}
     for text in lock or []:
-        name, equals, value = text.rpartition("=")
-        name = name.strip()
-        if not equals or not name:
+        name, _, value = (part.strip() for part in text.rpartition("="))
+        if not name:
             raise Misuse(f"expected JOINT=VALUE, got {text!r}", where="lock", remedy='such as "elbow=0.5"')
         if name in locks:
             raise Misuse(f"joint {name!r} is given twice", where="lock", remedy="keep one")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,11 +20,7 @@ def show(record: Any, text: object, as_json: bool) -> None:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(type(value).__name__)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else os.fspath(value)
 
 
 def print_address(url: str) -> None:

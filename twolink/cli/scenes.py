@@ -10,11 +10,11 @@ import numpy as np
 from typer import Option
 
 from twolink.accuracy import accuracy_study
-from twolink.cli.failures import Misuse
 from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneName
 from twolink.cli.printing import show
 from twolink.cli.progress import progress_bar
 from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, write_by_ending
+from twolink.dynamics.named_queries import parse_numbers
 from twolink.integrate.methods import methods as method_table
 from twolink.scenes import load_scene
 from twolink.scenes import scenes as scene_table
@@ -150,23 +150,15 @@ def accuracy(
     paths = out or []
     require_endings(paths, STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
+    values = None if tolerances is None else parse_numbers("tolerances", tolerances)
+    settings: dict[str, Any] = {"samples": samples, "repeats": repeats, "budget": budget}
     with progress_bar() as report:
-        study = accuracy_study(
-            load_scene(scene), duration, methods=names, tolerances=None if tolerances is None else _floats(tolerances),
-            samples=samples, repeats=repeats, budget=budget, progress=report,
-        )  # fmt: skip
+        loaded = load_scene(scene)
+        study = accuracy_study(loaded, duration, methods=names, tolerances=values, progress=report, **settings)
     written, failures = write(paths, partial(write_by_ending, study))
     text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])
     show({"scene": scene, **study.to_dict(), "written": written}, text, as_json)
     finish(failures, study.interrupted)
-
-
-def _floats(text: str) -> list[float]:
-    """Numbers with commas between."""
-    try:
-        return [float(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise Misuse(f"{text!r} is not a list of numbers", where="tolerances", remedy="such as 1e-3,1e-6") from None
 
 
 def methods(as_json: Json = False) -> None:

@@ -20,10 +20,7 @@ STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 def require_endings(paths: Sequence[Path], endings: Sequence[str]) -> None:
     """Refuse files with other endings, before the work begins. Raises Misuse."""
     for path in paths:
-        try:
-            require_format(path, endings)
-        except TwolinkError as error:
-            raise Misuse(error.what, where=error.where, remedy=error.remedy) from None
+        require_format(path, endings, Misuse)
 
 
 def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[list[Path], list[TwolinkError]]:

@@ -43,18 +43,17 @@ def write_atomic(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                write(file)
+            if not private:
+                os.chmod(name, 0o666 & ~_umask())
+            os.replace(name, path)
+        finally:
+            Path(name).unlink(missing_ok=True)  # nothing is left to remove after a success
     except OSError as failure:
-        raise _not_writable(path, failure, "check the folder", error) from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        if not private:
-            os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except OSError as failure:
-        raise _not_writable(path, failure, "check the disk", error) from None
-    finally:
-        Path(name).unlink(missing_ok=True)  # nothing is left to remove after a success
+        what = f"cannot be written: {failure.strerror or failure}"
+        raise error(what, where=str(path), remedy="check the folder and the disk", code="not-writable") from None
     return path
 
 
@@ -63,8 +62,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def _not_writable(path: Path, failure: OSError, remedy: str, error: type[TwolinkError]) -> TwolinkError:
-    what = f"cannot be written: {failure.strerror or failure}"
-    return error(what, where=str(path), remedy=remedy, code="not-writable")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -71,9 +72,4 @@ def csv_rows(text: str, where: str, error: type[TwolinkError]) -> Iterator[tuple
 
 def first_repeated(names: Iterable[str]) -> str | None:
     """The first name that stands twice, or None."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
+    return next((name for name, count in Counter(names).items() if count > 1), None)

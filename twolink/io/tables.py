@@ -56,14 +56,12 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     try:
         path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)
-    except OSError as error:
-        what, remedy = f"cannot be read: {error.strerror or 'it is damaged'}", "check the path"
-        raise TwolinkError(what, where=str(path), remedy=remedy, code="not-readable") from None
     except TwolinkError:
         raise
     except Exception as error:  # whatever a library raises for a damaged file
-        what = f"cannot be read: {' '.join(str(error).split()) or type(error).__name__}"
-        raise TwolinkError(what, where=str(path), remedy="save it again", code="not-readable") from None
+        detail = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
+        remedy = "check the path, or save it again"
+        raise TwolinkError(f"cannot be read: {detail}", where=str(path), remedy=remedy, code="not-readable") from None
 
 
 def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[TwolinkError] = TwolinkError) -> str:

@@ -8,25 +8,22 @@ states, and the energy of a released arm shows what the misprint means.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias, get_args
+from functools import partial
+from typing import get_args
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twolink.errors import AccuracyError, QueryError
 from twolink.lagrange import derive, pinocchio_arm
 from twolink.lagrange.check_result import CheckReport, Comparison, Energy
 from twolink.lagrange.formulas import Variant
-from twolink.lagrange.pinocchio_arm import Samples
+from twolink.lagrange.pinocchio_arm import ACCELERATIONS, TORQUE, Samples
 from twolink.lagrange.two_link import two_link
 
-Array: TypeAlias = NDArray[Any]
-Columns: TypeAlias = dict[str, Array]  # by quantity: (n, 1) for an entry, (n, 2) for a vector
+Columns = dict[str, np.ndarray]  # by quantity: (n, 1) for an entry, (n, 2) for a vector
 
-ACCELERATIONS = {"acceleration, ABA": "aba", "acceleration, CRBA + solve": "crba"}
-TORQUE = "torque, RNEA"
 TOLERANCE = 1e-10  # of the energy runs, relative and absolute
 
 
@@ -62,18 +59,13 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
         raise QueryError(f"expected a positive number of seconds, got {horizon}", argument="horizon")
     samples = draw(n, seed)
     answers = pinocchio_arm.answers(samples)
-    expected, scale = _by_pinocchio(answers), _scales(answers, samples)
-    equations = {
-        "corrected": _by_hand(samples, "corrected"),
-        "derived": _by_sympy(samples),
-        "printed": _by_hand(samples, "printed"),
-    }
-    differences = derive.compare()
+    expected = _columns(*(answers[name] for name in ("A", "B", "C", "D", *ACCELERATIONS, TORQUE)))
+    scale, differences = _scales(answers, samples), derive.compare()
+    equations = _by_hand(samples, "corrected"), _by_sympy(samples), _by_hand(samples, "printed")
     rows = []
     for name, values in expected.items():
-        errors = {key: float(np.max(np.abs(c[name] - values) / scale[name])) for key, c in equations.items()}
-        symbolic = differences.get(name, (None, None))
-        rows.append(Comparison(name, errors["corrected"], errors["derived"], errors["printed"], *symbolic))
+        errors = [float(np.max(np.abs(columns[name] - values) / scale[name])) for columns in equations]
+        rows.append(Comparison(name, errors[0], errors[1], errors[2], *differences.get(name, ())))
     condition = float(np.linalg.cond(answers["A"]).max())
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 
@@ -96,23 +88,21 @@ def energies(horizon: float) -> tuple[Energy, ...]:
 
     l = 1, 1 m, m = 3, 1 kg, g = 9.81 m/s^2, no torque; SciPy's DOP853 with rtol = atol = 1e-10.
     """
-    lengths, masses, g, no_torque = (1.0, 1.0), (3.0, 1.0), 9.81, np.zeros(2)
+    lengths, masses, g = (1.0, 1.0), (3.0, 1.0), 9.81
     model = pinocchio_arm.arm(*lengths, *masses, g)
-    data = model.createData()
-    corrected, printed = (two_link(lengths, masses, g, variant) for variant in get_args(Variant))
-    accelerations: dict[str, Callable[[Array, Array], Array]] = {
-        "Pinocchio": lambda q, v: pin.aba(model, data, q, v, no_torque),
-        "corrected": lambda q, v: corrected.forward_dynamics(q, v, no_torque),
-        "printed": lambda q, v: printed.forward_dynamics(q, v, no_torque),
+    by_hand = {name: two_link(lengths, masses, g, name).forward_dynamics for name in get_args(Variant)}
+    accelerations: dict[str, Callable[..., np.ndarray]] = {
+        "Pinocchio": partial(pin.aba, model, model.createData()),
+        **by_hand,
     }
     return tuple(_energy(name, acceleration, model, horizon) for name, acceleration in accelerations.items())
 
 
-def _energy(name: str, acceleration: Callable[[Array, Array], Array], model: pin.Model, horizon: float) -> Energy:
-    """The energy along the motion with this acceleration, a function of angles and speeds."""
+def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model, horizon: float) -> Energy:
+    """The energy along the motion with this acceleration, a function of angles, speeds and torques."""
 
-    def rate(_: float, x: Array) -> Array:
-        return np.concatenate([x[2:], acceleration(x[:2], x[2:])])
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[2:], acceleration(x[:2], x[2:], np.zeros(2))])
 
     run = solve_ivp(rate, (0, horizon), np.zeros(4), method="DOP853", rtol=TOLERANCE, atol=TOLERANCE)
     if not run.success:
@@ -121,13 +111,7 @@ def _energy(name: str, acceleration: Callable[[Array, Array], Array], model: pin
     return Energy(name, float(energy[-1]), float(np.max(np.abs(energy))))
 
 
-def _by_pinocchio(answers: dict[str, Array]) -> Columns:
-    """Pinocchio's answers as columns."""
-    vectors = {name: answers[key] for name, key in ACCELERATIONS.items()} | {TORQUE: answers["rnea"]}
-    return _columns(*(answers[key] for key in "ABCD")) | vectors
-
-
-def _scales(answers: dict[str, Array], samples: Samples) -> Columns:
+def _scales(answers: Columns, samples: Samples) -> Columns:
     """What each error is relative to, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
@@ -143,26 +127,28 @@ def _by_hand(samples: Samples, variant: Variant) -> Columns:
     l1, l2, m1, m2, g = samples.parameters
     model, theta, dtheta = two_link((l1, l2), (m1, m2), g, variant), samples.theta, samples.dtheta
     products, squares = model.velocity_products(theta).sum(axis=-1), model.velocity_squares(theta)
-    columns = _columns(model.mass_matrix(theta), products, squares, model.gravity_torque(theta))
-    columns |= dict.fromkeys(ACCELERATIONS, model.forward_dynamics(theta, dtheta, samples.torque))
-    return columns | {TORQUE: model.inverse_dynamics(theta, dtheta, samples.ddtheta)}
+    acceleration = model.forward_dynamics(theta, dtheta, samples.torque)
+    torque = model.inverse_dynamics(theta, dtheta, samples.ddtheta)
+    entries = model.mass_matrix(theta), products, squares, model.gravity_torque(theta)
+    return _columns(*entries, acceleration, acceleration, torque)
 
 
 def _by_sympy(samples: Samples) -> Columns:
     """The answers of the equations that SymPy derives; accelerations by LAPACK, not by the closed form of TwoLink."""
-    a, b, c, d = derive.numeric()(samples.parameters, samples.theta)
+    a, b, c, d = derive.evaluate(samples.parameters, samples.theta)
     speeds = samples.dtheta
     bias = b * speeds.prod(axis=1, keepdims=True) + np.einsum("nij,nj->ni", c, speeds**2) + d
     acceleration = np.linalg.solve(a, (samples.torque - bias)[..., None])[..., 0]
     torque = np.einsum("nij,nj->ni", a, samples.ddtheta) + bias
-    return _columns(a, b, c, d) | dict.fromkeys(ACCELERATIONS, acceleration) | {TORQUE: torque}
+    return _columns(a, b, c, d, acceleration, acceleration, torque)
 
 
-def _columns(*groups: Array) -> Columns:
-    """A (n, 2, 2), B (n, 2), C (n, 2, 2), D (n, 2) as named columns (n, 1) in the order of derive.ENTRIES."""
-    flat = np.concatenate([group.reshape(len(group), -1) for group in groups], axis=1)
-    return {name: flat[:, i : i + 1] for i, name in enumerate(derive.ENTRIES)}
+def _columns(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, *motion: np.ndarray) -> Columns:
+    """A, C (n, 2, 2) and B, D (n, 2) by entry, then the accelerations and the torque (n, 2), by name."""
+    entries = np.hstack([matrix.reshape(len(matrix), -1) for matrix in (a, b, c, d)])[..., None]
+    named = dict(zip(derive.ENTRIES, np.moveaxis(entries, 1, 0), strict=True))
+    return named | dict(zip((*ACCELERATIONS, TORQUE), motion, strict=True))
 
 
-def _largest(values: Array) -> Array:
+def _largest(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(values).reshape(len(values), -1).max(axis=1, keepdims=True))

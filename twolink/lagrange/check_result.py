@@ -26,8 +26,8 @@ class Comparison:
     corrected: float
     derived: float
     printed: float
-    corrected_minus_derived: str | None
-    printed_minus_derived: str | None
+    corrected_minus_derived: str | None = None
+    printed_minus_derived: str | None = None
 
     @property
     def misprinted(self) -> bool:

@@ -12,20 +12,17 @@ this module, and with it SymPy. Symbols: l1 l2 [m], m1 m2 [kg], g [m/s^2], theta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from sympy.simplify.fu import TR8
 
 from twolink.lagrange import formulas
 
-Array: TypeAlias = NDArray[Any]
-Entries: TypeAlias = dict[str, Any]  # one for each name in ENTRIES
 ENTRIES = ("A11", "A12", "A21", "A22", "B11+B12", "B21+B22", "C11", "C12", "C21", "C22", "D1", "D2")
 PARAMETERS = sp.symbols("l1 l2 m1 m2 g", positive=True)
 THETA = sp.Matrix(sp.symbols("theta1 theta2", real=True))
@@ -45,7 +42,7 @@ class ArmEquations:
     C: sp.Matrix
     D: sp.Matrix
 
-    def entries(self) -> Entries:
+    def entries(self) -> dict[str, sp.Expr]:
         """Every entry by its name in ENTRIES."""
         return dict(zip(ENTRIES, [*self.A, *self.B, *self.C, *self.D], strict=True))
 
@@ -103,23 +100,24 @@ def compare() -> dict[str, tuple[str, str]]:
     }
 
 
-def numeric() -> Callable[[Sequence[Array], Array], tuple[Array, Array, Array, Array]]:
+def evaluate(parameters: Sequence[np.ndarray], theta: np.ndarray) -> tuple[np.ndarray, ...]:
     """The derived equations on NumPy.
+
+    Parameters
+    ----------
+    parameters : sequence of ndarray
+        (l1, l2, m1, m2, g), (n,) each, in SI units.
+    theta : ndarray
+        The angles (n, 2) [rad].
 
     Returns
     -------
-    callable
-        From parameters (l1, l2, m1, m2, g), (n,) each, and theta (n, 2), the arrays A (n, 2, 2), B (n, 2) (sums of
-        rows), C (n, 2, 2) and D (n, 2).
+    tuple of ndarray
+        A (n, 2, 2), B (n, 2), the sums of the rows, C (n, 2, 2) and D (n, 2).
     """
     functions = [sp.lambdify([*PARAMETERS, *THETA], entry, "numpy") for entry in derive().entries().values()]
-
-    def matrices(parameters: Sequence[Array], theta: Array) -> tuple[Array, Array, Array, Array]:
-        entries = [np.broadcast_to(function(*parameters, *theta.T), len(theta)) for function in functions]
-        flat = np.stack(entries, axis=-1)
-        return flat[:, :4].reshape(-1, 2, 2), flat[:, 4:6], flat[:, 6:10].reshape(-1, 2, 2), flat[:, 10:]
-
-    return matrices
+    flat = np.column_stack([np.broadcast_to(f(*parameters, *theta.T), len(theta)) for f in functions])
+    return flat[:, :4].reshape(-1, 2, 2), flat[:, 4:6], flat[:, 6:10].reshape(-1, 2, 2), flat[:, 10:]
 
 
 def _normal(expression: Any) -> Any:

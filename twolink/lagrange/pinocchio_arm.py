@@ -7,13 +7,12 @@ of this package.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+ACCELERATIONS = ("acceleration, ABA", "acceleration, CRBA + solve")
+TORQUE = "torque, RNEA"
 
 # The arm moves in the x-z plane; turning about -y is positive upwards, as the paper measures both angles.
 _URDF = """<robot name="two_link"><link name="base"/>
@@ -31,11 +30,11 @@ _ROD = """<inertial><origin xyz="{centre!r} 0 0"/><mass value="{mass!r}"/>
 class Samples:
     """n arms with a state each: parameters (l1, l2, m1, m2, g), (n,) each; states (n, 2) in SI units."""
 
-    parameters: tuple[Array, ...]
-    theta: Array
-    dtheta: Array
-    ddtheta: Array
-    torque: Array
+    parameters: tuple[np.ndarray, ...]
+    theta: np.ndarray
+    dtheta: np.ndarray
+    ddtheta: np.ndarray
+    torque: np.ndarray
 
 
 def arm_urdf(l1: float, l2: float, m1: float, m2: float) -> str:
@@ -54,17 +53,18 @@ def arm(l1: float, l2: float, m1: float, m2: float, g: float) -> pin.Model:
     return model
 
 
-def answers(samples: Samples) -> dict[str, Array]:
+def answers(samples: Samples) -> dict[str, np.ndarray]:
     """Pinocchio's answers, one arm and state at a time.
 
     A (n, 2, 2) by crba; B (n, 2), the sums of B's rows, and C (n, 2, 2) from nonLinearEffects at unit speeds
     with gravity off, so that weight cannot drown them; D (n, 2) by computeGeneralizedGravity; h (n, 2), the
-    bias; the accelerations by aba and by crba and a solve, and the torque by rnea, (n, 2) each.
+    bias; (n, 2) each the accelerations by aba and by crba and a solve, and the torque by rnea, under ACCELERATIONS and
+    TORQUE.
     """
     n = len(samples.theta)
-    out = {name: np.empty((n, 2)) for name in ("B", "D", "h", "aba", "crba", "rnea")}
+    out = {name: np.empty((n, 2)) for name in ("B", "D", "h", *ACCELERATIONS, TORQUE)}
     out |= {name: np.empty((n, 2, 2)) for name in ("A", "C")}
-    no_gravity, first, second, both = np.zeros(3), np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.ones(2)
+    aba, crba = ACCELERATIONS
     for i, parameters in enumerate(np.stack(samples.parameters, axis=1).tolist()):
         model = arm(*parameters)
         data = model.createData()
@@ -72,17 +72,16 @@ def answers(samples: Samples) -> dict[str, Array]:
         mass = out["A"][i] = pin.crba(model, data, q)
         out["D"][i] = pin.computeGeneralizedGravity(model, data, q)
         bias = out["h"][i] = pin.nonLinearEffects(model, data, q, v)
-        out["crba"][i] = np.linalg.solve(mass, tau - bias)
-        out["aba"][i] = pin.aba(model, data, q, v, tau)
-        out["rnea"][i] = pin.rnea(model, data, q, v, samples.ddtheta[i])
-        model.gravity.linear = no_gravity
-        c1 = out["C"][i, :, 0] = pin.nonLinearEffects(model, data, q, first)
-        c2 = out["C"][i, :, 1] = pin.nonLinearEffects(model, data, q, second)
-        out["B"][i] = pin.nonLinearEffects(model, data, q, both) - c1 - c2
+        out[crba][i] = np.linalg.solve(mass, tau - bias)
+        out[aba][i] = pin.aba(model, data, q, v, tau)
+        out[TORQUE][i] = pin.rnea(model, data, q, v, samples.ddtheta[i])
+        model.gravity.linear = np.zeros(3)
+        squares = out["C"][i] = np.stack([pin.nonLinearEffects(model, data, q, unit) for unit in np.eye(2)], axis=1)
+        out["B"][i] = pin.nonLinearEffects(model, data, q, np.ones(2)) - squares.sum(axis=1)
     return out
 
 
-def energy(model: pin.Model, theta: Array, dtheta: Array) -> Array:
+def energy(model: pin.Model, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
     """The mechanical energy [J] of states (n, 2), zero at rest in the horizontal, by Pinocchio."""
     data, states = model.createData(), zip(theta, dtheta, strict=True)
     return np.array([pin.computeMechanicalEnergy(model, data, q, v) for q, v in states])

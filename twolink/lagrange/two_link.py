@@ -6,16 +6,14 @@ The equations, their source and the erratum are in `formulas`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twolink.errors import QueryError, nearest
 from twolink.lagrange import formulas
 from twolink.lagrange.formulas import Pair, Square, Variant
-
-Array: TypeAlias = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +39,9 @@ class TwoLink:
         By every method, for states that are not finite numbers of shape (..., 2), or whose batches do not broadcast.
     """
 
-    lengths: tuple[Array, Array]
-    masses: tuple[Array, Array]
-    g: Array
+    lengths: tuple[np.ndarray, np.ndarray]
+    masses: tuple[np.ndarray, np.ndarray]
+    g: np.ndarray
     variant: Variant
 
     @property
@@ -51,37 +49,37 @@ class TwoLink:
         """The batch shape of the parameters, () for a single arm."""
         return np.shape(self.g)
 
-    def mass_matrix(self, theta: ArrayLike) -> Array:
+    def mass_matrix(self, theta: ArrayLike) -> np.ndarray:
         """A(theta), (..., 2, 2) [kg m^2] (eqs 8-11), symmetric and positive definite."""
         return _matrix(formulas.mass_entries(self.lengths, self.masses, self._angles(theta), np))
 
-    def velocity_products(self, theta: ArrayLike) -> Array:
+    def velocity_products(self, theta: ArrayLike) -> np.ndarray:
         """B(theta), (..., 2, 2) [kg m^2], to multiply [td1 td2, td2 td1] (eqs 13, 14)."""
         return _matrix(formulas.product_entries(self.lengths, self.masses, self._angles(theta), np))
 
-    def velocity_squares(self, theta: ArrayLike) -> Array:
+    def velocity_squares(self, theta: ArrayLike) -> np.ndarray:
         """C(theta), (..., 2, 2) [kg m^2], to multiply [td1^2, td2^2] (eqs 16-18; the erratum is here)."""
         return _matrix(formulas.square_entries(self.lengths, self.masses, self._angles(theta), np, self.variant))
 
-    def gravity_torque(self, theta: ArrayLike) -> Array:
+    def gravity_torque(self, theta: ArrayLike) -> np.ndarray:
         """D(theta), (..., 2) [N m] (eqs 20, 21)."""
         return _vector(formulas.gravity_entries(self.lengths, self.masses, self.g, self._angles(theta), np))
 
     A, B, C, D = mass_matrix, velocity_products, velocity_squares, gravity_torque  # the paper's names
 
-    def bias(self, theta: ArrayLike, dtheta: ArrayLike) -> Array:
+    def bias(self, theta: ArrayLike, dtheta: ArrayLike) -> np.ndarray:
         """h = B [td1 td2, td2 td1] + C [td1^2, td2^2] + D, (..., 2) [N m]: the torque for no acceleration."""
         angles, speeds = self._pairs(theta=theta, dtheta=dtheta)
         return _vector(self._bias(angles, speeds))
 
-    def inverse_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, ddtheta: ArrayLike) -> Array:
+    def inverse_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, ddtheta: ArrayLike) -> np.ndarray:
         """The torque A ddtheta + h, (..., 2) [N m], that gives the acceleration ddtheta [rad/s^2] (eq. 6)."""
         angles, speeds, (x1, x2) = self._pairs(theta=theta, dtheta=dtheta, ddtheta=ddtheta)
         h1, h2 = self._bias(angles, speeds)
         (a11, a12), (a21, a22) = formulas.mass_entries(self.lengths, self.masses, angles, np)
         return _vector((a11 * x1 + a12 * x2 + h1, a21 * x1 + a22 * x2 + h2))
 
-    def forward_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, torque: ArrayLike) -> Array:
+    def forward_dynamics(self, theta: ArrayLike, dtheta: ArrayLike, torque: ArrayLike) -> np.ndarray:
         """The acceleration A^-1 (torque - h), (..., 2) [rad/s^2] (eq. 22), by Cramer's rule."""
         angles, speeds, (t1, t2) = self._pairs(theta=theta, dtheta=dtheta, torque=torque)
         h1, h2 = self._bias(angles, speeds)
@@ -90,7 +88,7 @@ class TwoLink:
         det = formulas.mass_determinant(self.lengths, self.masses, angles, np)
         return _vector(((a22 * r1 - a12 * r2) / det, (a11 * r2 - a21 * r1) / det))
 
-    def energy(self, theta: ArrayLike, dtheta: ArrayLike) -> tuple[Array, Array]:
+    def energy(self, theta: ArrayLike, dtheta: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """(kinetic dtheta.A.dtheta / 2, potential), (...,) each [J]; potential zero at shoulder height."""
         angles, (w1, w2) = self._pairs(theta=theta, dtheta=dtheta)
         (a11, a12), (_, a22) = formulas.mass_entries(self.lengths, self.masses, angles, np)
@@ -169,7 +167,7 @@ def two_link(
     return TwoLink((l1, l2), (m1, m2), g, variant)
 
 
-def _numbers(value: ArrayLike, name: str, kinds: str) -> Array:
+def _numbers(value: ArrayLike, name: str, kinds: str) -> np.ndarray:
     """A finite copy of `value` in double precision or wider (long double and complex stay what they are)."""
     try:
         array = np.array(value)
@@ -193,10 +191,10 @@ def _broadcast(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
         raise QueryError(f"batch shapes do not broadcast: {listed}", argument=next(reversed(shapes))) from None
 
 
-def _vector(entries: tuple[Any, ...]) -> Array:
+def _vector(entries: tuple[Any, ...]) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*entries), axis=-1)
 
 
-def _matrix(entries: Square) -> Array:
+def _matrix(entries: Square) -> np.ndarray:
     flat = _vector((*entries[0], *entries[1]))
     return flat.reshape(*flat.shape[:-1], 2, 2)
