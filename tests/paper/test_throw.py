@@ -165,7 +165,7 @@ def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: p
         if done == 3 and label.startswith("release"):
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("twolink.cli.throw.progress_bar", lambda: contextlib.nullcontext(press))
+    monkeypatch.setattr("twolink.cli.paper.progress_bar", lambda: contextlib.nullcontext(press))
     assert command(monkeypatch, "pitch") == 130
     out, err = capsys.readouterr()
     assert "the best of 3 throws" in out

@@ -12,13 +12,12 @@ import typer
 from twolink._version import __version__
 from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.hard_cases import hard_cases
-from twolink.cli.paper import paper
+from twolink.cli.paper import paper, throw
 from twolink.cli.play import play
 from twolink.cli.queries import check, query
 from twolink.cli.robots import inspect, robots
 from twolink.cli.scenes import accuracy, explain, methods, run, scenes
 from twolink.cli.serve import serve
-from twolink.cli.throw import throw
 from twolink.errors import TwolinkError
 
 app = typer.Typer(

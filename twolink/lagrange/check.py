@@ -90,11 +90,8 @@ def energies(horizon: float) -> tuple[Energy, ...]:
     """
     lengths, masses, g = (1.0, 1.0), (3.0, 1.0), 9.81
     model = pinocchio_arm.arm(*lengths, *masses, g)
-    by_hand = {name: two_link(lengths, masses, g, name).forward_dynamics for name in get_args(Variant)}
-    accelerations: dict[str, Callable[..., np.ndarray]] = {
-        "Pinocchio": partial(pin.aba, model, model.createData()),
-        **by_hand,
-    }
+    accelerations: dict[str, Callable[..., np.ndarray]] = {"Pinocchio": partial(pin.aba, model, model.createData())}
+    accelerations |= {name: two_link(lengths, masses, g, name).forward_dynamics for name in get_args(Variant)}
     return tuple(_energy(name, acceleration, model, horizon) for name, acceleration in accelerations.items())
 
 
