@@ -66,7 +66,7 @@ def milliseconds_per_event(robot: tl.Robot, duration: float, accuracy: float, ro
     smooth = [fx.Gravity(), fx.JointDamping({robot.joint_names[0]: 0.02})]
     effects = {
         "dry friction": fx.DryFriction({joint: 0.05}),
-        "stops": fx.JointStops({joint: (-0.5, 0.5)}, restitution=0.8),
+        "stops": fx.JointStops({joint: (0.2, 0.4)}, restitution=0.8),
         "a watch": fx.Watch("middle", when=fx.JointReaches(joint, 0.0)),
     }
     lines = []
