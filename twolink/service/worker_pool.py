@@ -1,10 +1,10 @@
 """Worker processes as the service sees them: started when needed, used again, killed when they take too long.
 
-Compared with libraries: concurrent.futures of Python 3.11 (by its documentation) and loky 3.7 (by running it) cannot end a
-running task. pebble 5.2 (by running it) kills, limits and replaces processes as this module does, and answers as quickly
-(0.18 ms a round trip, 0.16 ms here). It lacks progress reports from a running task; it unpickles results, so
-that a worker which a hostile mesh has taken over would run its code in the service (here messages are plain data); and
-its processes inherit the service's environment, which cannot be changed before their interpreter starts.
+Compared with libraries: concurrent.futures of Python 3.11 (by its documentation) and loky 3.7 (by running it) cannot
+end a running task. pebble 5.2 (by running it) kills, limits and replaces processes as this module does, and answers
+as quickly (0.18 ms a round trip, 0.16 ms here). It lacks progress reports from a running task; it unpickles results,
+so that a worker which a hostile mesh has taken over would run its code in the service (here messages are plain data);
+and its processes inherit the service's environment, which cannot be changed before their interpreter starts.
 """
 
 from __future__ import annotations
