@@ -8,9 +8,10 @@ from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, NotNegative
-from twolink.effects.inputs import Input, derivatives_at, twice_differentiable
+from twolink.effects.inputs import Input, derivatives_at
 from twolink.effects.joint_checks import Limits, check_joints, check_limits, clamped
 from twolink.effects.motion import Loads, Motion
+from twolink.effects.sampled import Sampled
 from twolink.errors import SceneError
 
 
@@ -60,7 +61,7 @@ class ComputedTorque(Effect, frozen=True):
             remedy = "give every joint a path" + (": the robot's free root has no motor" if floating else "")
             raise SceneError(f"it has no path for {', '.join(map(repr, missing))}", where="path", remedy=remedy)
         for joint, path in self.path.items():
-            if not twice_differentiable(path):
+            if isinstance(path, Sampled) and path.interpolation != "cubic":
                 what = "a path needs accelerations, which this interpolation does not have"
                 raise SceneError(what, where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')
         check_limits(self.effort, self.path, robot)

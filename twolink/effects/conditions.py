@@ -6,7 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from twolink.algorithms.spatial import Scalar, dot
+from twolink.algorithms.spatial import Scalar, Vec, cross, dot
 from twolink.dynamics import Robot
 from twolink.effects.frame_checks import check_frame
 from twolink.effects.joint_checks import check_joint
@@ -79,13 +79,20 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 Condition = JointReaches | FrameReaches
 
 
-def unit(direction: tuple[float, float, float], field: str) -> tuple[float, float, float]:
+def unit(direction: Vec, field: str) -> Vec:
     """A direction scaled to length 1. Raises SceneError where it has no length."""
     length = sum(float(x) ** 2 for x in direction) ** 0.5
     if not length > 0:
         raise SceneError(f"expected a direction, got {direction!r}", where=field, remedy="such as (0, 0, 1)")
     x, y, z = (float(c) / length for c in direction)
     return x, y, z
+
+
+def across(axis: Vec) -> tuple[Vec, Vec]:
+    """Two unit vectors across a unit vector and each other."""
+    k = min(range(3), key=lambda i: abs(axis[i]))
+    first = unit(cross(axis, (float(k == 0), float(k == 1), float(k == 2))), "axis")
+    return first, cross(axis, first)
 
 
 def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:

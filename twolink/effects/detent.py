@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from twolink.dynamics import Robot
 from twolink.effects.conditions import JointReaches
 from twolink.effects.effect import NotNegative
@@ -48,22 +46,15 @@ class Detent(SwitchingEffect, frozen=True):
         if not self.positions:
             raise SceneError("there is no notch", where="positions", remedy="such as (0.0,)")
 
-    def holds(self, robot: Robot) -> Sequence[Hold]:
-        """The ball in each notch."""
-        entry, dof = self._place(robot)
-        torque, kinds = float(self.torque), ("catch", "breakaway")
-        return [Hold(dof, -torque, torque, 0.0, entry, float(p), kinds) for p in self.positions]
-
-    def triggers(self, robot: Robot) -> Sequence[Trigger]:
-        """The ball that falls into a notch."""
-        entry, dof = self._place(robot)
-        turns = robot.model.joints[robot.model.getJointId(self.joint)].shortname().startswith("JointModelR")
-        unit = "rad/s" if turns else "m/s"
-        return [Trigger("catch", self.joint, condition=JointReaches(self.joint, float(p)),
-                        catch=Catch(dof, entry, float(p), float(self.speed), unit))
-                for p in (self.positions if self.speed else ())]  # fmt: skip
-
-    def _place(self, robot: Robot) -> tuple[int, int]:
-        """The joint's entries of q and v."""
+    def modes(self, robot: Robot) -> list[Hold | Trigger]:
+        """The ball in each notch, and the ball that falls into it."""
         joint = next(j for j in robot.joints if j.name == self.joint)
-        return joint.q.start, joint.v.start
+        entry, dof, torque, speed = joint.q.start, joint.v.start, float(self.torque), float(self.speed)
+        unit = "rad/s" if robot.model.joints[joint.index].shortname().startswith("JointModelR") else "m/s"
+        modes: list[Hold | Trigger] = []
+        for p in map(float, self.positions):
+            modes.append(Hold(dof, -torque, torque, 0.0, entry, p, ("catch", "breakaway")))
+            if speed:
+                catch = Catch(dof, entry, p, speed, unit)
+                modes.append(Trigger("catch", self.joint, condition=JointReaches(self.joint, p), catch=catch))
+        return modes

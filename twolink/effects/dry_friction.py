@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import NotNegative, one_of
@@ -37,7 +37,7 @@ class DryFriction(SwitchingEffect, frozen=True):
                 raise SceneError(f"it is {level:g}, below the kinetic friction {self.kinetic[joint]:g}",
                                  where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip
 
-    def holds(self, robot: Robot) -> Sequence[Hold]:
+    def modes(self, robot: Robot) -> list[Hold]:
         """Static friction holds a joint, kinetic friction brakes it."""
         dofs = {joint.name: joint.v.start for joint in robot.joints}
         static = {name: float(self.static.get(name, c)) for name, c in self.kinetic.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from twolink.algorithms.functions import frame_pose
-from twolink.algorithms.spatial import Vec, add, cross, force_to_parent, plus
+from twolink.algorithms.spatial import Vec, add, cross, force_to_parent
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
 from twolink.effects.frame_checks import check_frame, floats
@@ -51,9 +51,7 @@ class FrameWrench(Effect, frozen=True):
             loads.force(self.frame, force, moment, point)
             return
         body, place = frame_pose(motion.model, self.frame)
-        at_joint = force_to_parent(place, (force, add(moment, cross(point, force))))
-        before = loads.wrenches.get(body, [0.0] * 6)
-        loads.wrenches[body] = [plus(a, b) for a, b in zip(before, (*at_joint[0], *at_joint[1]), strict=True)]
+        loads.wrench(body, *force_to_parent(place, (force, add(moment, cross(point, force)))))
 
 
 def _value(vector: Three, motion: Motion) -> Vec:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 
 import numpy as np
 import pinocchio as pin
@@ -23,11 +24,8 @@ class Gravity(Effect, frozen=True):
     field: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
-        try:
-            fits = len(self.field) == 3 and all(math.isfinite(g) for g in self.field)
-        except TypeError:
-            fits = False
-        if not fits:
+        three = isinstance(self.field, (tuple, list, np.ndarray)) and len(self.field) == 3
+        if not (three and all(isinstance(g, Real) and math.isfinite(g) for g in self.field)):
             remedy = "give m/s^2, such as (0, 0, -9.81)"
             raise SceneError(f"expected 3 finite numbers, got {self.field!r}", where="gravity.field", remedy=remedy)
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from twolink.algorithms.spatial import Scalar, Vec, dot
+from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
-from twolink.effects.conditions import unit
+from twolink.effects.conditions import across, unit
 from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
@@ -41,19 +39,6 @@ class HingeLoop(Loop, frozen=True):
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and the parts of b's axis along two directions across a's."""
-        axis = motion.direction(self.b, _unit(self.axis_b))
-        across = [motion.direction(self.a, way) for way in _across(self.axis_a)]
-        return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *(dot(way, axis) for way in across)]
-
-
-def _unit(axis: tuple[float, ...]) -> Vec:
-    x, y, z = (np.asarray(axis, float) / np.linalg.norm(axis) + 0.0).tolist()
-    return x, y, z
-
-
-def _across(axis: tuple[float, ...]) -> list[Vec]:
-    """Two unit vectors across an axis and each other."""
-    u = np.array(_unit(axis))
-    first = np.cross(u, np.eye(3)[int(np.argmin(np.abs(u)))])
-    first /= np.linalg.norm(first)
-    return [_unit(tuple(first)), _unit(tuple(np.cross(u, first)))]
+        axis = motion.direction(self.b, unit(self.axis_b, "axis_b"))
+        ways = [motion.direction(self.a, way) for way in across(unit(self.axis_a, "axis_a"))]
+        return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *(dot(way, axis) for way in ways)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import msgspec
 
@@ -50,15 +50,8 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
 
     name: str
 
-    @property
-    def rows(self) -> int:
-        """One number."""
-        return 1
-
-    @property
-    def times(self) -> tuple[float, ...]:
-        """It has no knots."""
-        return ()
+    rows: ClassVar[int] = 1
+    times: ClassVar[tuple[float, ...]] = ()  # of knots
 
     def piece_of(self, rows: Any) -> Any:
         """The number."""
@@ -95,11 +88,6 @@ def _series(signal: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
     return [float(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
 
 
-def twice_differentiable(signal: Input) -> bool:
-    """Whether the input has the derivatives that a reference for accelerations needs."""
-    return not isinstance(signal, Sampled) or signal.interpolation == "cubic"
-
-
 def _polynomial(coefficients: Any, t: Scalar) -> Scalar:
     """c0 + c1 t + ..., by Horner's rule."""
     value: Scalar = 0.0
@@ -116,11 +104,7 @@ def tables_of(effect: Effect) -> list[Sampled | Slot]:
     """The tables and slots among an effect's inputs, in the order of its fields."""
     tables: list[Sampled | Slot] = []
 
-    def note(table: Sampled | Slot) -> Sampled | Slot:
-        tables.append(table)
-        return table
-
-    _replaced({name: getattr(effect, name) for name in effect.__struct_fields__}, note)
+    with_pieces(effect, tables.append)
     return tables
 
 

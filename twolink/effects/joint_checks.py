@@ -28,7 +28,7 @@ def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, c
 
 def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
     """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
-    if joint in locked_joints(robot):
+    if joint in (robot.visuals.model.names[i] for i in robot.visuals.locked):
         raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
     one_of(joint, robot.joint_names, field, "joint")
     if dofs:
@@ -59,11 +59,6 @@ def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion)
     if values is None:
         return dict(enumerate(urdf.tolist()))
     return {k: float(value) for joint, value in values.items() for k in motion.dofs(joint)}
-
-
-def locked_joints(robot: Robot) -> tuple[str, ...]:
-    """The joints that were locked when the robot was loaded."""
-    return tuple(robot.visuals.model.names[i] for i in robot.visuals.locked)
 
 
 def single_joints(robot: Robot) -> list[str]:

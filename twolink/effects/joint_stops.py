@@ -43,10 +43,10 @@ class JointStops(SwitchingEffect, frozen=True):
                 if not pair or not ends[0] < ends[1]:
                     raise SceneError(f"expected (lower, upper), got {ends!r}", where=f"limits.{joint}",
                                      remedy="such as (-1.0, 1.0); inf for no stop")  # fmt: skip
-        if not self.stops(robot):
+        if not self.modes(robot):
             raise SceneError("no joint has a stop", where="limits", remedy="give limits by joint")
 
-    def stops(self, robot: Robot) -> Sequence[Stop]:
+    def modes(self, robot: Robot) -> list[Stop]:
         """The stops at finite limits."""
         stops = []
         for joint in robot.joints:

@@ -12,7 +12,6 @@ from twolink.algorithms.recursions import STILL, poses
 from twolink.algorithms.spatial import (
     AT_PARENT,
     ZERO,
-    Mat,
     Pose,
     Scalar,
     Scalars,
@@ -69,12 +68,6 @@ class Motion:
             self._velocity[i] = spatial_add(before, self.mech.joints[i].motion(self.v))
         return self._velocity[i]
 
-    def placement(self, frame: str) -> tuple[Mat, Vec]:
-        """(R, r): how a frame is turned in the world, and where its origin is."""
-        i, place = self.frame(frame)
-        pose = single_turn(compose(self.body(i), place))
-        return pose.turns[0], pose.origin
-
     def position(self, frame: str, point: Vec = ZERO) -> Vec:
         """Where a point of the frame is in the world, m."""
         i, place = self.frame(frame)
@@ -128,8 +121,12 @@ class Loads:
         body = self._motion.body(i)
         own, turning = inward(body, force), inward(body, moment)
         turning = add(turning, cross(_at(place, point), own))
-        before = self.wrenches.get(i, [0.0] * 6)
-        self.wrenches[i] = [plus(a, b) for a, b in zip(before, (*own, *turning), strict=True)]
+        self.wrench(i, own, turning)
+
+    def wrench(self, body: int, force: Vec, moment: Vec) -> None:
+        """Add a force and a moment at the origin of a body's joint, along its own axes."""
+        before = self.wrenches.get(body, [0.0] * 6)
+        self.wrenches[body] = [plus(a, b) for a, b in zip(before, (*force, *moment), strict=True)]
 
 
 def _at(pose: Pose, point: Vec) -> Vec:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from twolink.algorithms.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.conditions import unit
+from twolink.effects.conditions import across, unit
 from twolink.effects.effect import NotNegative
 from twolink.effects.frame_checks import check_frame
 from twolink.effects.inputs import Slot
@@ -73,22 +71,15 @@ class PlaneContact(SwitchingEffect, frozen=True):
         x, y, z = (plus(a, b) for a, b in zip(centre, turning, strict=True))
         return x, y, z
 
-    def tangents(self) -> tuple[Vec, Vec]:
-        """Two directions in the plane, at right angles."""
-        n = unit(self.normal, "normal")
-        k = min(range(3), key=lambda i: abs(n[i]))
-        away = (float(k == 0), float(k == 1), float(k == 2))
-        x, y, z = cross(n, away)
-        first = unit((x, y, z), "normal")
-        return first, cross(n, first)
-
     def velocity(self, motion: Motion) -> Vec:
         """The rate of the gap, and the slip along the two tangents, m/s."""
-        slip, (first, second) = self.slip(motion), self.tangents()
-        return dot(unit(self.normal, "normal"), slip), dot(first, slip), dot(second, slip)
+        normal, slip = unit(self.normal, "normal"), self.slip(motion)
+        first, second = across(normal)
+        return dot(normal, slip), dot(first, slip), dot(second, slip)
 
-    def contacts(self) -> Sequence[Contact]:
+    def modes(self, robot: Robot) -> list[Contact]:
         """The gap to the plane."""
+        del robot
 
         def constraint(rolling: bool, before: tuple[Slot, Slot]) -> Loop:
             return Touching(self, rolling, before)
@@ -119,9 +110,7 @@ class Touching(Loop, frozen=True):
 
     def velocity_rows(self, motion: Motion) -> list[Scalar]:
         """c along the plane."""
-        if not self.rolling:
-            return []
-        return list(self.contact.velocity(motion)[1:])
+        return list(self.contact.velocity(motion)[1:]) if self.rolling else []
 
     def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
         """The power of a normal force of size 1 and of its friction."""

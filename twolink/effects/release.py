@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from twolink.dynamics import Robot
@@ -48,7 +47,7 @@ class Release(SwitchingEffect, frozen=True):
         """The effect, until it is released."""
         return (self.of,)
 
-    def triggers(self, robot: Robot) -> Sequence[Trigger]:
+    def modes(self, robot: Robot) -> list[Trigger]:
         """The release."""
         del robot
         return [Trigger("release", kebab_case(type(self.of).__name__), self.at, self.when, drops=True)]

@@ -11,7 +11,7 @@ The engine in integrate.hybrid knows these concepts and no effect by name.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -130,24 +130,9 @@ class SwitchingEffect(Effect, frozen=True):
         """Only between events."""
         return False
 
-    def holds(self, robot: Robot) -> Sequence[Hold]:
-        """What holds joints at rest, besides stops."""
-        del robot
-        return ()
-
-    def stops(self, robot: Robot) -> Sequence[Stop]:
-        """Stops of joints."""
-        del robot
-        return ()
-
-    def contacts(self) -> Sequence[Contact]:
-        """Contacts of bodies."""
-        return ()
-
-    def triggers(self, robot: Robot) -> Sequence[Trigger]:
-        """What happens at conditions and times."""
-        del robot
-        return ()
+    def modes(self, robot: Robot) -> Iterable[Hold | Stop | Contact | Trigger]:
+        """What changes at events."""
+        raise NotImplementedError
 
     def acting(self) -> tuple[Effect, ...]:
         """The effects in its place until a trigger drops them."""
@@ -210,14 +195,17 @@ def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switch
     own = [(place, effect) for place, effect in enumerate(effects) if isinstance(effect, SwitchingEffect)]
     if not own:
         return None
-    stops = [(place, stop) for place, effect in own for stop in effect.stops(robot)]
-    holds = [(place, hold) for place, effect in own for hold in effect.holds(robot)]
+    declared = [(place, item) for place, effect in own for item in effect.modes(robot)]
+    stops = [(place, item) for place, item in declared if isinstance(item, Stop)]
     return Switching(
         base,
         robot,
         tuple(effects),
-        (*holds, *((place, stop.hold) for place, stop in stops)),
+        (
+            *((place, item) for place, item in declared if isinstance(item, Hold)),
+            *((place, stop.hold) for place, stop in stops),
+        ),
         tuple(stop for _, stop in stops),
-        tuple((place, contact) for place, effect in own for contact in effect.contacts()),
-        tuple((place, trigger) for place, effect in own for trigger in effect.triggers(robot)),
+        tuple((place, item) for place, item in declared if isinstance(item, Contact)),
+        tuple((place, item) for place, item in declared if isinstance(item, Trigger)),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from twolink.dynamics import Robot
@@ -50,7 +49,7 @@ class Watch(SwitchingEffect, frozen=True):
         if self.then is not None and not callable(self.then):
             raise SceneError(f"expected a function, got {self.then!r}", where="then", remedy="(q, v) -> (q, v)")
 
-    def triggers(self, robot: Robot) -> Sequence[Trigger]:
+    def modes(self, robot: Robot) -> list[Trigger]:
         """The event."""
         del robot
         return [Trigger("watch", self.name, self.at, self.when, self.function, state=self.then, ends=self.stop)]
