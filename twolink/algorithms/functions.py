@@ -9,13 +9,16 @@ from typing import Any, Literal
 
 import pinocchio as pin
 
-from twolink.algorithms import derivatives, recursions, references
+from twolink.algorithms import recursions, references
 from twolink.algorithms.articulated_body import forward_dynamics_aba
+from twolink.algorithms.derivatives import forward_dynamics_derivatives, inverse_dynamics_derivatives
 from twolink.algorithms.mechanism import Mechanism
+from twolink.algorithms.recursions import forward_dynamics_crba, frame_jacobian
 from twolink.algorithms.references import Reference
-from twolink.algorithms.spatial import Matrix, Pose, Scalar, force_to_parent, plus
+from twolink.algorithms.spatial import Pose, Scalar, force_to_parent, plus
 from twolink.errors import QueryError, nearest
 
+Algorithm = Callable[..., Any]  # of a mechanism and arguments in their order, perhaps f_ext, and xp
 Formula = Callable[[Mechanism, dict[str, Any], Any], list[Scalar]]
 Shape = tuple[int | Literal["nv"], ...]
 
@@ -52,22 +55,21 @@ def function(model: pin.Model, name: str, forces: Sequence[FrameForce] = ()) -> 
     """
     kind, _, frame = name.partition(":")
     if kind in _OF_FRAMES:
-        shape, formula, reference = _OF_FRAMES[kind]
+        shape, algorithm, reference = _OF_FRAMES[kind]
         joint, placement = frame_pose(model, frame)
         arguments: tuple[str, ...] = ("q",)
-        variants: tuple[Formula, ...] = (partial(formula, joint, placement),)
+        algorithms: tuple[Algorithm, ...] = (partial(algorithm, body=joint, placement=placement),)
         reference = partial(reference, frame_index(model, frame))
     elif kind in _OF_STATES and not frame:
-        arguments, shape, variants, reference = _OF_STATES[kind]
+        arguments, shape, algorithms, reference = _OF_STATES[kind]
     else:
         names = [*_OF_STATES, *(f"{k}:FRAME" for k in _OF_FRAMES)]
         raise QueryError(f"{name!r} cannot be compiled", argument="function", remedy=nearest(name, names))
     if kind == "forward_dynamics" and any("Mimic" in j.shortname() for j in model.joints):
-        variants = variants[:1]  # articulated bodies cannot follow mimic joints
+        algorithms = algorithms[:1]  # articulated bodies cannot follow mimic joints
     sizes = [(x, model.nq if x == "q" else model.nv) for x in arguments]
     sizes += [(force.argument, 6) for force in forces]
-    if forces:
-        variants = tuple(partial(_with_forces, formula, forces) for formula in variants)
+    variants = tuple(partial(_entries, algorithm, arguments, forces) for algorithm in algorithms)
     return Function(name, tuple(sizes), tuple(model.nv if n == "nv" else n for n in shape), variants, reference)
 
 
@@ -92,86 +94,53 @@ def frame_pose(model: pin.Model, frame: str) -> tuple[int, Pose]:
     return entry.parentJoint, Pose(((x, y, z),), tuple(entry.placement.translation.tolist()))
 
 
-def _with_forces(formula: Formula, forces: Sequence[FrameForce], mech: Mechanism, x: dict[str, Any], xp: Any) -> Any:
-    """The formula with f_ext taken from the arguments: wrenches moved from their frames to the joints."""
-    at_joints: dict[int, list[Scalar]] = {}
+def _entries(
+    algorithm: Algorithm, names: Sequence[str], forces: Sequence[FrameForce], m: Mechanism, x: dict[str, Any], xp: Any
+) -> list[Scalar]:
+    """The algorithm's result, flat. The wrenches among the arguments are moved from their frames to the joints."""
+    at_joints: dict[int, Sequence[Scalar]] = dict(x.get("f_ext") or {})
     for force in forces:
         w = x[force.argument]
         moved = force_to_parent(force.placement, ((w[0], w[1], w[2]), (w[3], w[4], w[5])))
         before = at_joints.get(force.joint, [0.0] * 6)
         at_joints[force.joint] = [plus(a, b) for a, b in zip(before, [*moved[0], *moved[1]], strict=True)]
-    return formula(mech, {**x, "f_ext": at_joints}, xp)
+    options = {"f_ext": at_joints} if at_joints else {}
+    return _flat(algorithm(m, *(x[name] for name in names), **options, xp=xp))
 
 
-def _forward_by_matrix(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return recursions.forward_dynamics_crba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
-
-
-def _forward_by_bodies(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return forward_dynamics_aba(m, x["q"], x["v"], x["tau"], x.get("f_ext"), xp)
-
-
-def _inverse(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return recursions.rnea(m, x["q"], x["v"], x["a"], x.get("f_ext"), xp)
-
-
-def _bias(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return recursions.bias(m, x["q"], x["v"], None, xp)
-
-
-def _gravity(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return recursions.gravity_torque(m, x["q"], xp)
-
-
-def _mass_matrix(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return _flat(recursions.crba(m, x["q"], xp))
-
-
-def _energy(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return list(recursions.energy(m, x["q"], x["v"], xp))
-
-
-def _inverse_derivatives(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return _flat(*derivatives.inverse_dynamics_derivatives(m, x["q"], x["v"], x["a"], xp))
-
-
-def _forward_derivatives(m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    return _flat(*derivatives.forward_dynamics_derivatives(m, x["q"], x["v"], x["tau"], xp))
-
-
-def _frame_pose(joint: int, placement: Pose, m: Mechanism, x: dict[str, Any], xp: Any) -> list[Scalar]:
-    rotation, origin = recursions.frame_placement(m, x["q"], joint, placement, xp)
-    return [*(entry for row in rotation for entry in row), *origin]
-
-
-def _frame_jacobian(
-    axes: Literal["local", "aligned"], joint: int, placement: Pose, m: Mechanism, x: dict[str, Any], xp: Any
-) -> list[Scalar]:
-    return _flat(recursions.frame_jacobian(m, x["q"], joint, placement, axes=axes, xp=xp))
-
-
-def _flat(*matrices: Matrix) -> list[Scalar]:
-    return [entry for matrix in matrices for row in matrix for entry in row]
+def _flat(result: Any) -> list[Scalar]:
+    """The scalars of nested lists and tuples, in C order."""
+    return [x for part in result for x in _flat(part)] if isinstance(result, (list, tuple)) else [result]
 
 
 _FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
 _MATRICES: Shape = (3, "nv", "nv")
-# Arguments, shape of the result, formulas, reference.
-_OF_STATES: dict[str, tuple[tuple[str, ...], Shape, tuple[Formula, ...], Reference]] = {
-    "forward_dynamics": (_FORWARD, ("nv",), (_forward_by_matrix, _forward_by_bodies), references.forward_dynamics),
-    "inverse_dynamics": (_INVERSE, ("nv",), (_inverse,), references.inverse_dynamics),
-    "bias": (("q", "v"), ("nv",), (_bias,), references.bias),
-    "gravity_torque": (("q",), ("nv",), (_gravity,), references.gravity_torque),
-    "mass_matrix": (("q",), ("nv", "nv"), (_mass_matrix,), references.mass_matrix),
-    "energy": (("q", "v"), (2,), (_energy,), references.energy),
-    "forward_dynamics_derivatives": (_FORWARD, _MATRICES, (_forward_derivatives,), references.forward_derivatives),
-    "inverse_dynamics_derivatives": (_INVERSE, _MATRICES, (_inverse_derivatives,), references.inverse_derivatives),
+# Arguments, shape of the result, algorithms, reference.
+_OF_STATES: dict[str, tuple[tuple[str, ...], Shape, tuple[Algorithm, ...], Reference]] = {
+    "forward_dynamics": (_FORWARD, ("nv",), (forward_dynamics_crba, forward_dynamics_aba), references.forward_dynamics),
+    "inverse_dynamics": (_INVERSE, ("nv",), (recursions.rnea,), references.inverse_dynamics),
+    "bias": (("q", "v"), ("nv",), (recursions.bias,), references.bias),
+    "gravity_torque": (("q",), ("nv",), (recursions.gravity_torque,), references.gravity_torque),
+    "mass_matrix": (("q",), ("nv", "nv"), (recursions.crba,), references.mass_matrix),
+    "energy": (("q", "v"), (2,), (recursions.energy,), references.energy),
+    "forward_dynamics_derivatives": (
+        _FORWARD,
+        _MATRICES,
+        (forward_dynamics_derivatives,),
+        references.forward_derivatives,
+    ),
+    "inverse_dynamics_derivatives": (
+        _INVERSE,
+        _MATRICES,
+        (inverse_dynamics_derivatives,),
+        references.inverse_derivatives,
+    ),
 }
-# Shape, formula of (joint, placement, ...), reference of (frame index, state).
-_OF_FRAMES: dict[str, tuple[Shape, Callable[..., list[Scalar]], Callable[..., Any]]] = {
-    "frame_pose": ((12,), _frame_pose, references.frame_pose),
-    "frame_jacobian_local": (
-        (6, "nv"), partial(_frame_jacobian, "local"), partial(references.frame_jacobian, pin.LOCAL)),
-    "frame_jacobian_aligned": (
-        (6, "nv"), partial(_frame_jacobian, "aligned"), partial(references.frame_jacobian, pin.LOCAL_WORLD_ALIGNED)),
+# Shape, algorithm that takes body and placement by keyword, reference of (frame index, state).
+_OF_FRAMES: dict[str, tuple[Shape, Algorithm, Callable[..., Any]]] = {
+    "frame_pose": ((12,), recursions.frame_placement, references.frame_pose),
+    "frame_jacobian_local": ((6, "nv"),
+        partial(frame_jacobian, axes="local"), partial(references.frame_jacobian, pin.LOCAL)),
+    "frame_jacobian_aligned": ((6, "nv"),
+        partial(frame_jacobian, axes="aligned"), partial(references.frame_jacobian, pin.LOCAL_WORLD_ALIGNED)),
 }  # fmt: skip

@@ -21,12 +21,7 @@ class Numbers:
     """sin, cos, sqrt, tanh, and choices by condition, of NumPy arrays."""
 
     sin, cos, sqrt, tanh = np.sin, np.cos, np.sqrt, np.tanh
-    less, less_equal, both = np.less, np.less_equal, np.logical_and
-
-    @staticmethod
-    def where(condition: Any, yes: Any, no: Any) -> Any:
-        """yes where the condition holds, else no."""
-        return np.where(condition, yes, no)
+    less, less_equal, both, where = np.less, np.less_equal, np.logical_and, np.where
 
     @staticmethod
     def power(x: Any, exponent: float) -> Any:
@@ -49,7 +44,7 @@ class Expressions:
         self.sqrt, self.tanh = module.sqrt, module.tanh
         self.sin = self._bounded(0) if own_sine else module.sin
         self.cos = self._bounded(1) if own_sine else module.cos
-        self._where = np.frompyfunc(self._select, 3, 1)
+        self.where = np.frompyfunc(self._select, 3, 1)
         self.less = np.frompyfunc(lambda a, b: module.lt(self.lift(a), self.lift(b)), 2, 1)
         self.less_equal = np.frompyfunc(lambda a, b: module.lte(self.lift(a), self.lift(b)), 2, 1)
 
@@ -78,10 +73,6 @@ class Expressions:
 
     def _select(self, condition: Any, yes: Any, no: Any) -> Any:
         return self.module.select(condition, self.lift(yes), self.lift(no))
-
-    def where(self, condition: Any, yes: Any, no: Any) -> Any:
-        """yes where the condition holds, else no."""
-        return self._where(condition, yes, no)
 
     def both(self, a: Any, b: Any) -> Any:
         """Whether both hold."""

@@ -5,6 +5,7 @@ Equal operations on equal operands are one operation, as compilers see it; signs
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -73,16 +74,10 @@ class Tape:
 
     def count(self, outputs: list[Any]) -> dict[str, int]:
         """How often each operation is needed for the outputs, by its sign or name."""
-        seen: set[int] = set()
-        stack = [x.key for x in outputs if isinstance(x, Symbol)]
-        counts: dict[str, int] = {}
-        while stack:
-            key = stack.pop()
-            if key in seen:
-                continue
-            seen.add(key)
-            what, operands = self.operands[key]
-            if what not in ("variable", "neg"):
-                counts[what] = counts.get(what, 0) + 1
-            stack.extend(operands)
-        return counts
+        needed = {x.key for x in outputs if isinstance(x, Symbol)}
+        counts: Counter[str] = Counter()
+        for key, (what, operands) in reversed(list(enumerate(self.operands))):  # operands have smaller numbers
+            if key in needed:
+                needed.update(operands)
+                counts[what] += 1
+        return {what: n for what, n in counts.items() if what not in ("variable", "neg")}

@@ -20,6 +20,7 @@ from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.sparse_factors import ldlt_solve
 from twolink.algorithms.spatial import ZERO, Mat, Matrix, Pose, Scalar, Scalars, Spatial, Vec
 
+Axes = Literal["aligned", "local"]
 Wrenches = Mapping[int, Scalars]
 STILL: Spatial = (ZERO, ZERO)
 
@@ -150,12 +151,7 @@ def frame_placement(
 
 
 def frame_jacobian(
-    mech: Mechanism,
-    q: Scalars,
-    body: int,
-    placement: Pose = sp.AT_PARENT,
-    xp: Any = None,
-    axes: Literal["local", "aligned"] = "aligned",
+    mech: Mechanism, q: Scalars, body: int, placement: Pose = sp.AT_PARENT, xp: Any = None, axes: Axes = "aligned"
 ) -> Matrix:
     """J (6 rows of nv): J v = (velocity of the frame's origin, angular velocity).
 

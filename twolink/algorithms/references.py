@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from twolink.robots.physical_checks import mass_matrix_by_columns
+
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -35,10 +37,7 @@ class State:
         """M(q) by columns of the Newton-Euler algorithm: Pinocchio's crba is wrong with mimic joints."""
         if not any("Mimic" in joint.shortname() for joint in self.model.joints):
             return np.asarray(pin.crba(self.model, self.model.createData(), self.q))
-        weightless, still = self.model.copy(), np.zeros(self.model.nv)
-        weightless.gravity.linear = np.zeros(3)
-        data = weightless.createData()
-        return np.stack([pin.rnea(weightless, data, self.q, still, unit) for unit in np.eye(len(still))], axis=-1)
+        return mass_matrix_by_columns(self.model, self.model.createData(), self.q)
 
     @cached_property
     def gravity_torque(self) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.errors import QueryError, TwolinkError
+from twolink.errors import QueryError, TwolinkError, nearest
 from twolink.robots.joint_layout import JointLayout
 
 # Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
@@ -50,6 +50,13 @@ def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
         what = f"expected finite numbers, got {out[index]} at {list(index)}"
         raise QueryError(what, argument=name, remedy="check where it comes from")
     return out
+
+
+def one_of(choices: Sequence[str], value: str, name: str) -> str:
+    """`value`, if it is one of the choices. Raises QueryError that names the argument."""
+    if value not in choices:
+        raise QueryError(f"{value!r} is unknown", argument=name, remedy=nearest(str(value), choices))
+    return value
 
 
 def _shape_remedy(out: np.ndarray, size: int) -> str:

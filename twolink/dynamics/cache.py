@@ -104,11 +104,8 @@ def _shrink(place: Path) -> None:
     """Delete the least recently used kernels until all together are below the limit. Other files do not count."""
     setting = os.environ.get("TWOLINK_CACHE_MB", "512")
     limit = (int(setting) if setting.isdigit() else 512) * 2**20
-    kernels = []
-    for path in place.glob(f"*{SUFFIX}"):
-        if _is_kernel(path):
-            info = path.stat()
-            kernels.append((info.st_mtime, info.st_size, path))
+    written = [(path, path.stat()) for path in place.glob(f"*{SUFFIX}") if _is_kernel(path)]
+    kernels = [(info.st_mtime, info.st_size, path) for path, info in written]
     total = sum(size for _, size, _ in kernels)
     for _, size, path in sorted(kernels):
         if total <= limit:

@@ -16,16 +16,16 @@ from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache, pinocchio_queries
-from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
 from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.wrench import FExt, read_wrenches
+from twolink.dynamics.wrench import AXES, FExt, read_wrenches
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
-Parameters = Mapping[str, ArrayLike]
+Parameters = Mapping[str, ArrayLike] | None
 _log = logging.getLogger("twolink")
 
 
@@ -73,69 +73,60 @@ class Compiled:
         return f"<Compiled {self.robot.name!r}: functions {ready}{kept}>"
 
     def forward_dynamics(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        tau: ArrayLike,
-        f_ext: FExt | None = None,
-        parameters: Parameters | None = None,
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, f_ext: FExt | None = None, parameters: Parameters = None
     ) -> Array:
         """a = M^-1 (tau - h + J^T f_ext), (..., nv); see `Robot.forward_dynamics`."""
         return self.answer("forward_dynamics", {"q": q, "v": v, "tau": tau}, parameters, f_ext)
 
     def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, parameters: Parameters | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, parameters: Parameters = None
     ) -> Array:
         """tau = M a + h - J^T f_ext, (..., nv); see `Robot.inverse_dynamics`."""
         return self.answer("inverse_dynamics", {"q": q, "v": v, "a": a}, parameters, f_ext)
 
-    def mass_matrix(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+    def mass_matrix(self, q: ArrayLike, parameters: Parameters = None) -> Array:
         """M(q), (..., nv, nv)."""
         return self.answer("mass_matrix", {"q": q}, parameters)
 
-    def bias(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> Array:
+    def bias(self, q: ArrayLike, v: ArrayLike, parameters: Parameters = None) -> Array:
         """h(q, v), (..., nv)."""
         return self.answer("bias", {"q": q, "v": v}, parameters)
 
-    def gravity_torque(self, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+    def gravity_torque(self, q: ArrayLike, parameters: Parameters = None) -> Array:
         """g(q), (..., nv)."""
         return self.answer("gravity_torque", {"q": q}, parameters)
 
-    def energy(self, q: ArrayLike, v: ArrayLike, parameters: Parameters | None = None) -> tuple[Array, Array]:
+    def energy(self, q: ArrayLike, v: ArrayLike, parameters: Parameters = None) -> tuple[Array, Array]:
         """(kinetic, potential), (...,) each, J."""
         both = self.answer("energy", {"q": q, "v": v}, parameters)
         return both[..., 0], both[..., 1]
 
-    def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+    def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters = None) -> Array:
         """The origin of a link's frame in the world, (..., 3), m."""
         return self.answer(f"frame_pose:{frame}", {"q": q}, parameters)[..., 9:]
 
-    def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters | None = None) -> Array:
+    def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters = None) -> Array:
         """The rotation R of a link's frame, (..., 3, 3): x_world = R x_frame + p."""
         pose = self.answer(f"frame_pose:{frame}", {"q": q}, parameters)
         return pose[..., :9].reshape(*pose.shape[:-1], 3, 3)
 
-    def frame_jacobian(
-        self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters | None = None
-    ) -> Array:
+    def frame_jacobian(self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters = None) -> Array:
         """J (..., 6, nv) with J v = (velocity of the frame's origin, angular velocity).
 
         axes: "frame", along the frame's own axes (Pinocchio's LOCAL), or "world" (LOCAL_WORLD_ALIGNED).
         """
-        if axes not in ("frame", "world"):
-            raise QueryError(f"axes {axes!r} is unknown", argument="axes", remedy='"frame" or "world"')
-        kind = "frame_jacobian_local" if axes == "frame" else "frame_jacobian_aligned"
+        kind = "frame_jacobian_local" if one_of(AXES, axes, "axes") == "frame" else "frame_jacobian_aligned"
         return self.answer(f"{kind}:{frame}", {"q": q}, parameters)
 
     def forward_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, parameters: Parameters | None = None
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, parameters: Parameters = None
     ) -> tuple[Array, Array, Array]:
         """(da/dq, da/dv, da/dtau), (..., nv, nv) each; dq in the tangent space, as pin.computeABADerivatives."""
         all_three = self.answer("forward_dynamics_derivatives", {"q": q, "v": v, "tau": tau}, parameters)
         return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: Parameters | None = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: Parameters = None
     ) -> tuple[Array, Array, Array]:
         """(dtau/dq, dtau/dv, dtau/da), (..., nv, nv) each; dq in the tangent space, as pin.computeRNEADerivatives."""
         all_three = self.answer("inverse_dynamics_derivatives", {"q": q, "v": v, "a": a}, parameters)
@@ -182,11 +173,7 @@ class Compiled:
         return kernel, certificate
 
     def answer(
-        self,
-        name: str,
-        arguments: Mapping[str, ArrayLike],
-        parameters: Parameters | None = None,
-        f_ext: FExt | None = None,
+        self, name: str, arguments: Mapping[str, ArrayLike], parameters: Parameters = None, f_ext: FExt | None = None
     ) -> Array:
         """Any function by its name, such as "bias" or "frame_pose:tip", of its arguments by name."""
         wrenches = self._own_axes(f_ext, arguments["q"]) if f_ext else {}
@@ -213,7 +200,7 @@ class Compiled:
             out[wrench.frame] = value
         return out
 
-    def _parameter_arrays(self, parameters: Parameters | None) -> dict[str, Array]:
+    def _parameter_arrays(self, parameters: Parameters) -> dict[str, Array]:
         values = dict(parameters or {})
         for name in values:
             if name not in self.parameters:

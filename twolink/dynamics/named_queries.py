@@ -116,7 +116,8 @@ def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None
     arguments = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
     if path is None:
         return arguments
-    text = _read(path)
+    data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)
+    text = decode(data, path, QueryError)
     from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
     twice = [name for name in from_file if name in arguments]
     if twice:
@@ -151,12 +152,6 @@ def parse_json(text: str, argument: str, remedy: str = "check that place") -> An
         raise QueryError(f"not JSON: {error}", argument=argument, remedy=remedy) from None
     except RecursionError:
         raise QueryError("not our JSON: it is nested too deep", argument=argument, remedy=remedy) from None
-
-
-def _read(path: Path) -> str:
-    """The text of a file, or of stdin ("-")."""
-    data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)
-    return decode(data, path, QueryError)
 
 
 def _from_json(text: str) -> dict[str, Any]:

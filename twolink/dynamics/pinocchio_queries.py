@@ -18,10 +18,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import Shape, frame_index
-from twolink.dynamics.arguments import array, batch_shape, configuration, rows
+from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
 from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError
 from twolink.robots.model import RobotModel
 from twolink.robots.physical_checks import mass_matrix_by_columns
 
@@ -121,9 +121,7 @@ def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...]
 
 def require_method(method: str, has_mimic: bool) -> None:
     """Raise QueryError unless forward dynamics has this method for the robot."""
-    if method not in ("aba", "crba"):
-        raise QueryError(f"{method!r} is unknown", argument="method", remedy=nearest(str(method), ("aba", "crba")))
-    if method == "aba" and has_mimic:
+    if one_of(("aba", "crba"), method, "method") == "aba" and has_mimic:
         what, remedy = '"aba" cannot follow mimic joints', 'use method="crba"'
         raise QueryError(what, argument="method", remedy=remedy, code="mimic-joints")
 

@@ -13,14 +13,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_names
+from twolink.algorithms.recursions import Axes
 from twolink.dynamics import configurations, pinocchio_queries
-from twolink.dynamics.arguments import UNIT_TOLERANCE
+from twolink.dynamics.arguments import UNIT_TOLERANCE, one_of
 from twolink.dynamics.compiled import Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import Array, Query
 from twolink.dynamics.wrench import FExt
-from twolink.errors import CertificationError, QueryError, nearest
+from twolink.errors import CertificationError
 from twolink.io.listing import facts_html
 from twolink.robots.load import load_model
 from twolink.robots.load_options import Lock
@@ -28,8 +29,8 @@ from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
 
 Engine = Literal["auto", "pinocchio", "compiled"]
-Axes = Literal["aligned", "local"]
 _BY_PINOCCHIO = ("auto", "pinocchio")  # the engines that let Pinocchio answer a single state
+AXES = ("aligned", "local")
 _FLOAT = np.dtype(np.float64)
 
 
@@ -272,7 +273,7 @@ class Robot(RobotModel):
 
         axes: "aligned" with the world's axes, or "local", along the frame's own. See `frame_pose`.
         """
-        return self._answer(f"frame_velocity_{_axes(axes)}:{frame}", "pinocchio", q, v)
+        return self._answer(f"frame_velocity_{one_of(AXES, axes, 'axes')}:{frame}", "pinocchio", q, v)
 
     def frame_jacobian(self, q: ArrayLike, frame: str, axes: Axes = "aligned", engine: Engine = "auto") -> Array:
         """The Jacobian J(q) of a frame, (..., 6, nv): J v is the frame's velocity, linear then angular.
@@ -294,7 +295,7 @@ class Robot(RobotModel):
         ndarray, (..., 6, nv)
             Three rows for the linear velocity, three for the angular velocity.
         """
-        return self._answer(f"frame_jacobian_{_axes(axes)}:{frame}", engine, q)
+        return self._answer(f"frame_jacobian_{one_of(AXES, axes, 'axes')}:{frame}", engine, q)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
@@ -407,9 +408,7 @@ class Robot(RobotModel):
                 warnings.warn(f"{error}", RuntimeWarning, stacklevel=4)
                 return False
             return True
-        if engine not in ENGINES:
-            raise QueryError(f"{engine!r} is unknown", argument="engine", remedy=nearest(str(engine), ENGINES))
-        return engine == "compiled"
+        return one_of(ENGINES, engine, "engine") == "compiled"
 
     def _sum_of_state(self, q: Any, *others: Any) -> float:
         """The sum of all entries of one state as float64 arrays, which Pinocchio can take as they are; else NaN.
@@ -436,13 +435,6 @@ def _square(matrix: Array) -> float:
     """The sum of the squared entries, in the order of the memory."""
     flat = matrix.ravel("K")
     return float(flat.dot(flat))
-
-
-def _axes(axes: str) -> str:
-    if axes not in ("aligned", "local"):
-        remedy = nearest(str(axes), ("aligned", "local"))
-        raise QueryError(f"{axes!r} is unknown", argument="axes", remedy=remedy)
-    return axes
 
 
 def load_robot(

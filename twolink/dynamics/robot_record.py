@@ -33,7 +33,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         "gravity": robot.gravity.tolist(),
         "neutral": robot.neutral.tolist(),
         "joints": [_joint(robot, i) for i in range(len(robot.joints))],
-        "links": link_names(robot),
+        "links": list(robot.frame_names),
         "report": robot.report.to_dict(),
     }
 
@@ -62,8 +62,3 @@ def _limits(values: np.ndarray) -> list[float | None]:
 def link_frames(robot: Robot) -> list[int]:
     """The indices of the links' frames, in the model's order."""
     return [i for i, frame in enumerate(robot.model.frames) if frame.type == pin.FrameType.BODY]
-
-
-def link_names(robot: Robot) -> list[str]:
-    """The names of the links, in the model's order."""
-    return [robot.model.frames[i].name for i in link_frames(robot)]

@@ -11,10 +11,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
-from twolink.dynamics.arguments import array
+from twolink.dynamics.arguments import array, one_of
 from twolink.errors import QueryError
 
 Axes = Literal["frame", "world"]
+AXES = ("frame", "world")
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,7 @@ def read_wrenches(model: pin.Model, f_ext: FExt) -> list[Applied]:
     for name, value in f_ext.items():
         frame = model.frames[frame_index(model, name, "f_ext")]
         wrench = value if isinstance(value, Wrench) else Wrench(value)
-        if wrench.axes not in ("frame", "world"):
-            what = f"axes {wrench.axes!r} is unknown"
-            raise QueryError(what, argument=f"f_ext[{name!r}]", remedy='"frame" or "world"')
+        one_of(AXES, wrench.axes, f"f_ext[{name!r}].axes")
         entries = array(f"f_ext[{name!r}]", wrench.value, 6)
         applied.append(Applied(name, frame.parentJoint, frame.placement, entries, wrench.axes))
     return applied

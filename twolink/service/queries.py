@@ -16,7 +16,6 @@ import numpy as np
 
 from twolink.dynamics import Robot, named_queries
 from twolink.dynamics.named_queries import NamedQuery
-from twolink.dynamics.robot_record import link_names
 from twolink.errors import QueryError
 from twolink.service import npz
 from twolink.service.http_io import JSON, UNSPECIFIED, header, media_type, read_body
@@ -128,7 +127,7 @@ def _numbers_each(what: str, nv: int) -> int:
 def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
     if what == "kinematics":
         frames = arguments.get("frames")
-        return {"frames": frames or link_names(robot), "poses": link_poses(robot, arguments["q"], frames)}
+        return {"frames": frames or list(robot.frame_names), "poses": link_poses(robot, arguments["q"], frames)}
     if what == "derivatives":
         what = f"{'inverse' if 'a' in arguments and 'tau' not in arguments else 'forward'}-dynamics-derivatives"
     options = {name: arguments.pop(name) for name in QUERIES[what].options if name in arguments}

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from twolink.accuracy import Study, accuracy_study
-from twolink.dynamics.robot_record import link_names, robot_record
+from twolink.dynamics.robot_record import robot_record
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
@@ -133,7 +133,7 @@ def motion(*, path: str, frames: int) -> None:
     run = _run_in(target.parent)
     times = np.linspace(run.t[0], run.t[-1], frames)
     poses = link_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
-    content = {"t": times.tolist(), "links": link_names(run.robot), "poses": np.round(poses, 7).tolist()}
+    content = {"t": times.tolist(), "links": run.robot.frame_names, "poses": np.round(poses, 7).tolist()}
     target.write_bytes(msgspec.json.encode(content))
 
 

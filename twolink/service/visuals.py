@@ -8,7 +8,7 @@ import msgspec
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.dynamics.robot_record import link_frames, link_names
+from twolink.dynamics.robot_record import link_frames
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.meshcat_shapes import as_json
 
@@ -35,7 +35,7 @@ def visuals_of(robot: Robot) -> bytes:
                 "object": node.object,
             }
         )
-    return msgspec.json.encode({"links": link_names(robot), "pieces": as_json(pieces), "skipped": skipped})
+    return msgspec.json.encode({"links": robot.frame_names, "pieces": as_json(pieces), "skipped": skipped})
 
 
 def _link(model: pin.Model, links: set[int], item: Any) -> tuple[int | None, Any]:
