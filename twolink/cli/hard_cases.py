@@ -10,8 +10,7 @@ from typer import Argument, Option
 
 from twolink.cli.failures import FAILED
 from twolink.cli.options import Json
-from twolink.cli.printing import show
-from twolink.cli.writing import finish, require_endings
+from twolink.cli.output import finish, require_endings, show
 
 if TYPE_CHECKING:
     from twolink.hard import Case, CaseResult

@@ -12,9 +12,8 @@ import numpy as np
 from typer import Argument, Option
 
 from twolink.cli.options import Json
-from twolink.cli.printing import show
+from twolink.cli.output import finish, require_endings, show, write
 from twolink.cli.progress import progress_bar
-from twolink.cli.writing import finish, require_endings, write
 from twolink.show.figure import FORMATS
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import typer
 from typer import Argument, Option
 
 from twolink.cli.options import ROBOT_HELP, Folders, Gravity, Lock, Mimic, Root, Unphysical, robot_from
-from twolink.cli.printing import print_address, print_not_drawn
+from twolink.cli.output import print_address, print_not_drawn
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 

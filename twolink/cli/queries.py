@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from twolink.cli.failures import FAILED, Misuse
 from twolink.cli.options import Folders, Gravity, Json, Lock, Mimic, RobotName, Root, Unphysical, robot_from
-from twolink.cli.printing import show
+from twolink.cli.output import show
 from twolink.dynamics.named_queries import QUERIES, answer_query, parse_json, read_states
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from typer import Option
 
 from twolink.cli.options import Folders, Gravity, Json, Lock, Mimic, RobotName, Root, Unphysical, robot_from
-from twolink.cli.printing import show
+from twolink.cli.output import show
 from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError

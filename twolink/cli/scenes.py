@@ -11,9 +11,8 @@ from typer import Option
 
 from twolink.accuracy import accuracy_study
 from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneName
-from twolink.cli.printing import show
+from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, show, write, write_by_ending
 from twolink.cli.progress import progress_bar
-from twolink.cli.writing import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, write, write_by_ending
 from twolink.dynamics.named_queries import parse_numbers
 from twolink.integrate.methods import methods as method_table
 from twolink.scenes import load_scene

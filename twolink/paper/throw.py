@@ -11,6 +11,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -173,13 +174,13 @@ def throw(scene: Scene, aim: Aim, times: Mapping[str, float], accuracy: float, *
     """Simulate one throw with these release times [s]; with error bars if `verify`."""
     released: list[State] = []
     ended: list[State] = []
-    effects: list[Effect] = [Watch("released", at=times["ball"], then=_recorder(released))]
+    effects: list[Effect] = [Watch("released", at=times["ball"], then=partial(_record, released))]
     names = {id(effect): what for what, effect in _releases(scene).items()}
     for effect in scene.effects:
         if id(effect) in names:
             effect = msgspec.structs.replace(effect, at=times[names[id(effect)]])
         elif isinstance(effect, Watch):
-            effect = msgspec.structs.replace(effect, then=_recorder(ended))
+            effect = msgspec.structs.replace(effect, then=partial(_record, ended))
         effects.append(effect)
     run = simulate(scene.with_effects(effects), accuracy=accuracy, verify=verify)
     if run.interrupted:
@@ -199,14 +200,10 @@ def _releases(scene: Scene) -> dict[str, Release]:
     return {next(iter(e.of.inputs)) if isinstance(e.of, Torque) else "ball": e for e in releases}
 
 
-def _recorder(states: list[State]) -> Callable[[np.ndarray, np.ndarray], State]:
-    """A response to an event that records the state and leaves it as it is."""
-
-    def record(q: np.ndarray, v: np.ndarray) -> State:
-        states.append((q, v))
-        return q, v
-
-    return record
+def _record(states: list[State], q: np.ndarray, v: np.ndarray) -> State:
+    """The response to an event: append the state to `states`, and leave it as it is."""
+    states.append((q, v))
+    return q, v
 
 
 def _throw_from(aim: Aim, times: Mapping[str, float], run: Trajectory, released: State, ended: State | None) -> Throw:

@@ -1,13 +1,18 @@
-"""The files that --out writes, by their endings: of a run samples, figures and playbacks; of a study rows, figures."""
+"""What commands print, JSON or text, and the files that --out writes by their endings."""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import typer
 
 from twolink.accuracy import Study
 from twolink.cli.failures import Interrupted, Misuse
-from twolink.cli.printing import print_not_drawn
 from twolink.errors import TwolinkError
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.show.figure import FORMATS
@@ -15,6 +20,28 @@ from twolink.simulation.trajectory import Trajectory
 
 RUN_ENDINGS = (*SUFFIXES, *FORMATS, ".html")
 STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
+
+
+def show(record: Any, text: object, as_json: bool) -> None:
+    """Print the record as one line of JSON, or the text.
+
+    Arrays are lists and paths are texts. Numbers that are not finite are refused, because JSON has none.
+    """
+    typer.echo(json.dumps(record, default=_plain, allow_nan=False) if as_json else text)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else os.fspath(value)
+
+
+def print_address(url: str) -> None:
+    """Say where a live playback is."""
+    typer.echo(f"playing at {url} (Ctrl-C ends it)")
+
+
+def print_not_drawn(names: Sequence[str]) -> None:
+    """Name the shapes that cannot be drawn, on stderr."""
+    typer.echo(f"twolink: not drawn: {', '.join(names)}", err=True)
 
 
 def require_endings(paths: Sequence[Path], endings: Sequence[str]) -> None:
