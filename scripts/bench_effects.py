@@ -9,8 +9,6 @@ robot's operations do not depend on which effects exist, and a scene without the
     python scripts/bench_effects.py [--robot arm] [--quick]
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -9,8 +9,6 @@ JSON, end to end: packing, sending, computing, sending back, unpacking. Memory: 
 tenth of the requests and after all of them.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

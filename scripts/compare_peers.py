@@ -13,8 +13,6 @@ A method's settings end after the first that takes more than the budget. Needs: 
 Writes out/compare_peers.csv and out/compare_peers.png.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import platform

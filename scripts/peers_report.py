@@ -1,7 +1,5 @@
 """The report of compare_peers.py: a table for each scene, the cheapest way to each error, and the figure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import groupby

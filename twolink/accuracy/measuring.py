@@ -1,7 +1,5 @@
 """Measuring methods: a row for each setting, from rough to accurate, as long as it pays."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import time

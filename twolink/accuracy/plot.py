@@ -1,7 +1,5 @@
 """The figure of an accuracy study: what each method's accuracy costs, the front, and the price of each digit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

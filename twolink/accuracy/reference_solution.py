@@ -5,8 +5,6 @@ distance of the two is the error of the worse one, and the better one is used. N
 as the sum of two doubles, q + rest.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

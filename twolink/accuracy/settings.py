@@ -1,7 +1,5 @@
 """The settings at which a method is measured, and whether it can be measured here."""
 
-from __future__ import annotations
-
 import importlib
 
 from twolink.dynamics.kernels import heyoka

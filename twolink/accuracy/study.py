@@ -1,7 +1,5 @@
 """accuracy_study: every method at every setting, against a reference, kept for method="auto"."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence

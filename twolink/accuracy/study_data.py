@@ -1,7 +1,5 @@
 """What an accuracy study measured, as frozen data: rows, failures, the reference, the Pareto front and prices."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

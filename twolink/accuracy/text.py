@@ -1,7 +1,5 @@
 """A study as text: the reference, a line a row, the front with the price of each digit, and what failed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import groupby
 

@@ -1,7 +1,5 @@
 """A limit on the time of a solution: every solver calls its progress function now and then."""
 
-from __future__ import annotations
-
 import time
 
 

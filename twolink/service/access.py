@@ -1,7 +1,5 @@
 """Access control: host names (against DNS rebinding), origins, bearer tokens; and the security headers."""
 
-from __future__ import annotations
-
 import hmac
 from typing import Any
 from urllib.parse import urlsplit

@@ -1,7 +1,5 @@
 """/v1/simulations and /v1/studies: run, watch, cancel, and take the results."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from litestar import MediaType, Response, delete, get, post

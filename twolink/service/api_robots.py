@@ -1,7 +1,5 @@
 """/v1/robots: list, inspect, upload, draw and delete."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import shutil

@@ -1,7 +1,5 @@
 """/v1/scenes: list, show, validate and explain."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from litestar import get, post

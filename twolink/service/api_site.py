@@ -1,7 +1,5 @@
 """Paths outside /v1: the page, the API's description and docs, health and metrics."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Service: the parts that all handlers share, started and ended together."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import gc

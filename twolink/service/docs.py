@@ -1,7 +1,5 @@
 """The docs page: the OpenAPI document as HTML, made here, with no script and no outside address."""
 
-from __future__ import annotations
-
 import json
 from html import escape
 from pathlib import Path

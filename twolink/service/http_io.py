@@ -1,7 +1,5 @@
 """What the handlers share of HTTP: reading a body within limits, sending an answer, media types."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The bodies of requests about scenes, simulations and studies."""
 
-from __future__ import annotations
-
 import hashlib
 from typing import Annotated, Literal
 

@@ -4,8 +4,6 @@ A job's id comes from its request. The same request is answered from the store w
 runs, and runs again when it failed, was cancelled or was interrupted.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import AsyncIterator

@@ -1,7 +1,5 @@
 """One lock for each key, so that what several requests ask for is made once."""
 
-from __future__ import annotations
-
 import asyncio
 from weakref import WeakValueDictionary
 

@@ -1,7 +1,5 @@
 """Poses of many links at once."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the service counts, in Prometheus's text format."""
 
-from __future__ import annotations
-
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
 MEDIA_TYPE = "text/plain; version=0.0.4"

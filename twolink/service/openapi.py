@@ -1,7 +1,5 @@
 """The OpenAPI 3.1 document: Litestar's, with the queries (which are plain ASGI) and the problems added."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

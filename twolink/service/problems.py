@@ -1,7 +1,5 @@
 """Failures as HTTP answers, and back: problem+json (RFC 9457) with code, argument and data of the TwolinkError."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping
 from http import HTTPStatus

@@ -1,7 +1,5 @@
 """HTTP on uvicorn, with a limit of the time that a request may take to arrive."""
 
-from __future__ import annotations
-
 from asyncio.events import TimerHandle
 from typing import Any
 

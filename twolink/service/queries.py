@@ -3,8 +3,6 @@
 This path must be quick, so it is plain ASGI: bytes in, msgspec, NumPy, bytes out.
 """
 
-from __future__ import annotations
-
 import asyncio
 import functools
 import math

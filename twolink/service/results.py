@@ -1,7 +1,5 @@
 """Results of jobs in other formats, made on demand by a worker process and kept beside the result."""
 
-from __future__ import annotations
-
 import asyncio
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Loaded robots by id. Robots of the catalogue are read here, uploaded ones by a worker process."""
 
-from __future__ import annotations
-
 import asyncio
 import functools
 import pickle

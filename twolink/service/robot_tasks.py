@@ -1,7 +1,5 @@
 """Tasks of worker processes about robots: receive an upload, load one that was kept, and draw it."""
 
-from __future__ import annotations
-
 import functools
 import pickle
 import re

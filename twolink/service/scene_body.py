@@ -1,7 +1,5 @@
 """Scenes in requests: the schema of scene files as JSON, with robots by id. Nothing is read from files."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

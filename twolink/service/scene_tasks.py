@@ -1,7 +1,5 @@
 """Tasks of worker processes about scenes: check and explain them, simulate, study accuracy, and write results."""
 
-from __future__ import annotations
-
 import dataclasses
 import pickle
 import time

@@ -5,8 +5,6 @@ batched ones a second and core; jobs and uploads run in the pool. Whoever needs 
 reverse proxy.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import socket

@@ -1,7 +1,5 @@
 """Settings of the service: address, data folder, access, and quotas."""
 
-from __future__ import annotations
-
 import ipaddress
 from collections.abc import Sequence
 from pathlib import Path

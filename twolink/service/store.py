@@ -3,8 +3,6 @@
 One service uses a folder at a time: it holds SQLite's exclusive lock, which ends with its process however that ends.
 """
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import time

@@ -1,7 +1,5 @@
 """The tasks of worker processes by name: what `Workers.run` may ask for."""
 
-from __future__ import annotations
-
 from twolink.service.robot_tasks import draw, load, receive
 from twolink.service.scene_tasks import explain, export, motion, simulate, study, validate
 

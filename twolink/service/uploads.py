@@ -4,8 +4,6 @@ A mesh may only come from the upload. File names in the URDF are rewritten to pa
 lines stay as they are, so that errors name the right line.
 """
 
-from __future__ import annotations
-
 import html
 import posixpath
 import re

@@ -1,7 +1,5 @@
 """What a robot looks like, as three.js objects in JSON: one a piece, fixed to a link."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec

@@ -7,8 +7,6 @@ Messages are msgpack with their length before them (8 bytes): `Call` on stdin; o
 `Done` or `Failed`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import importlib

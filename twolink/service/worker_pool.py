@@ -7,8 +7,6 @@ so that a worker which a hostile mesh has taken over would run its code in the s
 and its processes inherit the service's environment, which cannot be changed before their interpreter starts.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import logging

@@ -1,7 +1,5 @@
 """Cost: what a run took."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from twolink.simulation.text import ShownAsText

@@ -6,8 +6,6 @@ Stored is kinetic and gravity's potential energy; springs are effects, and what 
 are Gauss's of order 12 between samples, split where the motion is not smooth, from the dense output of the run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The second solution is more accurate than the first, and perturbed (`integrate.p
 away and takes other steps, so that the two do not have the same errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from twolink.integrate.methods import Method

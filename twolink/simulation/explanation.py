@@ -1,7 +1,5 @@
 """explain: what a scene computes, what each effect costs, and how it would be solved; without running it to its end."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Refinement: which method and setting solve more accurately, and the errors where none does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from twolink.dynamics.kernels import heyoka

@@ -1,7 +1,5 @@
 """What is asked of a run: scene, duration, sample times, and the times at which errors are looked at."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

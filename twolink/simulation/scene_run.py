@@ -1,7 +1,5 @@
 """simulate: Scene -> Trajectory."""
 
-from __future__ import annotations
-
 import functools
 import time
 from dataclasses import dataclass, replace

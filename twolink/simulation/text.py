@@ -1,7 +1,5 @@
 """Results as text in notebooks."""
 
-from __future__ import annotations
-
 import html
 
 

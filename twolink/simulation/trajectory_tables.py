@@ -1,7 +1,5 @@
 """The samples of a trajectory as named columns; saved files; xarray and pandas."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The initial states and the parameters of many worlds, checked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

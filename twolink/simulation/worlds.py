@@ -1,7 +1,5 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
