@@ -6,7 +6,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import RobotError
-from twolink.robots.rotations import roll_pitch_yaw, rotation
+from twolink.robots.urdf import roll_pitch_yaw
 
 
 def robot_text(joint: str, inertial: str, visual: str = 'xyz="0 0 0"') -> str:
@@ -47,8 +47,8 @@ def test_angles_of_a_quaternion_give_its_matrix_near_and_at_every_singular_pitch
     for off in (0.0, 1e-15, 1e-10, 1e-5, 1.0):
         for _ in range(50):
             roll, yaw = rng.uniform(-np.pi, np.pi, 2)
-            quaternion = pin.Quaternion(rotation(roll, np.pi / 2 - off, yaw)).coeffs()
-            matrix = rotation(*roll_pitch_yaw(*quaternion))
+            quaternion = pin.Quaternion(pin.rpy.rpyToMatrix(roll, np.pi / 2 - off, yaw)).coeffs()
+            matrix = pin.rpy.rpyToMatrix(*roll_pitch_yaw(quaternion))
             np.testing.assert_allclose(matrix, pin.Quaternion(quaternion).matrix(), rtol=0, atol=2e-15)
 
 

@@ -69,9 +69,6 @@ class Robot(RobotModel):
         self._compiled: dict[tuple[str, ...], Compiled] = {}
         self._queries: dict[str, Query] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_compiled": {}, "_queries": {}}
-
     def __repr__(self) -> str:
         facts = ", ".join(f"{name} {value}" for name, value in self._summary().items())
         return f"<Robot {self.name!r}: {facts}>"

@@ -103,9 +103,7 @@ def swing(start: float, w0: float, offset: float = 0.0, factors: Sequence[float]
     """
 
     def angle(t: Any) -> Sequence[Any]:
-        k = mp.sin(mp.mpf(start) / 2)
-        quarter = mp.ellipk(k * k)
-        theta = 2 * mp.asin(k * mp.ellipfun("sn", mp.fmod(quarter - mp.mpf(w0) * t, 4 * quarter), m=k * k))
+        theta = _swing_angle(mp.sin(mp.mpf(start) / 2), w0, t)
         return [offset + theta * factor for factor in factors]
 
     return in_digits(angle)
@@ -117,12 +115,13 @@ def toppling(start: float, w0: float) -> ExactMotion:
     The angle from hanging is 2 asin(k sn(K - w0 t, k)) with k = cos(start / 2); pi minus it is the angle from upright.
     """
 
-    def angle(t: Any) -> Sequence[Any]:
-        k = mp.cos(mp.mpf(start) / 2)
-        quarter = mp.ellipk(k * k)
-        return [mp.pi - 2 * mp.asin(k * mp.ellipfun("sn", mp.fmod(quarter - mp.mpf(w0) * t, 4 * quarter), m=k * k))]
+    return in_digits(lambda t: [mp.pi - _swing_angle(mp.cos(mp.mpf(start) / 2), w0, t)])
 
-    return in_digits(angle)
+
+def _swing_angle(k: Any, w0: float, t: Any) -> Any:
+    """2 asin(k sn(K - w0 t, k)), the angle [rad] of a pendulum from hanging."""
+    quarter = mp.ellipk(k * k)
+    return 2 * mp.asin(k * mp.ellipfun("sn", mp.fmod(quarter - mp.mpf(w0) * t, 4 * quarter), m=k * k))
 
 
 def whirl(rate: float, w0: float, factors: Sequence[float]) -> ExactMotion:

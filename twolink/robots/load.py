@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -77,9 +78,13 @@ def load_model(
     folders = mesh_folders(_folders(package_dirs), urdf.path, examples_share())
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(tree, mimic=mimic),
-        *load_report.inertia_findings(odd_inertias, unphysical),
-        *load_report.mesh_findings(missing_meshes(tree.element, folders)),
+        *load_report.content_findings(
+            tree,
+            mimic=mimic,
+            odd_inertias=odd_inertias,
+            unphysical=unphysical,
+            missing_meshes=missing_meshes(tree.element, folders),
+        ),
         *load_report.choice_findings(
             tree,
             root=root,
@@ -102,26 +107,17 @@ def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
             what = f"Pinocchio keeps the joint name {reserved!r} for itself"
             raise RobotError(what, where=label, remedy="rename the joint")
     arguments = [canonical(tree), *([pin.JointModelFreeFlyer()] if root == "free" else []), mimic]
-    result: list[pin.Model | Exception] = []
-
-    def work() -> None:
-        try:
-            result.append(pin.buildModelFromXML(*arguments))
-        except Exception as error:  # Pinocchio's errors of any type are translated below
-            result.append(error)
-
-    with _stack_size_lock:
+    with ThreadPoolExecutor(1, "twolink-load") as pool, _stack_size_lock:
         before = threading.stack_size(_STACK_BYTES)
         try:
-            thread = threading.Thread(target=work, name="twolink-load")
-            thread.start()
+            build = pool.submit(pin.buildModelFromXML, *arguments)  # starts the thread
         finally:
             threading.stack_size(before)
-    thread.join()
-    if isinstance(result[0], Exception):
-        what, remedy = f"Pinocchio refuses it: {result[0]}", "the messages of its parser are on stderr"
-        raise RobotError(what, where=label, remedy=remedy, code="pinocchio")
-    return result[0]
+    try:
+        return build.result()
+    except Exception as error:  # Pinocchio raises errors of any type
+        what, remedy = f"Pinocchio refuses it: {error}", "the messages of its parser are on stderr"
+        raise RobotError(what, where=label, remedy=remedy, code="pinocchio") from None
 
 
 def _check_mimic(tree: Tree) -> None:

@@ -119,11 +119,18 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
     return Finding("read", f"{what}nq = {model.nq}, nv = {model.nv} ({size} bytes)")
 
 
-def content_findings(tree: Tree, *, mimic: bool) -> list[Finding]:
-    """What a sound URDF has that is ignored, repaired or assumed. `mimic`: mimic joints are coupled."""
+def content_findings(
+    tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing_meshes: Sequence[str]
+) -> list[Finding]:
+    """What a sound URDF has that is ignored, repaired or assumed.
+
+    mimic: mimic joints are coupled. odd_inertias: the links whose inertia no real body has; unphysical: "refuse" where
+    the bodies they belong to were checked. missing_meshes: the meshes without a file.
+    """
     moving, links = tree.moving, tree.links.values()
     mimics = [j for j in moving if j.mimic is not None]
     joint_names = {j.name for j in tree.joints}
+    sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
     not_applied = "forward and inverse dynamics do not apply it"
     ignored = {
         f"joint damping (in robot.model.damping; {not_applied})": [j.name for j in moving if j.damping != 0],
@@ -134,6 +141,7 @@ def content_findings(tree: Tree, *, mimic: bool) -> list[Finding]:
         "mimic (these joints move independently; mimic=True couples them)": [j.name for j in mimics if not mimic],
         "mimic of a joint that does not exist": [j.name for j in mimics if j.mimic not in joint_names],
         "collision shapes (there is no contact)": [k.name for k in links if k.element.first("collision")],
+        "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)": missing_meshes,
     }
     repaired = {
         "axes that were not of length 1 are normalised": [
@@ -154,6 +162,7 @@ def content_findings(tree: Tree, *, mimic: bool) -> list[Finding]:
         "limits without lower or upper: taken as 0": [
             j.name for j in moving if j.limits is not None and _lacks_limit(j.element)
         ],
+        f"inertias that no real body has, taken as they are{sound}": odd_inertias,
     }
     return [
         *findings("ignored", ignored),
@@ -166,20 +175,7 @@ def content_findings(tree: Tree, *, mimic: bool) -> list[Finding]:
 def _lacks_limit(joint: Element) -> bool:
     """Whether a joint's <limit> leaves out the lower or the upper limit."""
     limit = joint.first("limit")
-    return limit is not None and not {"lower", "upper"} <= set(limit.attributes)
-
-
-def inertia_findings(names: Iterable[str], unphysical: str) -> list[Finding]:
-    """The links whose inertia no real body has. `unphysical`: "refuse" where the bodies they belong to were checked."""
-    what = "inertias that no real body has, taken as they are"
-    sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
-    return findings("assumed", {what + sound: names})
-
-
-def mesh_findings(names: Iterable[str]) -> list[Finding]:
-    """The meshes without a file."""
-    what = "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)"
-    return findings("ignored", {what: names})
+    return limit is not None and not {"lower", "upper"} <= limit.attributes.keys()
 
 
 def choice_findings(

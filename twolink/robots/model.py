@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -153,11 +153,5 @@ class RobotModel:
             _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
         return geometry
 
-    def __getstate__(self) -> dict[str, Any]:
-        state = dict(self.__dict__)
-        del state["_local"]
-        return state
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._local = threading.local()
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.name, self.model, self.report, self.visuals)

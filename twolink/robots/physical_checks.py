@@ -15,22 +15,15 @@ _ROUNDING = 1e-6
 _NOISE_LENGTH_SQUARED = 1e-12
 
 
-def triangle_excess(inertia: np.ndarray, mass: float) -> float:
-    """How far the principal moments I1 <= I2 <= I3 break I1 + I2 >= I3, relative to I3 (0: they do not).
+def _defects(inertia: np.ndarray, mass: float) -> tuple[float, float]:
+    """How far the principal moments I1 <= I2 <= I3 are from those of a real body, (0, 0) within rounding.
 
-    Every distribution of positive mass obeys it: I1 + I2 - I3 = 2 * integral of z^2 dm.
+    First -I1 [kg m^2] where it is below zero; then (I3 - I1 - I2) / max(I3, -I1) where that is above zero. Every
+    distribution of positive mass obeys the triangle inequality: I1 + I2 - I3 = 2 * integral of z^2 dm.
     """
-    i1, i2, i3 = np.linalg.eigvalsh(inertia)
-    excess = i3 - i1 - i2
-    if excess <= _ROUNDING * i3 + _NOISE_LENGTH_SQUARED * mass:
-        return 0.0
-    return float(excess / i3)
-
-
-def semidefinite_defect(inertia: np.ndarray, mass: float) -> float:
-    """The smallest principal moment when it is below zero by more than rounding, else 0 [kg m^2]."""
-    lowest, _, highest = np.linalg.eigvalsh(inertia)
-    return float(lowest) if lowest < -(_ROUNDING * highest + _NOISE_LENGTH_SQUARED * mass) else 0.0
+    i1, i2, i3 = np.linalg.eigvalsh(inertia).tolist()
+    rounding, excess = _ROUNDING * i3 + _NOISE_LENGTH_SQUARED * mass, i3 - i1 - i2
+    return -i1 if -i1 > rounding else 0.0, excess / max(i3, -i1) if excess > rounding else 0.0
 
 
 def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
@@ -50,14 +43,14 @@ def check_bodies(tree: Tree, model: pin.Model, unphysical: str) -> list[str]:
 
 def is_impossible(inertia: np.ndarray, mass: float) -> bool:
     """Whether no body has this inertia (3, 3) [kg m^2] about its centre of mass."""
-    return semidefinite_defect(inertia, mass) < 0 or triangle_excess(inertia, mass) > 0
+    return any(_defects(inertia, mass))
 
 
 def _impossible(link: UrdfLink) -> RobotError:
     """The error for the link whose inertia makes a body impossible."""
     moments = ", ".join(f"{m:.6g}" for m in np.linalg.eigvalsh(link.inertia))
     tail = 'correct it, or load it as it is with unphysical="report"'
-    if semidefinite_defect(link.inertia, link.mass) < 0:
+    if _defects(link.inertia, link.mass)[0]:
         what = f"inertia is not positive semi-definite: principal moments ({moments}) kg m^2"
         remedy = f"give the inertia about the centre of mass of a real body; {tail}"
     else:
@@ -70,7 +63,7 @@ def _culprit(tree: Tree, model: pin.Model, joint: int) -> UrdfLink:
     """The link to blame for a body: the part that is worst."""
     parts = [f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY]
     links = [tree.links[name] for name in parts if name in tree.links]
-    return max(links, key=lambda k: (-semidefinite_defect(k.inertia, k.mass), triangle_excess(k.inertia, k.mass)))
+    return max(links, key=lambda k: _defects(k.inertia, k.mass))
 
 
 def check_invertible(tree: Tree, model: pin.Model) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError
@@ -35,7 +36,6 @@ def check_agreement(model: pin.Model, tree: Tree, label: str, root: str) -> None
         start = model.idx_qs[index]
         if joint.limits is not None and model.nqs[index] == 1:
             read = (model.lowerPositionLimit[start], model.upperPositionLimit[start])
-            pairs = zip(read, joint.limits, strict=True)
-            if not all(math.isclose(r, w, rel_tol=TOLERANCE, abs_tol=TOLERANCE) for r, w in pairs):
+            if not np.allclose(read, joint.limits, rtol=TOLERANCE, atol=TOLERANCE):
                 what = f"Pinocchio read the limits {read}, the file says {joint.limits}"
                 raise RobotError(what, where=joint.where, remedy=remedy)

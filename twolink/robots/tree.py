@@ -70,8 +70,7 @@ def read_tree(element: Element, source: str) -> Tree:
             if name not in by_name:
                 raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
     ordered = _ordered(by_name, joints, source)
-    children = {joint.child for joint in joints}
-    root = next(name for name in by_name if name not in children)
+    root = ordered[0].parent if ordered else links[0].name
     return Tree(element.attributes.get("name", ""), element, by_name, ordered, root)
 
 

@@ -10,12 +10,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from twolink.errors import nearest
-from twolink.robots.rotations import quaternions_to_angles, rotation
 from twolink.robots.xml import Element, Reader, Vector
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+UNIT_TOLERANCE = 1e-3  # files write quaternions with few digits
 _LIMITED = ("revolute", "prismatic")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
@@ -103,13 +104,41 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
 
 
+def roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
+    """The angles [rad] of a unit quaternion (x, y, z, w), exact to rounding at pitch = 90 degrees too."""
+    return [float(angle) for angle in pin.rpy.matrixToRpy(pin.Quaternion(quaternion).matrix())]
+
+
+def quaternions_to_angles(reader: Reader, owner: Element, name: str) -> None:
+    """Replace quat_xyzw in the origins inside a link or joint by rpy, which Pinocchio knows too.
+
+    Raises
+    ------
+    RobotError
+        The origin has rpy as well, or the quaternion's length is not 1.
+    """
+    for element in owner.children:
+        if element.tag != "origin":
+            quaternions_to_angles(reader, element, name)
+        elif "quat_xyzw" in element.attributes:
+            if "rpy" in element.attributes:
+                raise reader.error(element, name, "<origin> has both rpy and quat_xyzw", "keep one")
+            quaternion = reader.numbers(element, "quat_xyzw", name, 4)
+            length = math.hypot(*quaternion)
+            if abs(length - 1) > UNIT_TOLERANCE:
+                what = f"quat_xyzw has length {length:.6g}, expected 1"
+                raise reader.error(element, name, what, "divide it by its length")
+            del element.attributes["quat_xyzw"]
+            element.attributes["rpy"] = " ".join(map(repr, roll_pitch_yaw(np.divide(quaternion, length))))
+
+
 def _orientation(reader: Reader, parent: Element, owner: str) -> np.ndarray:
     """The rotation matrix (3, 3) of an element's <origin>, whose numbers are all checked."""
     origin = parent.first("origin")
     if origin is None:
         return np.eye(3)
     reader.numbers(origin, "xyz", owner, 3, (0.0, 0.0, 0.0))
-    return rotation(*reader.numbers(origin, "rpy", owner, 3, (0.0, 0.0, 0.0)))
+    return np.asarray(pin.rpy.rpyToMatrix(*reader.numbers(origin, "rpy", owner, 3, (0.0, 0.0, 0.0))))
 
 
 def _link_name(reader: Reader, joint: Element, tag: str, owner: str) -> str:

@@ -73,14 +73,6 @@ class Scene:
         A state is not finite, or of the wrong shape.
     """
 
-    robot: Robot
-    base: Robot
-    q: np.ndarray
-    v: np.ndarray
-    effects: tuple[Effect, ...]
-    duration: float
-    title: str
-
     def __init__(
         self,
         robot: Robot,
@@ -102,19 +94,17 @@ class Scene:
 
         start = configuration("q", robot.neutral if q is None else q, robot.nq, robot.joints)
         velocity = array("v", np.zeros(robot.nv) if v is None else v, robot.nv)
-        self.__dict__.update(
-            base=robot,
-            robot=robot.changed(change),
-            q=_one_state("q", start, robot.nq),
-            v=_one_state("v", velocity, robot.nv),
-            effects=checked,
-            duration=duration_of(duration),
-            title=title,
-        )
+        self.base, self.robot = robot, robot.changed(change)
+        self.q, self.v = _one_state("q", start, robot.nq), _one_state("v", velocity, robot.nv)
+        self.effects, self.duration = checked, duration_of(duration)
+        self.title = title
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Refuse changes: what was computed from the scene would no longer be true."""
-        raise SceneError("a scene cannot be changed", where=name, remedy="make another: tl.Scene(...)", code="frozen")
+        """Refuse changes after `title` is set, the last one: what was computed from the scene would not be true."""
+        if hasattr(self, "title"):
+            remedy = "make another: tl.Scene(...)"
+            raise SceneError("a scene cannot be changed", where=name, remedy=remedy, code="frozen")
+        super().__setattr__(name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.base, self.q, self.v, self.effects, self.duration, self.title)

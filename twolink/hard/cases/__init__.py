@@ -1,6 +1,6 @@
-"""The cases: texts and numbers in cases.toml, what needs code in one module for each group.
+"""The cases: texts and numbers in cases.toml, what needs code in MODULES.
 
-A group's module may define, by the name of the case, ERRORS (error functions), SCENES (functions that make scenes) and
+A module may define, by the name of the case, ERRORS (error functions), SCENES (functions that make scenes) and
 CHECKS (calls that must be refused).
 """
 
@@ -16,6 +16,7 @@ from twolink.errors import SceneError, nearest
 from twolink.hard.case import SCENES, Case, RefusalCase, SimulationCase
 from twolink.scenes import Scene, load_scene
 
+MODULES = ("smooth", "chains", "loops", "events", "refusals")
 ACCURACIES = (1e-3, 1e-6, 1e-9)
 
 
@@ -43,15 +44,21 @@ def select_cases(names: list[str] | None = None, *, quick: bool = False) -> tupl
 
 
 def _case(entry: dict[str, Any]) -> Case:
-    """The case of an entry of cases.toml, with the code of its group."""
-    module, name = importlib.import_module(f"twolink.hard.cases.{entry['group']}"), entry["name"]
-    checks = getattr(module, "CHECKS", {})
-    if name in checks:
-        return RefusalCase(**entry, checks=checks[name])
-    load = getattr(module, "SCENES", {}).get(name) or functools.partial(_load, entry.pop("scene"))
+    """The case of an entry of cases.toml, with its code."""
+    name = entry["name"]
+    if name in _code("CHECKS"):
+        return RefusalCase(**entry, checks=_code("CHECKS")[name])
+    load = _code("SCENES").get(name) or functools.partial(_load, entry.pop("scene"))
     accuracies = entry.pop("accuracies", ACCURACIES)
     settings = tuple(entry.pop("settings", [{"accuracy": accuracy} for accuracy in accuracies]))
-    return SimulationCase(**entry, load=load, error=module.ERRORS[name], settings=settings)
+    return SimulationCase(**entry, load=load, error=_code("ERRORS")[name], settings=settings)
+
+
+@functools.cache
+def _code(table: str) -> dict[str, Any]:
+    """What the modules define in the tables of this name, by the name of the case."""
+    modules = [importlib.import_module(f"{__name__}.{module}") for module in MODULES]
+    return {name: code for module in modules for name, code in getattr(module, table, {}).items()}
 
 
 def _load(scene: str) -> Scene:

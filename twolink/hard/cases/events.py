@@ -94,15 +94,16 @@ def painleve(mu: float) -> Scene:
     return Scene(robot, q, [-1.0, 0.0, 0.0], [fx.Gravity(), contact], 0.2)
 
 
-ERRORS = {
-    "stiction-reversals": truths.configuration_error(_stiction),
-    "grazing-hit": truths.configuration_error(_grazing(hit=True)),
-    "grazing-miss": truths.configuration_error(_grazing(hit=False)),
-    "zeno-bounces": truths.configuration_error(_bounces),
-    "two-stops-at-once": truths.configuration_error(_two_stops),
-    "slide-to-rest": truths.configuration_error(_slide),
-    "slip-to-roll": truths.configuration_error(_slip_to_roll),
+EXACT = {
+    "stiction-reversals": _stiction,
+    "grazing-hit": _grazing(hit=True),
+    "grazing-miss": _grazing(hit=False),
+    "zeno-bounces": _bounces,
+    "two-stops-at-once": _two_stops,
+    "slide-to-rest": _slide,
+    "slip-to-roll": _slip_to_roll,
 }
+ERRORS = {name: truths.configuration_error(exact) for name, exact in EXACT.items()}
 CHECKS = {
     "painleve": {
         "mu = 2, 60 degrees": ErrorCheck(lambda: simulate(painleve(2.0)), AccuracyError, "no motion"),
