@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from twolink.algorithms.spatial import add, dot, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, NotNegative
@@ -50,10 +52,7 @@ class AirDrag(Effect, frozen=True):
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     wind: tuple[Input, Input, Input] = (0.0, 0.0, 0.0)
 
-    @property
-    def analytic(self) -> bool:
-        """False: see the notes."""
-        return False
+    analytic: ClassVar[bool] = False  # see the notes
 
     def check(self, robot: Robot) -> None:
         """Require a link that moves."""

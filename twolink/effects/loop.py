@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.motion import Motion
@@ -13,10 +15,7 @@ class Loop(Effect, frozen=True):
     Redundant rows are recognized and dropped, so that a planar loop may be given as the whole joint.
     """
 
-    @property
-    def max_rows(self) -> int:
-        """The number of rows in the mode that has most; 0 where it has no modes."""
-        return 0
+    max_rows: ClassVar[int] = 0  # the number of rows in the mode that has most; 0 where it has no modes
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """g(q), m and (of directions) 1: what stays 0."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+from typing import ClassVar
+
 from twolink.algorithms.spatial import Scalar, Vec, cross, dot, minus, plus, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.conditions import across, unit
@@ -80,12 +83,9 @@ class PlaneContact(SwitchingEffect, frozen=True):
     def modes(self, robot: Robot) -> list[Contact]:
         """The gap to the plane."""
         del robot
-
-        def constraint(rolling: bool, before: tuple[Slot, Slot]) -> Loop:
-            return Touching(self, rolling, before)
-
-        return [Contact(self.frame, self.restitution, float(self.friction), self.gap, self.velocity, constraint,
-                        repr(self))]  # fmt: skip
+        constraint, content = functools.partial(Touching, self), repr(self)
+        friction = float(self.friction)
+        return [Contact(self.frame, self.restitution, friction, self.gap, self.velocity, constraint, content)]
 
 
 class Touching(Loop, frozen=True):
@@ -99,10 +99,7 @@ class Touching(Loop, frozen=True):
     rolling: bool
     before: tuple[Slot, Slot] | tuple[float, float]
 
-    @property
-    def max_rows(self) -> int:
-        """The normal row, and two along the tangents."""
-        return 3
+    max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
 
     def rows(self, motion: Motion) -> list[Scalar]:
         """The gap."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -125,10 +125,7 @@ class Trigger:
 class SwitchingEffect(Effect, frozen=True):
     """An effect that is smooth only between events, at which its mode changes."""
 
-    @property
-    def analytic(self) -> bool:
-        """Only between events."""
-        return False
+    analytic: ClassVar[bool] = False  # only between events
 
     def modes(self, robot: Robot) -> Iterable[Hold | Stop | Contact | Trigger]:
         """What changes at events."""

@@ -41,7 +41,10 @@ def read_collada(raw: bytes) -> list[Part]:
     if "<!DOCTYPE" in text:  # entities that expand without end
         return []
     try:
-        return _parts(_document(text))
+        document = _document(text)
+        metres = document.assetInfo.unitmeter or 1.0
+        scene = document.scene or document.scenes[0]
+        return [part for geometry in scene.objects("geometry") for part in _geometry_parts(geometry, metres)]
     except Exception:  # pycollada lets errors of many kinds through
         return []
 
@@ -56,12 +59,6 @@ def _document(text: str) -> Any:
     materials = {material.id for material in document.materials}
     bound = _BINDING.sub(lambda match: match[0] if match[1] in materials else "", text)
     return collada.Collada(io.BytesIO(bound.encode()), ignore=[collada.DaeError])
-
-
-def _parts(document: Any) -> list[Part]:
-    metres = document.assetInfo.unitmeter or 1.0
-    scene = document.scene or document.scenes[0]
-    return [part for geometry in scene.objects("geometry") for part in _geometry_parts(geometry, metres)]
 
 
 def _geometry_parts(geometry: Any, metres: float) -> Iterator[Part]:
