@@ -18,7 +18,8 @@ carried: their inertia I, their momentum P = integral of x' dm, and their flow Z
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from twolink.algorithms import spatial as sp
@@ -199,13 +200,6 @@ def _turning(flow: Mat) -> Mat:
     return tuple(tuple(entry(r, c) for c in range(3)) for r in range(3))  # type: ignore[return-value]
 
 
-def _inwards(mech: Mechanism, body: int) -> Iterator[tuple[int, int]]:
-    """(body, its parent) along the way to the root, the world left out."""
-    while parent := mech.parents[body]:
-        yield body, parent
-        body = parent
-
-
 def _rows(
     mech: Mechanism, at: Sequence[Pose], moving: Sequence[_Body], body: _Flow, i: int, out: tuple[Matrix, Matrix]
 ) -> None:
@@ -217,7 +211,7 @@ def _rows(
     for k, s in zip(joint.dofs, joint.subspace, strict=True):
         force = sp.inertia_times(body.inertia, s)
         twist = sp.add(sp.cross(sp.scale(2.0, body.momentum), s[0]), sp.rotate(turning, s[1]))
-        for below, above in ((i, i), *_inwards(mech, i)):
+        for below, above in ((i, i), *pairwise(mech.support(i))):
             if below != above:
                 force, twist = sp.force_to_parent(at[below], force), sp.outward(at[below], twist)
             for matrix, changes in zip(out, (moving[above].by_q, moving[above].by_v), strict=True):
@@ -242,7 +236,7 @@ def _columns(
                 force = sp.spatial_add(
                     force, (sp.cross(s[1], linear), sp.add(sp.cross(s[1], moment), sp.cross(s[0], linear)))
                 )
-            for below, above in _inwards(mech, i):
+            for below, above in pairwise(mech.support(i)):
                 force = sp.force_to_parent(at[below], force)
                 for other, axis in zip(mech.joints[above].dofs, mech.joints[above].subspace, strict=True):
                     matrix[other][k] = sp.spatial_dot(axis, force)

@@ -155,15 +155,11 @@ def _read_mimic(model: pin.Model, joint: Any, subspace: np.ndarray, index: int) 
     if joint.scaling == 0.0 or not subspace.any():
         raise _unknown(model, index, "a mimic joint with multiplier 0")
     kind: Kind = "prismatic" if subspace[:3].any() else "revolute"
-    entries = 2 if _followed(model, joint).nq == 2 else 1
+    followed = next(j for j in model.joints if j.nv and j.idx_v == joint.idx_v)
+    entries = 2 if followed.nq == 2 else 1
     axis = _axis(subspace / joint.scaling, kind)
     q, v = joint.idx_q, joint.idx_v
     return Joint(kind, axis, tuple(range(q, q + entries)), (v,), True, float(joint.scaling), float(joint.offset))
-
-
-def _followed(model: pin.Model, joint: Any) -> Any:
-    """The joint that owns the mimic joint's entry of v."""
-    return next(j for j in model.joints if j.nv and j.idx_v == joint.idx_v)
 
 
 def _axis(subspace: np.ndarray, kind: Kind) -> Vec:

@@ -160,18 +160,18 @@ def _is_columns(a: np.ndarray) -> bool:
     return a.ndim == 2 and a.flags.f_contiguous and not (a.flags.c_contiguous and a.shape[1] > 1)
 
 
-def limit_threads() -> int:
-    """Keep heyoka to TWOLINK_THREADS; returns how many."""
+def pays_threads(count: int, work: int) -> bool:
+    """Whether a call with `count` states of `work` operations each is large enough for heyoka's threads.
+
+    If so, heyoka is kept to TWOLINK_THREADS.
+    """
+    if count * work < THREADS_FROM or is_forked_child():
+        return False
     threads, module = thread_count(), heyoka()
     if module.get_nthreads() != threads:
         with _threads_lock:
             module.set_nthreads(threads)
-    return threads
-
-
-def pays_threads(count: int, work: int) -> bool:
-    """Whether a call with `count` states of `work` operations each is large enough for heyoka's threads."""
-    return count * work >= THREADS_FROM and not is_forked_child() and limit_threads() > 1
+    return threads > 1
 
 
 def count_operations(model: pin.Model, function: Function, parameters: Sequence[str] = ()) -> list[dict[str, int]]:
