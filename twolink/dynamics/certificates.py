@@ -90,19 +90,18 @@ def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, c
 
 def with_values(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
     """A copy of the model with physical constants replaced (names: `mechanism.parameter_names`)."""
+    # Pinocchio gives vectors as views of the model: writing to an entry changes it.
     out = model.copy()
     links = {f.name: f.parentJoint for f in reversed(list(model.frames)) if f.type == pin.FrameType.BODY}
     for name, value in values.items():
         head, _, last = name.rpartition(".")
         axis = "xyz".find(last[-1])
         if head == "gravity" and axis >= 0:
-            out.gravity.linear = _replaced(out.gravity.linear, axis, value)
+            out.gravity.linear[axis] = value
         elif last in ("armature", "damping"):
             getattr(out, last)[out.idx_vs[out.getJointId(head)]] = value
         elif head.endswith(".origin"):
-            joint = out.getJointId(head.removesuffix(".origin"))
-            place = out.jointPlacements[joint]
-            out.jointPlacements[joint] = pin.SE3(place.rotation, _replaced(place.translation, axis, value))
+            out.jointPlacements[out.getJointId(head.removesuffix(".origin"))].translation[axis] = value
         else:
             joint = links[head.removesuffix(".com").removesuffix(".inertia") if last != "mass" else head]
             body = out.inertias[joint]
@@ -115,10 +114,4 @@ def with_values(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
                 i, j = map("xyz".find, last)
                 rotational[i, j] = rotational[j, i] = value
             out.inertias[joint] = pin.Inertia(mass, com, rotational)
-    return out
-
-
-def _replaced(vector: np.ndarray, axis: int, value: float) -> np.ndarray:
-    out = np.array(vector)
-    out[axis] = value
     return out
