@@ -72,13 +72,9 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
 
 def beyond_limits(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> list[str]:
     """The names of the locked joints whose configuration is not within their limits."""
-    names = []
-    for index in locked:
-        start = model.idx_qs[index]
-        lower, upper = model.lowerPositionLimit[start], model.upperPositionLimit[start]
-        if model.nqs[index] == 1 and not lower <= reference[start] <= upper:
-            names.append(model.names[index])
-    return names
+    starts = {index: model.idx_qs[index] for index in locked if model.nqs[index] == 1}
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    return [model.names[index] for index, k in starts.items() if not lower[k] <= reference[k] <= upper[k]]
 
 
 def without_joints(model: pin.Model, locked: Sequence[int], reference: np.ndarray) -> pin.Model:
