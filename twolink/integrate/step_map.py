@@ -26,7 +26,7 @@ from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
 from twolink.integrate.step_building import compiled_map, portable_map
 from twolink.integrate.step_certificate import certify
-from twolink.integrate.step_control import Control, control_rows, initial_state
+from twolink.integrate.step_control import Control, control_rows
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 MAX_KEPT = 64  # maps kept in this process
@@ -65,6 +65,9 @@ class StepMap:
         The step gives no number where a stage meets a singular instant: then two steps are taken. Where the end itself
         is at one, the state is interpolated between four around it.
         """
+        out = self._one_step(x, start, end, parameters)
+        if np.isfinite(out).all():
+            return out
         out = self._one_or_two_steps(x, start, end, parameters)
         for spread in SPREADS:
             late = ~np.isfinite(out).all(axis=0)
@@ -92,13 +95,21 @@ class StepMap:
     def _one_step(self, x: Array, start: Array, end: Array, parameters: Array | None) -> Array:
         """States (size, n) by one step each; NaN for a world that has not arrived."""
         size, count = x.shape
-        state = initial_state(x, start, np.inf, end, np.inf, parameters=parameters)
-        if self.compiled and count % LANES:
-            state = np.concatenate([state, np.repeat(state[:, -1:], -count % LANES, axis=1)], axis=1)
+        width = -(-count // LANES) * LANES if self.compiled else count
+        extra = 0 if parameters is None else len(parameters)
+        state = np.zeros((size + len(self.rows) + extra, width))  # zeros: worlds that have arrived
+        worlds, rows = state[:, :count], self.rows
+        worlds[:size], worlds[rows.time], worlds[rows.end] = x, start, end
+        worlds[rows.step] = worlds[rows.tolerance] = worlds[rows.longest] = np.inf
+        worlds[rows.good] = worlds[rows.previous] = 1.0  # any number: of the control, which has no say here
+        if extra:
+            worlds[-extra:] = parameters
         out = np.empty_like(state)
-        self(np.ascontiguousarray(state), out)
+        self.call(state, out)
         new = out[:size, :count].copy()
-        new[:, out[self.rows.time, :count] < end] = np.nan
+        late = out[rows.time, :count] < end
+        if late.any():
+            new[:, late] = np.nan
         return new
 
 

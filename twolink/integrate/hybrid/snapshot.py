@@ -8,11 +8,12 @@ are used.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import threading
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,25 +37,31 @@ PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 KEPT = 64
+FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions")
 ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
 
-class Snapshot(NamedTuple):
+class Snapshot:
     """States x (size, n) at times t (n,), and of each: a (nv, n), the multipliers of the kept constraint rows, the
     torques of the locks on the lockable degrees of freedom, distances to limits of effort, tau and bias h (nv, n), the
     rows of each contact (contacts, 5, n), and the conditions' distances.
+
+    All but t and x is evaluated when it is first looked at: many guards need no more than x.
     """
 
-    t: Array
-    x: Array
-    a: Array
-    multipliers: Array
-    locks: Array
-    limits: Array
-    tau: Array
-    bias: Array
-    contacts: Array
-    conditions: Array
+    def __init__(self, t: Array, x: Array, rows: Callable[[Array, Array], Array], parts: Mapping[str, slice]) -> None:
+        self.t, self.x, self._evaluate, self._parts = t, x, rows, parts
+
+    @functools.cached_property
+    def rows(self) -> Array:
+        """Every row that is evaluated, (m, n)."""
+        return self._evaluate(self.t, self.x)
+
+    def __getattr__(self, name: str) -> Array:
+        if name not in FIELDS:
+            raise AttributeError(name)
+        rows = self.rows[self._parts[name]]
+        return rows.reshape(-1, ROWS, self.x.shape[1]) if name == "contacts" else rows
 
 
 class Evaluator:
@@ -76,26 +83,30 @@ class Evaluator:
         kept = 0 if constraints is None else len(constraints.kept)
         sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
                  ROWS * len(contacts), len(conditions)]  # fmt: skip
-        self._ends = np.cumsum([0, *sizes])
+        ends = np.cumsum([0, *sizes]).tolist()
+        self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
         pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
         self._compiled: Any = _compiled(self) if compiled and pays and heyoka() is not None else None
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
-        if self._compiled is None:
-            return self.by_numpy(t, x)
-        rows = np.empty((1 + len(x), x.shape[1]))
-        rows[0], rows[1:] = t, x
-        out = np.empty((self._ends[-1], x.shape[1]))
-        self._compiled(rows, out)
-        return self._split(t, x, out)
+        return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
 
     def by_numpy(self, t: Array, x: Array) -> Snapshot:
         """The snapshot of the formulas evaluated by NumPy."""
+        return Snapshot(t, x, self._by_numpy, self._parts)
+
+    def _by_heyoka(self, t: Array, x: Array) -> Array:
+        rows = np.empty((1 + len(x), x.shape[1]))
+        rows[0], rows[1:] = t, x
+        return np.asarray(self._compiled(rows))
+
+    def _by_numpy(self, t: Array, x: Array) -> Array:
         with np.errstate(all="ignore"):
             values = self.formulas(self.equations.mechanism, t, x, Numbers)
         shape = x.shape[1:]
-        rows = [np.broadcast_to(np.asarray(value, dtype=float), shape) for value in values]
-        return self._split(t, x, np.array(rows).reshape(-1, *shape))
+        return np.array([np.broadcast_to(np.asarray(value, dtype=float), shape) for value in values]).reshape(
+            -1, *shape
+        )
 
     def formulas(self, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Any]:
         """Every row of a snapshot."""
@@ -117,11 +128,6 @@ class Evaluator:
         )
         acceleration = coefficient(contact.velocity(moving)[0], 1)
         return [contact.gap(motion), *contact.velocity(motion), acceleration]
-
-    def _split(self, t: Array, x: Array, rows: Array) -> Snapshot:
-        parts = [rows[a:b] for a, b in itertools.pairwise(self._ends)]
-        parts[6] = parts[6].reshape(-1, ROWS, x.shape[1])
-        return Snapshot(t, x, *parts)
 
 
 _kept: dict[str, Any] = {}
@@ -151,7 +157,7 @@ def _build(name: str, evaluator: Evaluator) -> Any:
     moving = slice(equations.space.nq, equations.moving)
     # Not at rest: there the direction of sliding is rounding, which differs.
     state[moving, 0] += np.random.default_rng(1).uniform(0.5, 1.5, equations.space.nv)
-    theirs = np.concatenate([part.reshape(-1, 1) for part in evaluator.by_numpy(np.zeros(1), state)[2:]])
+    theirs = evaluator.by_numpy(np.zeros(1), state).rows
     ours = np.empty_like(theirs)
     compiled(np.concatenate([np.zeros((1, 1)), state]), ours)
     finite = np.isfinite(theirs)
