@@ -1,7 +1,5 @@
 """The command line: its commands, and the exit codes 0 done, 1 failed, 2 misused, 130 interrupted."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """Failures of the command line and their exit codes: 1 failed, 2 misused, 130 interrupted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

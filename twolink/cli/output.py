@@ -1,7 +1,5 @@
 """What commands print, JSON or text, and the files that --out writes by their endings."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Sequence

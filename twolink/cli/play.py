@@ -1,7 +1,5 @@
 """The command that plays a saved trajectory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The commands that answer dynamics questions, and that check the equations behind the answers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

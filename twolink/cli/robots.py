@@ -1,7 +1,5 @@
 """The commands about robots: list those known by name, and inspect one."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from typer import Option

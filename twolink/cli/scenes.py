@@ -1,7 +1,5 @@
 """The commands about scenes: list, explain and simulate them; study accuracy; list the methods."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import partial
 from typing import Annotated, Any, cast

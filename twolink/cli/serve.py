@@ -1,7 +1,5 @@
 """The command that serves the API and the page."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Annotated

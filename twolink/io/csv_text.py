@@ -1,7 +1,5 @@
 """CSV text as columns of numbers; every error names the line."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections import Counter

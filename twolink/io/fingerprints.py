@@ -1,7 +1,5 @@
 """Fingerprints of a pin.Model: to nine digits for saved files, and bit for bit for compiled kernels."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import platform

@@ -1,7 +1,5 @@
 """Tables of named columns in .csv, .parquet and .npz files."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Texts and the numbers in them: files read within a limit, floats read strictly, names in kebab case."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

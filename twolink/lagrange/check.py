@@ -5,8 +5,6 @@ questions about n random arms in random states, entry by entry. SymPy says which
 states, and the energy of a released arm shows what the misprint means.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import get_args

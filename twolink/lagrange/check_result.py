@@ -1,7 +1,5 @@
 """The result of `check`, as data and as a plain table."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

@@ -10,8 +10,6 @@ which is then sorted by ddtheta, td1 td2, td1^2, td2^2 and the remainder, like e
 this module, and with it SymPy. Symbols: l1 l2 [m], m1 m2 [kg], g [m/s^2], theta1 theta2 [rad].
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -22,8 +22,6 @@ Everything else in A, B, C and D is right, and of B only the sum of each row can
 columns multiply td1 td2.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal, TypeAlias
 
 Variant = Literal["corrected", "printed"]

@@ -4,8 +4,6 @@ Every set of parameters becomes a URDF of uniform rods, which Pinocchio reads; n
 of this package.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

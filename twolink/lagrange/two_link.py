@@ -3,8 +3,6 @@
 The equations, their source and the erratum are in `formulas`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, get_args
 

@@ -7,8 +7,6 @@ Time scales with sqrt(l), so that the length alone decides whether a cycle takes
 Source: S. N. H. Umar and E. Abu Bakar, "Study on Trajectory Motion and Computational Analysis of Robot Manipulator".
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

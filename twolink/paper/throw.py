@@ -5,8 +5,6 @@ release time of the ball is scanned. From the best one on, SciPy's bounded optim
 times. Every throw is a simulation of the arm, the flight and what follows.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The figure of a search for the best throw: the ball's paths, its speed along them, and the aim over the elevation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
