@@ -37,7 +37,7 @@ log = logging.getLogger("twolink")
 
 
 class StepMap:
-    """A method on equations. Calling it, or `call`, attempts one step of each world and writes the states into `out`.
+    """A method on equations. Calling it attempts one step of each world and writes the states into `out`.
 
     rows: the indices of the control's rows. compiled: whether it is heyoka's. compile_seconds: what compiling or
     loading took, 0 where it was at hand.
@@ -48,16 +48,22 @@ class StepMap:
         self.method = method
         self.compiled = compiled
         self.compile_seconds = compile_seconds
-        self.call = call
+        self._call = call
 
     @functools.cached_property
     def rows(self) -> Control:
         """The indices of the control's rows in a state array."""
         return control_rows(self.equations.space.size)
 
+    def call(self, worlds: int) -> Map:
+        """The function that attempts one step of each of so many worlds: on threads where that pays."""
+        if self.compiled and pays_threads(worlds, self.equations.operations * self.method.evaluations):
+            return functools.partial(self._call, batch_parallel=True)
+        return self._call  # naming the option takes 0.5 µs, a quarter of a small step
+
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
-        self.call(state, out)
+        self.call(state.shape[1])(state, out)
 
     def partial(self, x: Array, start: Array, end: Array, parameters: Array | None = None) -> Array:
         """States (size, n) at the times `end` (n,), each by one step from x (size, n) at `start` (n,).
@@ -134,7 +140,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
             seconds = time.perf_counter() - start
             while len(_kept) > MAX_KEPT:
                 del _kept[next(iter(_kept))]
-    return StepMap(equations, method, _caller(compiled, equations, method), True, seconds)
+    return StepMap(equations, method, compiled, True, seconds)
 
 
 def _loaded(name: str) -> Any:
@@ -149,19 +155,7 @@ def _compiled(name: str, equations: Equations, method: Method) -> Any:
     expected = compiling_seconds(equations.operations * method.evaluations)
     log.info("compiling steps of %s for %s, about %.1f s", method.name, equations.robot.name, expected)
     compiled = compiled_map(equations, method)
-    certify(equations, method, portable_map(equations, method), _caller(compiled, equations, method))
+    certify(equations, method, portable_map(equations, method), compiled)
     cache.store(name, compiled)
     log.info("compiled and certified in %.1f s", time.perf_counter() - start)
     return compiled
-
-
-def _caller(compiled: Any, equations: Equations, method: Method) -> Map:
-    work = equations.operations * method.evaluations
-
-    def call(state: Array, out: Array) -> None:
-        if pays_threads(state.shape[1], work):
-            compiled(state, out, batch_parallel=True)
-        else:  # naming the option takes 0.5 µs, a quarter of a small step
-            compiled(state, out)
-
-    return call

@@ -96,20 +96,27 @@ def integrate(
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
     longest = longest or (end - start) / MIN_STEPS
     state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest, rate=rate)
-    out = np.empty((len(times), 1, size))
-    out[0, 0] = equations.start
+    out = np.empty((size, len(times)))
+    out[:, 0] = equations.start
     done, interrupted, hit, last = 1, False, None, state[:, 0]
     try:
         for block in advance(step_map, state, limit, BLOCK if watcher is None else FIRST_BLOCK):
-            t, last = block.t[:, 0], block.states[-1, :, 0]
+            t, states = block.t[:, 0], block.states[:, :, 0]
+            last = states[-1]
             if block.outcome[0] != FINE:
                 raise _failure(step_map, block, limit)
             if watcher is not None:
-                hit = watcher.first(t, block.states[:, :size, 0])
-            take_samples(step_map, block, times, out, until=end if hit is None else hit.t)
-            done = int(np.searchsorted(times, t[-1] if hit is None else hit.t, side="right"))
+                hit = watcher.first(t, states[:, :size])
+            reached = int(np.searchsorted(times, t[-1] if hit is None else hit.t, side="right"))
+            if reached > done:
+                wanted = times[done:reached]
+                step = np.searchsorted(t, wanted) - 1
+                out[:, done:reached] = step_map.partial(states[step, :size].T, t[step], wanted)
+                at_end = np.flatnonzero(t[step + 1] == wanted)  # where a step ended, its own state
+                out[:, done + at_end] = states[step[at_end] + 1, :size].T
+            done = reached
             if hit is not None:
-                last = block.states[max(0, int(np.searchsorted(t, hit.t)) - 1), :, 0]
+                last = states[max(0, int(np.searchsorted(t, hit.t)) - 1)]
                 break
             if progress is not None:
                 progress(float(t[-1]))
@@ -118,7 +125,7 @@ def integrate(
     accepted, rejected = int(last[step_map.rows.accepted]), int(last[step_map.rows.rejected])
     return Solution(
         times[:done],
-        np.ascontiguousarray(out[:done, 0].T),
+        out[:, :done],
         accepted,
         (accepted + rejected + done) * method.evaluations,
         rejected,
@@ -220,23 +227,22 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int) -> Array:
     states = np.empty((count + 1, len(state), width))
     states[0, :, :worlds] = state
     states[0, :, worlds:] = state[:, -1:]
-    k, attempt, time, end = 0, step_map.call, rows.time, rows.end
+    call, k, time, end = step_map.call(width), 0, rows.time, states[0, rows.end]
+    last = float(end[0])
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
-        attempt(now, new)
+        call(now, new)
         if width == 1:  # most runs are of one world, and a reduction takes as long as a small step
-            if new[time, 0] >= new[end, 0]:
+            if new.item(time) >= last:
                 break
             continue
-        going = np.count_nonzero(new[time] < new[end])
+        going = np.count_nonzero(new[time] < end)
         if going == 0 or (k >= LANES and 2 * going < width):
             break
     return states[: k + 1, :, :worlds]
 
 
-def take_samples(
-    step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None, until: float = math.inf
-) -> None:
-    """Write the samples that lie within a block into `out` (len(times), n, size), up to a time.
+def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None) -> None:
+    """Write the samples that lie within a block into `out` (len(times), n, size).
 
     A sample within a step is one step from the state before it: as exact as the method.
     """
@@ -248,8 +254,7 @@ def take_samples(
     counts = counts[step, column]
     number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)  # 0, 1, ... within each step
     sample = np.repeat(reached[step, column], counts) + number
-    wanted = times[sample] <= until
-    sample, step, column = sample[wanted], np.repeat(step, counts)[wanted], np.repeat(column, counts)[wanted]
+    step, column = np.repeat(step, counts), np.repeat(column, counts)
     states, worlds, size = block.states.swapaxes(1, 2), block.worlds[column], out.shape[2]
     x = states[step, column, : step_map.equations.space.size].T
     values = None if parameters is None else parameters[:, worlds]
