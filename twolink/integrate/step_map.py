@@ -32,7 +32,7 @@ LANES = 8  # batches are padded to whole vectors, so that every world gets the s
 MAX_KEPT = 64  # maps kept in this process
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
-Map = Callable[[Array, Array], None]
+Map = Callable[..., None]  # (state, out)
 log = logging.getLogger("twolink")
 
 
@@ -111,7 +111,7 @@ class StepMap:
         if extra:
             worlds[-extra:] = parameters
         out = np.empty_like(state)
-        self.call(state, out)
+        self(state, out)
         new = out[:size, :count].copy()
         late = out[rows.time, :count] < end
         if late.any():
