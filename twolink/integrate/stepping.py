@@ -26,7 +26,6 @@ from twolink.integrate.step_map import LANES, StepMap
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
 BLOCK = 256  # steps between two looks at what they gave
-FIRST_BLOCK = 8  # after an event, where the next one may be near; then twice as many each time
 BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
@@ -62,6 +61,7 @@ def integrate(
     watcher: Watcher | None = None,
     longest: float | None = None,
     rate: Array | None = None,
+    first_block: int = BLOCK,
 ) -> Solution:
     """Solve from the equations' start for samples, one world.
 
@@ -81,6 +81,8 @@ def integrate(
         The longest step of an adaptive method, s; by default 1 / MIN_STEPS of the time from first to last sample.
     rate : ndarray (nq + nv,), optional
         The rate at the start, where the caller knows it.
+    first_block : int
+        The steps of the first block; each next one has twice as many, up to BLOCK.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def integrate(
     out[:, 0] = equations.start
     done, interrupted, hit, last = 1, False, None, state[:, 0]
     try:
-        for block in advance(step_map, state, limit, BLOCK if watcher is None else FIRST_BLOCK):
+        for block in advance(step_map, state, limit, first_block):
             t, states = block.t[:, 0], block.states[:, :, 0]
             last = states[-1]
             if block.outcome[0] != FINE:

@@ -21,10 +21,11 @@ from twolink.integrate.pieces import piece_times
 from twolink.integrate.solution import Piece, Progress, Solution, joined
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import integrate
+from twolink.integrate.stepping import BLOCK, integrate
 
 AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000
+FIRST_BLOCK = 8  # steps between two looks for events, before a piece has shown how many it takes
 SMALL_BOUNCE = 1e-2  # of the tolerance: lower bounces are not followed
 SMALLEST_BOUNCE = 1e-13  # m or rad: what numbers resolve
 
@@ -57,6 +58,7 @@ class _Engine:
         self.run = RunState(self.whole, float(self.times[0]), max(small, SMALLEST_BOUNCE))
         self.end, self.at_once = float(self.times[-1]), 0
         self.span = self.end - self.run.t
+        self.block = FIRST_BLOCK
 
     def solution(self) -> Solution:
         """The samples up to the end, or to where the run ends or is interrupted."""
@@ -132,7 +134,9 @@ class _Engine:
         longest = self.span / self.perturbation.min_steps
         space = equations.space
         rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
-        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate)
+        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate,
+                         first_block=self.block)  # fmt: skip
+        self.block = min(max(part.steps + part.rejected + 2, FIRST_BLOCK), BLOCK)  # the next piece may be as long
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
         for guard in guards:

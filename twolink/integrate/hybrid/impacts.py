@@ -174,7 +174,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
         inverse = inverse - inverse @ fixed.T @ np.linalg.pinv(gain, rcond=1e-10) @ fixed @ inverse
     wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
     impulses = [np.zeros(len(touch.rows)) for touch in touches]
-    new = np.array(v)
+    new, single = np.array(v), len(touches) == 1 and len(touches[0].rows) == 1  # its first impulse is exact
     for _ in range(SWEEPS):
         moved = 0.0
         for i, touch in enumerate(touches):
@@ -183,7 +183,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
             impulses[i] = better
             new = new + change
             moved = max(moved, float(np.abs(change).max()))
-        if moved <= UNCHANGED * (1.0 + float(np.abs(v).max())):
+        if single or moved <= UNCHANGED * (1.0 + float(np.abs(v).max())):
             break
     else:
         raise AccuracyError(f"no impulses fulfil the laws of impact and friction of {touches[0].name}",

@@ -20,7 +20,7 @@ from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap
 
-WITHIN = np.array([0.25, 0.5, 0.75])  # of a step
+WITHIN = np.array([0.0, 0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
 EXACT = 8 * np.finfo(float).eps  # relative to max(1, t): what the rounding of times and states resolves
 
@@ -58,8 +58,8 @@ class Watcher:
 
     def first(self, t: Array, x: Array) -> Hit | None:
         """The first event along states x (k, size) at times t (k,), which do not decrease; None if there is none."""
-        if (np.diff(t) <= 0.0).any():  # of refused steps
-            moved = np.append(np.diff(t) > 0, True)
+        moved = np.append(t[1:] > t[:-1], True)
+        if not moved.all():  # of refused steps
             t, x = t[moved], x[moved]
         if not self.guards or len(t) < 2:
             return None
@@ -88,13 +88,11 @@ class Watcher:
 
     def _within(self, t: Array, x: Array) -> tuple[Array, Array]:
         """Times (m,) and states (size, m): the ends of steps, and points within them."""
-        inner = t[:-1, None] + WITHIN * np.diff(t)[:, None]
-        steps = np.repeat(np.arange(len(t) - 1), len(WITHIN))
-        times = np.append(np.concatenate([t[:-1, None], inner], axis=1).ravel(), t[-1])
+        count = len(WITHIN)
+        times = np.append(t[:-1, None] + WITHIN * (t[1:] - t[:-1])[:, None], t[-1])
         states = np.empty((x.shape[1], len(times)))
-        ends = np.arange(len(times)) % (len(WITHIN) + 1) == 0
-        states[:, ends] = x.T
-        states[:, ~ends] = self.map.partial(x[steps].T, t[steps], inner.ravel())
+        states[:, :-1] = self.map.partial(x[:-1].repeat(count, axis=0).T, t[:-1].repeat(count), times[:-1])
+        states[:, ::count] = x.T
         return times, states
 
     def _dips(self, values: Array) -> Array:
@@ -139,10 +137,12 @@ class Watcher:
 
     def _at(self, times: Array, t: Array, x: Array) -> Array:
         """The states (size, n) at times (n,)."""
-        steps = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-        states = self.map.partial(x[steps].T, t[steps], times)
-        exact = times == t[steps]
-        states[:, exact] = x[steps[exact]].T
+        steps = t[1:-1].searchsorted(times, side="right")
+        begin = t[steps]
+        states = self.map.partial(x[steps].T, begin, times)
+        exact = times == begin
+        if exact.any():
+            states[:, exact] = x[steps[exact]].T
         return states
 
 

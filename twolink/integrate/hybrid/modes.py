@@ -73,7 +73,7 @@ class ModeEquations:
     def largest_load(self, snapshot: Snapshot) -> float:
         """The largest torque that effects, friction and inertia give a joint, by which forces are judged."""
         friction = snapshot.x[len(snapshot.x) - len(self.equations.layout.lockable) :]  # tau has it as a sum
-        return float(max(np.abs(part).max(initial=0.0) for part in (snapshot.tau, snapshot.bias, friction)))
+        return float(np.abs(np.concatenate([snapshot.tau, snapshot.bias, friction])).max(initial=0.0))
 
 
 _kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakref.WeakKeyDictionary()

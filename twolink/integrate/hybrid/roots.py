@@ -12,11 +12,12 @@ from twolink.integrate.state import Array
 
 Function = Callable[[Array], Array]
 
-OFFSETS = 10.0 ** np.array([-10, -8, -6, -4, -2])
-AROUND = np.concatenate([-OFFSETS[::-1], [0.0], OFFSETS])  # of the bracket, about an estimate of the zero
+POWERS = np.array([0.0, 0.1, 0.3, 0.5, 0.65, 0.8])
+NEAR = 0.4  # of the resolution: where the nearest points to an estimate lie
 QUARTERS = np.array([0.25, 0.5, 0.75])
 SHRUNK = 1e-6  # of the first bracket of a minimum
 BATCHES = 60
+LAST = 64  # times the resolution: a bracket that one batch resolves
 REACH = (4, 2, 1)  # points on each side for the estimate of each batch: nearer ones differ by rounding
 
 
@@ -24,19 +25,22 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
     """Where f passes from above 0 to 0 or below, to the resolution; the end of the bracket at which it is not above 0.
 
     points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch
-    quarters the bracket, and has an estimate by inverse interpolation with points around it, at distances that shrink
-    faster than its error. Where f is not a finite number it counts as above 0.
+    quarters the bracket, and has an estimate by inverse interpolation with points around it, at distances from the
+    resolution to the bracket, evenly by their logarithms. Where f is not a finite number it counts as above 0.
     """
     for batches in range(BATCHES):
         end = int(np.argmax(values <= 0.0))
         a, b = float(points[end - 1]), float(points[end])
         if b - a <= resolution:
             break
-        estimate = _estimate(points, values, end, REACH[min(batches, len(REACH) - 1)])
-        # A good estimate ends the search: the zero lies between its two neighbours at the resolution.
-        ends = (estimate - 0.4 * resolution, estimate + 0.4 * resolution)
-        batch = np.concatenate([estimate + (b - a) * AROUND, ends, a + (b - a) * QUARTERS])
-        batch = np.sort(batch[(batch > a) & (batch < b)])
+        if b - a <= LAST * resolution:  # f may be rounding here, which no estimate helps with
+            batch = np.arange(a, b, 2 * NEAR * resolution)
+        else:  # A good estimate ends the search: the zero lies between its two nearest neighbours.
+            estimate = _estimate(points, values, end, REACH[min(batches, len(REACH) - 1)])
+            around = NEAR * resolution * ((b - a) / resolution) ** POWERS
+            batch = np.concatenate([estimate - around, estimate + around, a + (b - a) * QUARTERS])
+        batch = batch[(batch > a) & (batch < b)]
+        batch.sort()
         if not batch.size:
             break
         points = np.concatenate([points[:end], batch, points[end:]])
@@ -48,13 +52,15 @@ def _estimate(points: Array, values: Array, end: int, reach: int) -> float:
     """The zero between points[end - 1] and points[end], where the values pass it.
 
     It is that of the polynomial which gives the points for the values (Neville's scheme), of `reach` points on each
-    side if their values decrease, else of fewer; where there is none, the middle.
+    side if their values decrease, else of fewer; where there is none, the middle. A side may have none that is finite.
     """
     a, b = float(points[end - 1]), float(points[end])
     for r in range(reach, 0, -1):
         near = slice(max(0, end - r), end + r)
         x, y = points[near].tolist(), values[near].tolist()
-        if any(not later < before < math.inf for before, later in itertools.pairwise(y)):
+        while y[0] == math.inf:
+            del x[0], y[0]
+        if any(not later < before for before, later in itertools.pairwise(y)):
             continue
         for k in range(1, len(x)):
             x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]

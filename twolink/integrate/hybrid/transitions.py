@@ -28,12 +28,13 @@ Value = Callable[[Snapshot], Any]
 def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     """The guards of the mode of a run, from its state on, of which this is the snapshot."""
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
-    force = FORCE_AT_ZERO * run.here.own.largest_load(snapshot)
     guards = [*_joint_guards(run), *_contact_guards(run), *_trigger_guards(run)]
-    for guard in guards:
-        with np.errstate(all="ignore"):
-            first = float(np.asarray(guard.value(snapshot)).reshape(-1)[0])
-        guard.begin(first, force if guard.is_force else distance, fired=guard.key in run.fired)
+    forces = any(guard.is_force for guard in guards)
+    force = FORCE_AT_ZERO * run.here.own.largest_load(snapshot) if forces else 0.0
+    with np.errstate(all="ignore"):
+        for guard in guards:
+            first = np.asarray(guard.value(snapshot)).item()
+            guard.begin(first, force if guard.is_force else distance, fired=guard.key in run.fired)
     return guards
 
 
