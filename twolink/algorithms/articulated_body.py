@@ -1,7 +1,5 @@
 """Forward dynamics by articulated bodies, over plain arithmetic. Featherstone 2008, chapter 7."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ There is no pivoting: for small h the matrix is near to 1, and a step that is to
 and is refused by its error. Entries that are the constants 0 and 1 cost no operation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

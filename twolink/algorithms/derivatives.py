@@ -16,8 +16,6 @@ carried: their inertia I, their momentum P = integral of x' dm, and their flow Z
     (force, moment) = I (gamma, beta) + (2 delta x P, N delta),  N = 2 (tr(Z) 1 - Z^T).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple

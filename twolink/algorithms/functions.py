@@ -1,7 +1,5 @@
 """The functions that can be compiled: what they take, what they return, their formulas, and Pinocchio's reference."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -4,8 +4,6 @@ Featherstone 2008, chapter 4. The motion subspace S of every joint here is const
 own (child) frame, so its apparent derivative is zero. Configurations are laid out as in Pinocchio.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -3,8 +3,6 @@
 Bodies are numbered as in Pinocchio and in Featherstone 2008, chapter 4: body 0 is the world, parents[i] < i.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A formula is written once over a namespace xp. NumPy's numbers run it; expressio
 compile it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -9,8 +9,6 @@ Accelerations are classical, of the frames' origins, with the world accelerating
 f = I a + (w x (w x h), w x I w) then needs no linear velocities, except through joints that slide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 

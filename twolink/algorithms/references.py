@@ -4,8 +4,6 @@ The scale is the size of the terms that are added, not of their sum, which may c
 with, the scale is carried through the inverse: this is where the condition number enters.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any

@@ -13,8 +13,6 @@ absolute error of the sine and the cosine on 0 <= r^2 <= 1.0001 (pi / 2)^2, the 
 the leading terms r, 1 and -r^2 / 2 fixed.
 """
 
-from __future__ import annotations
-
 from twolink.algorithms.spatial import Scalar
 
 LIMIT = 1e6

@@ -4,8 +4,6 @@ The entry (i, j) of M is zero unless one of the degrees of freedom i and j carri
 same places. parents: the parent of each degree of freedom, -1 at a root (`Mechanism.dof_parents`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

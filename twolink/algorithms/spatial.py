@@ -9,8 +9,6 @@ Constants are Python floats. A product with the constant 0, 1 or -1, or a sum wi
 operation behind: what a mechanism does not have costs nothing once its equations are traced.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

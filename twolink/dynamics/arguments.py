@@ -1,7 +1,5 @@
 """Arguments: shapes, finiteness, unit quaternions and (cos, sin) pairs; broadcasting of batches; numbers above 0."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

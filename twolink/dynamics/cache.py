@@ -5,8 +5,6 @@ when nobody else can write there, and when its digest matches its content and it
 kernel's name is refused. Other files are left alone, whoever put them there; a kernel that is refused is built again.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

@@ -3,8 +3,6 @@
 Each Function brings its reference, with the scale that its rounding errors are measured by (`algorithms.references`).
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass

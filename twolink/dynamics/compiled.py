@@ -1,7 +1,5 @@
 """Compiled: a robot's queries as compiled functions, each certified against Pinocchio before its first use."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading

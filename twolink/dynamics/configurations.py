@@ -1,7 +1,5 @@
 """Configurations as points of a manifold: differences, steps, and random ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike

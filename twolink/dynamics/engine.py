@@ -10,8 +10,6 @@ time and in every process. It weighs what Pinocchio takes for the batch against 
 Smaller batches take milliseconds either way; engine="compiled" answers them in a tenth to a hundredth of the time.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 

@@ -5,8 +5,6 @@ only if all inputs and outputs are finite, all angles are within the reach of `s
 pairs have length 1. A batch whose guard is not finite is answered by Pinocchio, after a check of each value.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import threading

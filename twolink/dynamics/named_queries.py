@@ -1,7 +1,5 @@
 """Dynamics queries by name, on states that come as text: what the command line and the service share."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -4,8 +4,6 @@ Each query is a frozen record with Pinocchio's algorithm for one state. `answer`
 batch, calls the algorithm for every row, and refuses a result that is not finite.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Robot: a checked model that answers dynamics queries, for one state or for batches on leading axes."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Sequence

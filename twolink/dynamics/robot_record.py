@@ -1,7 +1,5 @@
 """A robot as plain data: what the command line prints as JSON and the service answers."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

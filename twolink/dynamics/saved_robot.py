@@ -1,7 +1,5 @@
 """Which robot a saved trajectory or scene belongs to, and how it is loaded again."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from typing import Literal

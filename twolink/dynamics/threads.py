@@ -1,7 +1,5 @@
 """Threads of batches: how many (TWOLINK_THREADS), and whether this process may use a thread pool at all."""
 
-from __future__ import annotations
-
 import os
 
 from twolink.errors import QueryError

@@ -1,7 +1,5 @@
 """External wrenches on named frames, and what they are to Pinocchio: one force per joint."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal

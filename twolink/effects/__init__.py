@@ -6,8 +6,6 @@ own modes and guards, as formulas. This room knows no integration method and no 
 `__init__.pyi` lists what there is, one line a name: type checkers and editors read it, and so does this module.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

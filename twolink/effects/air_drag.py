@@ -1,7 +1,5 @@
 """Drag of the air on a body."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from twolink.algorithms.spatial import add, dot, scale, times

@@ -1,7 +1,5 @@
 """Computed torque: control with which the tracking error obeys a linear equation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.algorithms.recursions import newton_euler

@@ -1,7 +1,5 @@
 """Conditions: quantities of the moving robot that reach a value, where an event happens."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import msgspec

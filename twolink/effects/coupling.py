@@ -1,7 +1,5 @@
 """Coordinates coupled by gears or belts."""
 
-from __future__ import annotations
-
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import one_of

@@ -1,7 +1,5 @@
 """A spring-loaded ball that holds a joint in notches."""
 
-from __future__ import annotations
-
 from twolink.dynamics import Robot
 from twolink.effects.conditions import JointReaches
 from twolink.effects.effect import NotNegative

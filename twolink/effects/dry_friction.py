@@ -1,7 +1,5 @@
 """Dry friction in joints: static friction holds them, kinetic friction brakes them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.dynamics import Robot

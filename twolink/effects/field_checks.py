@@ -1,7 +1,5 @@
 """Checks of the fields of effects by their declared types: finite numbers within bounds, vectors, values by joint."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin

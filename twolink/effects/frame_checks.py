@@ -1,7 +1,5 @@
 """Checks of frames and points, for effects on frames."""
 
-from __future__ import annotations
-
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot

@@ -1,7 +1,5 @@
 """Forces and moments on links as functions of time."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from twolink.algorithms.functions import frame_pose

@@ -1,7 +1,5 @@
 """Gravity: a uniform field."""
 
-from __future__ import annotations
-
 import math
 from numbers import Real
 

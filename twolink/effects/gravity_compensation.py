@@ -1,7 +1,5 @@
 """Torques that carry the robot's weight."""
 
-from __future__ import annotations
-
 from twolink.algorithms.recursions import newton_euler
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect

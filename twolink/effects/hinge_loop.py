@@ -1,7 +1,5 @@
 """A hinge between two links that closes a loop."""
 
-from __future__ import annotations
-
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
 from twolink.effects.conditions import across, unit

@@ -1,7 +1,5 @@
 """Inputs: what a scene gives as a function of time, by a formula or by a table of samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
 

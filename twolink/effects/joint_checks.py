@@ -1,7 +1,5 @@
 """Checks of values by joint, and limits of effort, for effects on joints."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """Viscous damping of joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.algorithms.spatial import times

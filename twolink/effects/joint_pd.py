@@ -1,7 +1,5 @@
 """Proportional-derivative control of joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.algorithms.spatial import minus, plus, times

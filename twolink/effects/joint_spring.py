@@ -1,7 +1,5 @@
 """Springs in joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.algorithms.spatial import plus, times

@@ -1,7 +1,5 @@
 """Stops at the ends of joints."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Literal

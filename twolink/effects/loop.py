@@ -1,7 +1,5 @@
 """Loops: constraints g(q) = 0 or b(q) v = 0 between places of a robot, besides its joints."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from twolink.algorithms.spatial import Scalar

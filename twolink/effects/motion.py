@@ -1,7 +1,5 @@
 """What effects see and do: the moving robot's joints and frames, and the loads they add. Over plain arithmetic."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """A body fixed to a link."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

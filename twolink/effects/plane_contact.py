@@ -1,7 +1,5 @@
 """A ball or a point of a link that meets a plane: it bounces, slides, rolls or sticks."""
 
-from __future__ import annotations
-
 import functools
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """A point of one link held at a point of another, as by a ball joint."""
 
-from __future__ import annotations
-
 from twolink.algorithms.spatial import Scalar
 from twolink.dynamics import Robot
 from twolink.effects.frame_checks import apart, check_frame

@@ -1,7 +1,5 @@
 """What acts until it is released: a payload, a grip, a spring that tears."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from twolink.dynamics import Robot

@@ -1,7 +1,5 @@
 """Rotors of motors behind gears."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

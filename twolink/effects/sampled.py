@@ -1,7 +1,5 @@
 """Sampled: an input as a table of samples, and the polynomials it is made of between them."""
 
-from __future__ import annotations
-
 import functools
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Dry friction of joints, smoothed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """A spring, damper and actuator between two points."""
 
-from __future__ import annotations
-
 from twolink.algorithms.spatial import add, dot, plus, reciprocal, scale, times
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, NotNegative

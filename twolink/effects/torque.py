@@ -1,7 +1,5 @@
 """Torques and forces in joints as functions of time."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from twolink.dynamics import Robot

@@ -1,7 +1,5 @@
 """Events of the user: noted, and perhaps the end of the run or a change of the motion."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from twolink.dynamics import Robot

@@ -1,7 +1,5 @@
 """A rigid connection of two links that closes a loop."""
 
-from __future__ import annotations
-
 import pinocchio as pin
 
 from twolink.algorithms.spatial import Scalar, dot

@@ -1,7 +1,5 @@
 """Running a case: our attempts and their verdicts."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A hard case as data: a simulation whose exact motion is known, or calls that must end in a named error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

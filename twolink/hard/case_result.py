@@ -1,7 +1,5 @@
 """What came of a case: attempts of ours, and of peers, with verdicts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A limit of wall-clock time for a simulation."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """References of a scene in numbers of more digits: Taylor series in extended precision, checked by a second one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from twolink.hard.truths import distance

@@ -5,8 +5,6 @@ in 200 bits. Chains: the planar equations in absolute angles in long double, by 
 sizes. None of them uses a URDF, Pinocchio or a recursion. The results are in references.json.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import sys

@@ -1,7 +1,5 @@
 """The report: one self-contained HTML page, light and dark, for phones too."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """Peers on a hard case: every peer that can do it, at its default setting and at a tight one."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from types import ModuleType

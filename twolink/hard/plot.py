@@ -1,7 +1,5 @@
 """Error over time as a small inline SVG: ours with its error bars, and the peers'."""
 
-from __future__ import annotations
-
 import html
 import math
 from dataclasses import dataclass

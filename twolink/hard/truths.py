@@ -1,7 +1,5 @@
 """Errors of motions, and the exact motions they are taken from: closed forms in 60 digits, and stored references."""
 
-from __future__ import annotations
-
 import functools
 import json
 import math

@@ -4,8 +4,6 @@ Pinocchio's parser drops what it cannot read (an inertia with a blank in a numbe
 stderr. It gets only numbers that `Reader` has read and written again.
 """
 
-from __future__ import annotations
-
 from twolink.robots.tree import Tree
 from twolink.robots.urdf_elements import URDF_ELEMENTS
 from twolink.robots.xml import Element

@@ -3,8 +3,6 @@
 example-robot-data 6 ships data only; the names are those of its former Python loader, which users know.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 import sysconfig

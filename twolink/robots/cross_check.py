@@ -6,8 +6,6 @@ and forward kinematics against Pinocchio's parser and model. What our XML reader
 cannot show.
 """
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The layout of q and v: which entries belong to which joint, and which have length 1."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

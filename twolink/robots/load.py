@@ -1,7 +1,5 @@
 """Loading a robot: source -> elements -> tree -> pin.Model -> checks -> RobotModel and load report."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Options of loading a robot: its gravity field, and joints that are locked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

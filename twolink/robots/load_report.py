@@ -1,7 +1,5 @@
 """The load report: what was read, ignored, repaired and assumed when a robot was loaded, and all of its wording."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence

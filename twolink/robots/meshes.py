@@ -1,7 +1,5 @@
 """The mesh files that a URDF names: where they are, and the URDF without those that are missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

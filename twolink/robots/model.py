@@ -1,7 +1,5 @@
 """RobotModel: a robot whose URDF was read, checked and reported."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Checks that a robot can exist: inertias of real bodies, and a mass matrix that can be inverted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

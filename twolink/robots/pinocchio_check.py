@@ -1,7 +1,5 @@
 """The model that Pinocchio built, compared with the checked values of the URDF."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

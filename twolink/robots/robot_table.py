@@ -1,7 +1,5 @@
 """The table of robots known by name."""
 
-from __future__ import annotations
-
 import functools
 
 from twolink.errors import RobotError

@@ -1,7 +1,5 @@
 """Where a URDF comes from: a name of the catalogue, a file, or text."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

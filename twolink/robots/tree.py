@@ -1,7 +1,5 @@
 """From elements to a kinematic tree: unique names, one root, no cycle, not too deep."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

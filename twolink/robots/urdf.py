@@ -4,8 +4,6 @@ Pinocchio accepts NaN masses, zero axes and reversed limits without a message, s
 Pinocchio sees the file. Python's float() reads a decimal point whatever the locale is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The elements of a URDF that rigid-body dynamics reads, from urdf_elements.toml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

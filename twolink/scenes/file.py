@@ -1,7 +1,5 @@
 """Loading scenes: TOML files with a strict schema, from a path or bundled with twolink."""
 
-from __future__ import annotations
-
 import functools
 import os
 import tomllib

@@ -1,7 +1,5 @@
 """What a scene file may say: the schema of its tables, and the JSON Schema that editors and clients use."""
 
-from __future__ import annotations
-
 import functools
 import operator
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """From the tables of a scene to a Scene: effects, robot and initial state."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any

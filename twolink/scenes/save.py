@@ -1,7 +1,5 @@
 """Saving a scene as a TOML file that `load_scene` reads again."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

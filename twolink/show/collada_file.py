@@ -5,8 +5,6 @@ are, where trimesh decodes every picture; and it takes half the time. meshcat's 
 it loses parts whose neighbours have another material (half of a UR5) and ignores the file's unit of length.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

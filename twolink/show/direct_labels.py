@@ -1,7 +1,5 @@
 """Direct labels: each line's name beside its end, where it covers neither lines nor other names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Live playing of a motion in the browser: a playback page, served to this machine while it plays."""
 
-from __future__ import annotations
-
 import threading
 import time
 import webbrowser

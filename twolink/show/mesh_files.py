@@ -4,8 +4,6 @@ Collada is read here; the viewer itself reads .obj and .stl. A mesh file may com
 own folder are opened on its behalf.
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ Objects are dictionaries in three.js's JSON format, which meshcat's viewer reads
 Pieces that cannot be drawn, for want of their file, are named.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

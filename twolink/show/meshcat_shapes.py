@@ -1,7 +1,5 @@
 """Bodies as three.js JSON, the dictionaries that meshcat's viewer reads: coal's primitives, and triangles."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Camera, lights and grid that suit the whole motion of a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

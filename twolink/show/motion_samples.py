@@ -1,7 +1,5 @@
 """The samples of a motion: checked, and interpolated at other times."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A motion as one page of HTML that plays in any browser: it holds meshcat's viewer, the scene and the animation."""
 
-from __future__ import annotations
-
 import base64
 import functools
 import html

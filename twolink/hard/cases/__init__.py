@@ -4,8 +4,6 @@ A module may define, by the name of the case, ERRORS (error functions), SCENES (
 CHECKS (calls that must be refused).
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import tomllib

@@ -1,7 +1,5 @@
 """Straight chains of uniform rods: mass matrices whose condition grows with the fourth power of the length."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

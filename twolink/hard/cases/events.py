@@ -1,7 +1,5 @@
 """Events: dry friction, stops, infinitely many bounces, sliding and rolling, friction that allows no motion."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Closed loops: dead centres, bifurcations, redundant and nearly redundant ones."""
 
-from __future__ import annotations
-
 import functools
 import math
 

@@ -1,7 +1,5 @@
 """Wrong input of every kind: a named error must be raised before any NaN appears."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Mapping

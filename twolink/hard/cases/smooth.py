@@ -1,7 +1,5 @@
 """Cases without loops and events: pendulums, spinning bodies, stiff springs, extreme scales, and inputs in time."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

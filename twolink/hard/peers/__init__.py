@@ -11,8 +11,6 @@ come out. Every peer is a module with the same functions, and takes its model fr
 Nothing here judges an answer.
 """
 
-from __future__ import annotations
-
 import importlib
 from types import ModuleType
 

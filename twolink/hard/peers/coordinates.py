@@ -1,7 +1,5 @@
 """The coordinates that MuJoCo and Drake share, and Pinocchio's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

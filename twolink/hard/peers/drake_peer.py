@@ -4,8 +4,6 @@ A tree is a continuous plant, solved by Simulator's integrators with error contr
 constraints), at Drake's usual 1 ms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any

@@ -4,8 +4,6 @@ Springs, dampers and equality constraints are MuJoCo's own, with its default sol
 once a step, as a controller does it. mj_step with `nstep` advances; mujoco.rollout took 2 to 20 % longer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

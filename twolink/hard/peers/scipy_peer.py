@@ -3,8 +3,6 @@
 Quaternions are normalized before each evaluation, as a careful user does it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

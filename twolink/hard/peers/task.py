@@ -1,7 +1,5 @@
 """What a peer is asked and what it answers: task, setting and result."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """A peer's run in a process of its own, which is ended when it takes too long: few integrators can be interrupted."""
 
-from __future__ import annotations
-
 import multiprocessing
 import warnings
 from collections.abc import Callable
