@@ -104,7 +104,7 @@ def test_only_effects_in_use_are_imported() -> None:
         "print(*sorted(m.split('.')[-1] for m in sys.modules if m.startswith('twolink.effects.')))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    shared = {"effect", "field_checks", "inputs", "loop", "motion", "sampled", "switching"}  # what effects have in common
+    shared = {"effect", "field_checks", "inputs", "loop", "motion", "sampled", "switching"}  # common to all
     assert set(out) == {"gravity", *shared}
 
 
