@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Event:
     """What happened at a time t [s].
 
-    kind: "impact", "rest", "leave", "stick", "slip", "reverse" (of slip), "slide", "roll", "release", "limit" (of
-    effort), "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J.
+    kind: "impact", "rest", "leave", "stick", "slip", "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a
+    catch), "release", "limit" (of effort), "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J.
     """
 
     t: float

@@ -49,11 +49,7 @@ class StepMap:
         self.compiled = compiled
         self.compile_seconds = compile_seconds
         self._call = call
-
-    @functools.cached_property
-    def rows(self) -> Control:
-        """The indices of the control's rows in a state array."""
-        return control_rows(self.equations.space.size)
+        self.rows: Control = control_rows(equations.space.size)
 
     def call(self, worlds: int) -> Map:
         """The function that attempts one step of each of so many worlds: on threads where that pays."""

@@ -313,8 +313,9 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
     outcome = np.full(len(t), FINE)
     left = t < end
-    slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
-    outcome[left & (slow | (tried > limit))] = TOO_MANY
+    if tried.max() > min(PACE_FROM, limit):
+        slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
+        outcome[left & (slow | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
         outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH

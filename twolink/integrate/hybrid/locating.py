@@ -58,8 +58,9 @@ class Watcher:
 
     def first(self, t: Array, x: Array) -> Hit | None:
         """The first event along states x (k, size) at times t (k,), which do not decrease; None if there is none."""
-        moved = np.append(t[1:] > t[:-1], True)
+        moved = t[1:] > t[:-1]
         if not moved.all():  # of refused steps
+            moved = np.append(moved, True)
             t, x = t[moved], x[moved]
         if not self.guards or len(t) < 2:
             return None
@@ -89,8 +90,9 @@ class Watcher:
     def _within(self, t: Array, x: Array) -> tuple[Array, Array]:
         """Times (m,) and states (size, m): the ends of steps, and points within them."""
         count = len(WITHIN)
-        times = np.append(t[:-1, None] + WITHIN * (t[1:] - t[:-1])[:, None], t[-1])
-        states = np.empty((x.shape[1], len(times)))
+        times, states = np.empty(count * len(t) - count + 1), np.empty((x.shape[1], count * len(t) - count + 1))
+        times[:-1] = (t[:-1, None] + WITHIN * (t[1:] - t[:-1])[:, None]).ravel()
+        times[-1] = t[-1]
         states[:, :-1] = self.map.partial(x[:-1].repeat(count, axis=0).T, t[:-1].repeat(count), times[:-1])
         states[:, ::count] = x.T
         return times, states

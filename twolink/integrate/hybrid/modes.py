@@ -98,6 +98,7 @@ class System:
             self._holds[hold.dof].append(hold)
         self.kinetic = {k: sum(hold.kinetic for hold in holds) for k, holds in self._holds.items()}
         self.has_friction = {k for k, holds in self._holds.items() if any(hold.entry is None for hold in holds)}
+        self._seen: tuple[object, Snapshot] | None = None
         self._modes: dict[object, ModeEquations] = (
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
         )
@@ -117,6 +118,13 @@ class System:
         if name not in self._modes:
             self._modes[name] = self._made(mode, x)
         return self._modes[name]
+
+    def look(self, here: Situation) -> Snapshot:
+        """The snapshot of a state; kept until the next one, for the same state is looked at more than once."""
+        key = here.mode, here.t, here.x.tobytes()
+        if self._seen is None or self._seen[0] != key:
+            self._seen = key, here.own.evaluate(np.array([here.t]), here.full_state()[:, None])
+        return self._seen[1]
 
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
         closed = {i: self.contacts[i].constraint(kind == "rolling", _slots(i))
@@ -168,7 +176,7 @@ class Situation(NamedTuple):
 
     def look(self) -> Snapshot:
         """Its snapshot."""
-        return self.own.evaluate(np.array([self.t]), self.full_state()[:, None])
+        return self.system.look(self)
 
     def in_mode(self, mode: Mode) -> Situation:
         """The same state in another mode."""

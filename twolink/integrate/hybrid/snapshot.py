@@ -8,7 +8,6 @@ are used.
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import itertools
 import threading
@@ -51,11 +50,14 @@ class Snapshot:
 
     def __init__(self, t: Array, x: Array, rows: Callable[[Array, Array], Array], parts: Mapping[str, slice]) -> None:
         self.t, self.x, self._evaluate, self._parts = t, x, rows, parts
+        self._rows: Array | None = None
 
-    @functools.cached_property
+    @property
     def rows(self) -> Array:
         """Every row that is evaluated, (m, n)."""
-        return self._evaluate(self.t, self.x)
+        if self._rows is None:
+            self._rows = self._evaluate(self.t, self.x)
+        return self._rows
 
     def __getattr__(self, name: str) -> Array:
         if name not in FIELDS:
