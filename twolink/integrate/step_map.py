@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import functools
 import logging
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.compile_time import compiling_seconds
+from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
@@ -29,7 +28,6 @@ from twolink.integrate.step_certificate import certify
 from twolink.integrate.step_control import Control, control_rows
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
-MAX_KEPT = 64  # maps kept in this process
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
 Map = Callable[..., None]  # (state, out)
@@ -115,10 +113,6 @@ class StepMap:
         return new
 
 
-_kept: dict[str, Any] = {}
-_lock = threading.Lock()
-
-
 def step_map(equations: Equations, method: Method, *, portable: bool = False) -> StepMap:
     """The step map of a method, compiled where heyoka is installed; kept for the life of the process.
 
@@ -127,31 +121,16 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
     if portable or heyoka() is None:
         return StepMap(equations, method, portable_map(equations, method), False, 0.0)
     name = equations.key("step", method.name)
-    seconds = 0.0
-    with _lock:
-        compiled = _kept.get(name)
-        if compiled is None:
-            start = time.perf_counter()
-            compiled = _kept[name] = _loaded(name) or _compiled(name, equations, method)
-            seconds = time.perf_counter() - start
-            while len(_kept) > MAX_KEPT:
-                del _kept[next(iter(_kept))]
+    compiled, seconds = compiled_function(name, lambda: _compiled(equations, method))
     return StepMap(equations, method, compiled, True, seconds)
 
 
-def _loaded(name: str) -> Any:
-    """The compiled map in the disk cache, or None."""
-    content = cache.load(name)
-    return content if isinstance(content, heyoka().cfunc_dbl) else None
-
-
-def _compiled(name: str, equations: Equations, method: Method) -> Any:
-    """The map, compiled, compared with the portable one and stored."""
+def _compiled(equations: Equations, method: Method) -> Any:
+    """The map, compiled, compared with the portable one."""
     start = time.perf_counter()
     expected = compiling_seconds(equations.operations * method.evaluations)
     log.info("compiling steps of %s for %s, about %.1f s", method.name, equations.robot.name, expected)
     compiled = compiled_map(equations, method)
     certify(equations, method, portable_map(equations, method), compiled)
-    cache.store(name, compiled)
     log.info("compiled and certified in %.1f s", time.perf_counter() - start)
     return compiled

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +18,12 @@ import numpy as np
 from twolink.algorithms.jets import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.motion import Motion
 from twolink.effects.switching import Contact
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import compiling_seconds
+from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
-KEPT = 64
 FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions")
 ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
@@ -88,7 +86,11 @@ class Evaluator:
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
         pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
-        self._compiled: Any = _compiled(self) if compiled and pays and heyoka() is not None else None
+        self._compiled: Any = None
+        if compiled and pays and heyoka() is not None:
+            content = repr([contact.content for contact in self.contacts]) + repr(self.conditions)
+            name = equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
         return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
@@ -132,24 +134,8 @@ class Evaluator:
         return [contact.gap(motion), *contact.velocity(motion), acceleration]
 
 
-_kept: dict[str, Any] = {}
-_lock = threading.Lock()
-
-
 def _compiled(evaluator: Evaluator) -> Any:
-    """heyoka's function of (t, x), kept for the life of the process."""
-    content = repr([contact.content for contact in evaluator.contacts]) + repr(evaluator.conditions)
-    name = evaluator.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
-    with _lock:
-        if name not in _kept:
-            stored = cache.load(name)
-            _kept[name] = stored if isinstance(stored, heyoka().cfunc_dbl) else _build(name, evaluator)
-            while len(_kept) > KEPT:
-                del _kept[next(iter(_kept))]
-        return _kept[name]
-
-
-def _build(name: str, evaluator: Evaluator) -> Any:
+    """heyoka's function of (t, x), compared with NumPy."""
     module, equations = heyoka(), evaluator.equations
     xp = Expressions(module)
     rows = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
@@ -167,5 +153,4 @@ def _build(name: str, evaluator: Evaluator) -> Any:
     if not (off <= AGREEMENT and np.array_equal(finite, np.isfinite(ours))):
         raise CertificationError(f"compiled forces differ from NumPy's by {off:.1e}", where="events",
                                  remedy="report it with the URDF")  # fmt: skip
-    cache.store(name, compiled)
     return compiled

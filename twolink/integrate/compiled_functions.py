@@ -1,0 +1,32 @@
+"""Compiled functions by name: built once, kept for the life of the process and in the disk cache."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from twolink.dynamics import cache
+from twolink.dynamics.kernels import heyoka
+
+MAX_KEPT = 128  # in this process
+_kept: dict[str, Any] = {}
+_lock = threading.RLock()
+
+
+def compiled_function(name: str, build: Callable[[], Any]) -> tuple[Any, float]:
+    """heyoka's function of this name, and the seconds of loading or building it: 0 where it was at hand."""
+    with _lock:
+        compiled, seconds = _kept.get(name), 0.0
+        if compiled is None:
+            start = time.perf_counter()
+            compiled = cache.load(name)
+            if not isinstance(compiled, heyoka().cfunc_dbl):
+                compiled = build()
+                cache.store(name, compiled)
+            _kept[name] = compiled
+            while len(_kept) > MAX_KEPT:
+                del _kept[next(iter(_kept))]
+            seconds = time.perf_counter() - start
+        return compiled, seconds
