@@ -113,7 +113,7 @@ def integrate(
             if reached > done:
                 wanted = times[done:reached]
                 step = np.searchsorted(t, wanted) - 1
-                out[:, done:reached] = step_map.partial(states[step, :size].T, t[step], wanted)
+                out[:, done:reached] = step_map.partial(states.take(step, axis=0)[:, :size].T, t[step], wanted)
                 at_end = np.flatnonzero(t[step + 1] == wanted)  # where a step ended, its own state
                 out[:, done + at_end] = states[step[at_end] + 1, :size].T
             done = reached

@@ -182,7 +182,7 @@ def _trajectory(
     # An event may end the run at a time that was not asked for.
     kept = np.ones(len(solution.t), dtype=bool) if len(times) >= LOOKS else np.isin(solution.t, times)
     kept[-1] |= not solution.interrupted
-    q, v = equations.space.rows(solution.x[:, kept])
+    q, v = equations.space.rows(solution.x.compress(kept, axis=1))
     events = solution.events
     if max(equations.assembled) > ASSEMBLED:
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
