@@ -39,9 +39,8 @@ def _accelerations(equations: Equations, t: Any, q: Array, v: Array, numbers: Ar
     bound = constraints is not None or bool(layout.lockable)
     if not equations.effects and not bound:
         with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
-            state = (q, v) if len(q) > 1 else (q[0], v[0])  # one state is answered at once, a batch after checks
-            tau = np.zeros(v.shape[1])
-            return equations.robot.forward_dynamics(*state, tau, engine="pinocchio").reshape(v.shape)
+            rows, tau = slice(None) if len(q) > 1 else 0, np.zeros(v.shape[1])  # one state is answered without checks
+            return equations.robot.forward_dynamics(q[rows], v[rows], tau, engine="pinocchio").reshape(v.shape)
     with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
         motion = motion_of(equations, equations.mechanism, t, np.concatenate([q.T, v.T]), Numbers)
         loads = effect_loads(equations, motion, list(numbers), equations.effects)

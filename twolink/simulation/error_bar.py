@@ -31,10 +31,10 @@ def error_bar(distance: Array, rounding: Array) -> Array:
     """
     bar = SAFETY * np.asarray(distance, dtype=float)
     bar[1:] += rounding[1:]
-    later = bar.copy()
-    for shift in range(1, min(len(bar) - 1, 2 + len(bar) // 40)):
-        later[1:-shift] = np.fmax(later[1:-shift], bar[1 + shift :])
-    return np.asarray(np.maximum.accumulate(later))
+    last = len(bar) - 1
+    reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + len(bar) // 40), last)
+    reach[0] = 0
+    return np.asarray(np.maximum.accumulate(bar)[reach])
 
 
 def distance_of_runs(space: StateSpace, method: Method, coarse: Solution, fine: Solution) -> Array:
