@@ -59,15 +59,16 @@ class StepMap:
         """One attempted step of each world."""
         self.call(state.shape[1])(state, out)
 
-    def partial(self, x: Array, start: Array, end: Array, parameters: Array | None = None) -> Array:
-        """States (size, n) at the times `end` (n,), each by one step from x (size, n) at `start` (n,).
+    def partial(self, x: Array, start: Array | float, end: Array, parameters: Array | None = None) -> Array:
+        """States (size, n) at the times `end` (n,), each by one step from x (size, n or 1) at `start` (n,) or one time.
 
         The step gives no number where a stage meets a singular instant: then two steps are taken. Where the end itself
         is at one, the state is interpolated between four around it.
         """
         out = self._one_step(x, start, end, parameters)
-        if np.isfinite(out).all():
+        if np.count_nonzero(np.isfinite(out)) == out.size:  # takes half the time of `all`
             return out
+        x, start = np.broadcast_to(x, out.shape), np.broadcast_to(start, end.shape)
         out = self._one_or_two_steps(x, start, end, parameters)
         for spread in SPREADS:
             late = ~np.isfinite(out).all(axis=0)
@@ -92,9 +93,9 @@ class StepMap:
             out[:, late] = self._one_step(self._one_step(x[:, late], begin, middle, values), middle, stop, values)
         return out
 
-    def _one_step(self, x: Array, start: Array, end: Array, parameters: Array | None) -> Array:
+    def _one_step(self, x: Array, start: Array | float, end: Array, parameters: Array | None) -> Array:
         """States (size, n) by one step each; NaN for a world that has not arrived."""
-        size, count = x.shape
+        size, count = len(x), len(end)
         width = -(-count // LANES) * LANES if self.compiled else count
         extra = 0 if parameters is None else len(parameters)
         state = np.zeros((size + len(self.rows) + extra, width))  # zeros: worlds that have arrived
@@ -108,7 +109,7 @@ class StepMap:
         self(state, out)
         new = out[:size, :count].copy()
         late = out[rows.time, :count] < end
-        if late.any():
+        if np.count_nonzero(late):
             new[:, late] = np.nan
         return new
 

@@ -136,7 +136,8 @@ class _Engine:
         rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
         part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate,
                          first_block=self.block)  # fmt: skip
-        self.block = min(max(part.steps + part.rejected + 2, FIRST_BLOCK), BLOCK)  # the next piece may be as long
+        taken = 4 + 5 * (part.steps + part.rejected) // 4  # the next piece may be about as long
+        self.block = min(max(taken, self.block // 2, FIRST_BLOCK), BLOCK)
         if part.hit is not None and not self.method.adaptive:
             part = self._resolved(part, steps, watcher, grid)
         for guard in guards:

@@ -56,10 +56,11 @@ class Watcher:
         self.margins = np.array([margin if guard.touching and not guard.at_zero else 0.0 for guard in guards])
         self._before: tuple[float, Array] | None = None  # where the last step began: a dip may lie at its end
 
+    @np.errstate(all="ignore")
     def first(self, t: Array, x: Array) -> Hit | None:
         """The first event along states x (k, size) at times t (k,), which do not decrease; None if there is none."""
         moved = t[1:] > t[:-1]
-        if not moved.all():  # of refused steps
+        if np.count_nonzero(moved) < len(moved):  # of refused steps
             moved = np.append(moved, True)
             t, x = t[moved], x[moved]
         if not self.guards or len(t) < 2:
@@ -69,11 +70,10 @@ class Watcher:
             t, x = np.append(before[0], t), np.concatenate([before[1][None], x])
         times, states = self._within(t, x)
         snapshot = self.evaluate(times, states)
-        with np.errstate(all="ignore"):
-            values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in self.guards])
-            dips = self._dips(values)
+        values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in self.guards])
+        dips = self._dips(values)
         hits = (values <= 0.0).any(axis=1) | dips.any(axis=1)
-        if not hits.any():
+        if not np.count_nonzero(hits):
             return None
         brackets = {}
         for j in np.flatnonzero(hits).tolist():
@@ -102,7 +102,7 @@ class Watcher:
         before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
         dips = np.zeros(values.shape, dtype=bool)
         low = (here < before) & (here <= after)
-        if low.any():
+        if np.count_nonzero(low):
             depth = np.maximum(before, after) - here
             dips[:, 1:-1] = low & (here < np.maximum(self.margins[:, None], DIP * depth)) & np.isfinite(depth)
         return dips
@@ -134,16 +134,18 @@ class Watcher:
     def _values(self, guard: Guard, times: Array, t: Array, x: Array) -> Array:
         """The guard's values (n,) at times (n,), above 0 while the mode lasts."""
         snapshot = self.evaluate(times, self._at(times, t, x))
-        with np.errstate(all="ignore"):
-            return guard.signed(times, _row(guard.value(snapshot), times))
+        return guard.signed(times, _row(guard.value(snapshot), times))
 
     def _at(self, times: Array, t: Array, x: Array) -> Array:
         """The states (size, n) at times (n,)."""
+        first, last = t[1:-1].searchsorted([times[0], times[-1]], side="right").tolist()
+        if first == last and times[0] > t[first]:  # the points of a zero lie within a step
+            return self.map.partial(x[first, :, None], t[first], times)
         steps = t[1:-1].searchsorted(times, side="right")
         begin = t[steps]
         states = self.map.partial(x[steps].T, begin, times)
         exact = times == begin
-        if exact.any():
+        if np.count_nonzero(exact):
             states[:, exact] = x[steps[exact]].T
         return states
 
