@@ -69,10 +69,9 @@ def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) 
     x = np.array(x)
     for k in system.lockable:
         v = x[system.nq + k]
-        mode = mode.freeing(k, mode.slip.get(k, 0.0))
-        if abs(v) > still:
-            if k in system.has_friction:
-                mode = mode.freeing(k, math.copysign(1.0, v))
+        moving = abs(v) > still
+        mode = mode.freeing(k, math.copysign(1.0, v) if moving and k in system.has_friction else mode.slip.get(k, 0.0))
+        if moving:
             continue
         x[system.nq + k] = 0.0
         if ("joint", k) not in opened and system.holds(k, x):

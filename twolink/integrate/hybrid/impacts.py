@@ -197,7 +197,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
 
 def _kinetic(mass: Array, v: Array) -> float:
     """v M v / 2, J."""
-    return float(0.5 * v @ mass @ v)
+    return 0.5 * float(v.dot(mass.dot(v)))
 
 
 def _impulse(touch: Touch, inverse: Array, v: Array, before: Array, wanted: float) -> Array:

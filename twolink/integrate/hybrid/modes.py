@@ -51,6 +51,8 @@ class Mode:
 
     def freeing(self, k: int, slip: float) -> Mode:
         """The mode with degree of freedom k free to slip in a direction; 0: none."""
+        if k not in self.locked and self.slip.get(k) == slip:
+            return self
         return replace(self, locked=self.locked - {k}, slip={**self.slip, k: slip})
 
 
