@@ -182,8 +182,8 @@ def test_both_joints_of_the_arm_stick_slip_and_reverse() -> None:
     ours = [(e.kind, e.what) for e in run.events if e.kind in ("stick", "slip")]
     assert ours == [(kind, names[k]) for _, kind, k in noted]
     assert len(ours) >= 4
-    told = [e.t for e in run.events if e.kind in ("stick", "slip")]
-    assert told == pytest.approx([t for t, _, _ in noted], abs=1e-6)
+    reported = [e.t for e in run.events if e.kind in ("stick", "slip")]
+    assert reported == pytest.approx([t for t, _, _ in noted], abs=1e-6)
 
 
 def test_the_energy_lost_is_the_friction_over_the_way_in_a_closed_loop() -> None:

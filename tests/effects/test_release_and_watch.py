@@ -30,12 +30,12 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
     q = body.neutral.copy()
     q[at["flight"]] = 1.0
     held = E.WeldLoop(a="arm", b="ball", point_a=(1.0, 0.0, 0.0))
-    told = {"at": 0.25} if how == "time" else {"when": E.JointReaches("swing", 0.4)}
+    trigger = {"at": 0.25} if how == "time" else {"when": E.JointReaches("swing", 0.4)}
     v = np.zeros(body.nv)
     dofs = {joint.name: joint.v.start for joint in body.joints}
     swing = dofs["swing"]
     v[[swing, dofs["flight"] + 2, dofs["flight"] + 4]] = 4.0, 4.0, -4.0
-    scene = tl.Scene(body, q, v, [E.Gravity(), E.Release(held, **told)])
+    scene = tl.Scene(body, q, v, [E.Gravity(), E.Release(held, **trigger)])
     run = tl.simulate(scene, 1.0, 1e-11)
     angle = run.q[:, at["swing"]]
     # Energy till then: one body of I = 0.2 + 2 / 4 + 0.5 + 0.001, moment of weight (1 + 0.5) g.
@@ -104,9 +104,9 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
 
 
-@pytest.mark.parametrize("told", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
-def test_a_watch_that_stops_ends_the_run_there(told: dict) -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **told)]), 5.0, 1e-9)
+@pytest.mark.parametrize("trigger", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
+def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **trigger)]), 5.0, 1e-9)
     assert run.t[-1] == pytest.approx(0.333, abs=1e-12)
     assert run.q[-1, 0] == pytest.approx(0.333, abs=1e-12)
     assert len(run.t) == len(run.q) == len(run.v) == len(run.error)

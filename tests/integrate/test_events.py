@@ -107,13 +107,13 @@ def test_tables_that_break_together_with_events() -> None:
     """Sampled loads that bend at every 0.1 s, against the same loads given as what they are."""
     knots = np.linspace(0, 4, 41)
     table = E.Sampled(knots.tolist(), (2.0 * knots).tolist(), interpolation="linear")
-    told = []
+    runs = []
     for load in (table, E.Polynomial((0.0, 2.0))):
         effects = [E.DryFriction({"x": 3.0}), E.Torque({"x": load}), E.JointStops({"x": (-1.0, 0.5)}, restitution=0.5)]
-        told.append(tl.simulate(tl.Scene(slider(), effects=effects), 4.0, 1e-8))
-    assert np.all(np.abs(told[0].q - told[1].q).max(axis=1) <= told[0].error + told[1].error)
-    assert [e.kind for e in told[0].events] == [e.kind for e in told[1].events]
-    assert [e.t for e in told[0].events] == pytest.approx([e.t for e in told[1].events], abs=1e-6)
+        runs.append(tl.simulate(tl.Scene(slider(), effects=effects), 4.0, 1e-8))
+    assert np.all(np.abs(runs[0].q - runs[1].q).max(axis=1) <= runs[0].error + runs[1].error)
+    assert [e.kind for e in runs[0].events] == [e.kind for e in runs[1].events]
+    assert [e.t for e in runs[0].events] == pytest.approx([e.t for e in runs[1].events], abs=1e-6)
 
 
 def test_two_stops_let_go_at_the_same_instant() -> None:

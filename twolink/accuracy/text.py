@@ -27,7 +27,7 @@ def _rows(study: StudyData) -> str:
     lines = [f"{'method':<20}{'setting':<20}{'error':>9} {'time':>11}{'evaluations':>13}{'steps':>9}{'rejected':>10}"]
     for row in study.rows:
         mark = " *" if row.front else ""
-        doubt = "" if row.resolved else "  (not told apart from the reference's own error)"
+        doubt = "" if row.resolved else "  (within the reference's own error)"
         lines.append(
             f"{row.method:<20}{row.setting:<20}{row.error:>9.1e} {in_words(row.seconds):>11}{row.evaluations:>13}"
             f"{row.steps:>9}{row.rejected:>10}{mark}{doubt}"

@@ -117,7 +117,7 @@ class Touching(Loop, frozen=True):
         normal, *others = self.contact.velocity(along)
         a, b = self.before
         speed = xp.sqrt(plus(times(x, x), times(y, y)))
-        # Past the instant of no sliding, which steps look beyond, the direction stays: there is no kink in it.
+        # Past the instant of no sliding, which steps look beyond, the direction stays, so that it has no corner.
         sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
         still = xp.less(speed, 1e-300)
         direction = [xp.where(still, was, times(sign, now / xp.where(still, 1.0, speed)))

@@ -7,7 +7,7 @@ from twolink.service.access import SECURITY, Header
 from twolink.service.problems import Refusal
 
 JSON = "application/json"
-UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends unless told otherwise
+UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
 
 def header(scope: Any, name: bytes) -> bytes:

@@ -18,7 +18,7 @@ from twolink.service.protocol import Protocol
 from twolink.service.settings import Settings
 
 _BACKLOG = 2048
-_GRACE = 2  # seconds for answers under way when it is told to end
+_GRACE = 2  # seconds for answers under way when it ends
 
 
 def run(settings: Settings, on_start: Callable[[str], None]) -> None:
