@@ -132,6 +132,15 @@ def nearest(name: str, known: Iterable[str], *, most: int = 12) -> str:
     return f"known: {listed}" if names else "there is none"
 
 
+def require_known(
+    name: Any, known: Iterable[str], error: type[TwolinkError], what: str = "{!r} is unknown", **parts: Any
+) -> None:
+    """Require that a name is known. Raises `error` with the nearest right one; what: its message, with {!r} in it."""
+    names = list(known)
+    if name not in names:
+        raise error(what.format(name), remedy=nearest(str(name), names), **parts)
+
+
 def import_extra(module: str, extra: str) -> Any:
     """Import a module that needs an optional library.
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 from twolink.algorithms import spatial as sp
 from twolink.algorithms.joint_models import Joint, read_joint
 from twolink.algorithms.spatial import ZERO, Inertia, Pose, Scalar, Vec
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError, require_known
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,7 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
     chosen = dict(parameters or {})
     values = _nominal_values(model)
     for name, value in chosen.items():
-        if name not in values:
-            raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, values))
+        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
@@ -122,8 +121,7 @@ def parameter_names(model: pin.Model) -> tuple[str, ...]:
 def nominal(model: pin.Model, name: str) -> float:
     """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
     values = _nominal_values(model)
-    if name not in values:
-        raise QueryError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, values))
+    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
     return values[name]
 
 

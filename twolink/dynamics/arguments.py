@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.errors import QueryError, TwolinkError, nearest
+from twolink.errors import QueryError, TwolinkError, require_known
 from twolink.robots.joint_layout import JointLayout
 
 # Single precision carries 6e-8: such states are asked to be normalised rather than used with that error.
@@ -52,8 +52,7 @@ def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
 
 def one_of(choices: Sequence[str], value: str, name: str) -> str:
     """`value`, if it is one of the choices. Raises QueryError that names the argument."""
-    if value not in choices:
-        raise QueryError(f"{value!r} is unknown", argument=name, remedy=nearest(str(value), choices))
+    require_known(value, choices, QueryError, argument=name)
     return value
 
 

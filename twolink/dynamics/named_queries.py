@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.functions import Shape
 from twolink.dynamics import Robot
 from twolink.dynamics.pinocchio_queries import signature
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError, require_known
 from twolink.io.csv_text import first_repeated, parse_csv
 from twolink.io.text import decode, parse_number, read_bytes
 from twolink.robots.joint_layout import JointLayout
@@ -85,8 +85,7 @@ def answer_query(
     QueryError
         For an unknown query, an argument or option that the query does not take, or one that is missing.
     """
-    if what not in QUERIES:
-        raise QueryError(f"{what!r} is unknown", where="query", argument="what", remedy=nearest(what, QUERIES))
+    require_known(what, QUERIES, QueryError, where="query", argument="what")
     query = QUERIES[what]
     for name in arguments:
         if name not in query.arguments:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import numpy as np
 
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
 
 if TYPE_CHECKING:
@@ -61,9 +61,7 @@ def plain(value: Any) -> Any:
 
 def one_of(name: str, known: Iterable[str], field: str, what: str) -> None:
     """Require that a name is known. Raises SceneError with the nearest right one."""
-    names = list(known)
-    if name not in names:
-        raise SceneError(f"there is no {what} {name!r}", where=field, remedy=nearest(str(name), names))
+    require_known(name, known, SceneError, f"there is no {what} {{!r}}", where=field)
 
 
 def finite(value: float, field: str, *, least: float = -math.inf) -> None:

@@ -10,7 +10,7 @@ from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, finite
 from twolink.effects.inputs import Input
 from twolink.effects.sampled import Sampled, check_table
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, require_known
 
 # By the number of entries: how messages name it, and what to give.
 _VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, yy, yz, zz)")}
@@ -35,8 +35,8 @@ def _check(value: Any, kind: Any, field: str, words: tuple[str, ...] = ()) -> No
         finite(value, field)
     elif origin is Annotated:
         finite(value, field, least=arguments[1].extra_json_schema["minimum"])
-    elif origin is Literal and value not in arguments:
-        raise SceneError(f"{value!r} is unknown", where=field, remedy=nearest(str(value), arguments))
+    elif origin is Literal:
+        require_known(value, arguments, SceneError, where=field)
     elif origin is Mapping:
         if not isinstance(value, Mapping):
             what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r}"

@@ -20,7 +20,7 @@ from twolink.effects.effect import Effect
 from twolink.effects.release import Release
 from twolink.effects.torque import Torque
 from twolink.effects.watch import Watch
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import SAFETY
@@ -126,8 +126,7 @@ def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) 
     ------
     SceneError, AccuracyError
     """
-    if name not in AIMS:
-        raise SceneError(f"there is no throw {name!r}", argument="what", remedy=nearest(name, AIMS))
+    require_known(name, AIMS, SceneError, "there is no throw {!r}", argument="what")
     accuracy, began, aim, scene = accuracy_of(accuracy), time.perf_counter(), AIMS[name], load_scene(name)
     tried: list[Throw] = []
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 
 import pinocchio as pin
 
-from twolink.errors import RobotError, nearest
+from twolink.errors import RobotError, nearest, require_known
 from twolink.robots import load_report
 from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
@@ -59,8 +59,8 @@ def load_model(
     RobotError
         The URDF is refused, or an argument is wrong; it names the file, line, link or joint, and what to do.
     """
-    _require_choice("root", root, ("fixed", "free"))
-    _require_choice("unphysical", unphysical, ("refuse", "report"))
+    require_known(root, ("fixed", "free"), RobotError, argument="root")
+    require_known(unphysical, ("refuse", "report"), RobotError, argument="unphysical")
     field = gravity_field(gravity, RobotError)
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
@@ -136,8 +136,3 @@ def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:
     except TypeError:
         what = f"expected folders, got {package_dirs!r}"
         raise RobotError(what, argument="package_dirs", remedy='such as ["/opt/ros/share"]') from None
-
-
-def _require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise RobotError(f"{value!r} is unknown", argument=name, remedy=nearest(str(value), choices))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import RobotError, TwolinkError, nearest
+from twolink.errors import RobotError, TwolinkError, require_known
 from twolink.robots.joint_layout import joint_layouts
 
 Lock = Mapping[str, float | Sequence[float]]
@@ -51,9 +51,8 @@ def lock_configuration(model: pin.Model, lock: Lock) -> tuple[tuple[int, ...], n
     reference = np.asarray(pin.neutral(model))
     layouts = {joint.name: joint for joint in joint_layouts(model)}
     for name, value in lock.items():
-        if name not in layouts:
-            what = f"there is no moving joint {name!r} to lock"
-            raise RobotError(what, argument="lock", remedy=nearest(str(name), list(layouts)), code="unknown-joint")
+        what = "there is no moving joint {!r} to lock"
+        require_known(name, layouts, RobotError, what, argument="lock", code="unknown-joint")
         joint = layouts[name]
         size = joint.q.stop - joint.q.start
         values = joint.configuration(_numbers(value))

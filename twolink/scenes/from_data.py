@@ -9,7 +9,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects import TYPES, Effect, effect_class
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, nearest, require_known
 from twolink.io.text import split_path
 from twolink.scenes.file_format import JointValues, RobotEntry, SceneFile
 from twolink.scenes.scene import Scene, at_effect
@@ -60,9 +60,7 @@ def _effect(table: dict[str, Any], path: str = "") -> Effect:
     kind = table.get("type")
     if kind is None:
         raise SceneError("it has no type", where=path, remedy='such as type = "gravity"', code="schema")
-    if not isinstance(kind, str) or kind not in TYPES:
-        what = f"there is no effect {kind!r}"
-        raise SceneError(what, where=path, remedy=nearest(str(kind), TYPES), code="unknown-effect")
+    require_known(kind, TYPES, SceneError, "there is no effect {!r}", where=path, code="unknown-effect")
     if kind == "release" and isinstance(table.get("of"), dict):
         table = table | {"of": _effect(table["of"], f"{path}.of".lstrip("."))}
     try:

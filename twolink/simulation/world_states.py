@@ -7,7 +7,7 @@ import numpy as np
 
 from twolink.algorithms.mechanism import parameter_names
 from twolink.dynamics.arguments import array, configuration
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, require_known
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.scenes import Scene
@@ -24,8 +24,7 @@ def world_states(scene: Scene, q: Any, v: Any, parameters: Any) -> tuple[np.ndar
                          remedy='such as {"forearm.mass": [1.0, 2.0]}')  # fmt: skip
     by_name = {str(name): value for name, value in (parameters or {}).items()}
     for name in by_name:
-        if name not in names:
-            raise SceneError(f"there is no parameter {name!r}", argument="parameters", remedy=nearest(name, names))
+        require_known(name, names, SceneError, "there is no parameter {!r}", argument="parameters")
     qs = configuration("q", scene.q if q is None else q, robot.nq, robot.joints)
     vs = array("v", scene.v if v is None else v, robot.nv)
     values = {name: _values(name, value) for name, value in by_name.items()}
