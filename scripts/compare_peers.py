@@ -197,11 +197,7 @@ def own_timings(
 
 
 def climb(
-    scene: str,
-    contestant: str,
-    runs: Iterator[tuple[str, Callable[[], PeerRun]]],
-    reference: np.ndarray,
-    budget: float,
+    scene: str, contestant: str, runs: Iterator[tuple[str, Callable[[], PeerRun]]], reference: np.ndarray, budget: float
 ) -> Iterator[Timing]:
     """Every setting once, up to the first that takes more than the budget; this is the warm-up as well."""
     first = 0.0

@@ -71,9 +71,7 @@ class ComputedTorque(Effect, frozen=True):
             entry, dof = motion.coordinate(joint)
             q, v, a = derivatives_at(path, motion.t, motion.xp)
             wanted[dof] = plus(
-                a,
-                times(float(self.kd), minus(v, motion.v[dof])),
-                times(float(self.kp), minus(q, motion.q[entry])),
+                a, times(float(self.kd), minus(v, motion.v[dof])), times(float(self.kp), minus(q, motion.q[entry]))
             )
         torques = newton_euler(motion.mech, motion.own(), motion.v, wanted, None)
         for joint in self.path:

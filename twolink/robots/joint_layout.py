@@ -9,12 +9,7 @@ from numpy.typing import ArrayLike
 
 JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
 
-_UNIT_PART = {
-    "cos-sin": slice(0, 2),
-    "planar": slice(2, 4),
-    "quaternion": slice(0, 4),
-    "free-flyer": slice(3, 7),
-}
+_UNIT_PART = {"cos-sin": slice(0, 2), "planar": slice(2, 4), "quaternion": slice(0, 4), "free-flyer": slice(3, 7)}
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def content_findings(
     repaired = {
         "axes that were not of length 1 are normalised": [
             j.name for j in moving if j.axis is not None and abs(math.hypot(*j.axis) - 1) > 1e-6
-        ],
+        ]
     }
     assumed = {
         "fixed joints: these links are merged into the body they are fixed to, and stay as frames": [
