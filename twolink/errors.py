@@ -122,13 +122,13 @@ class MissingExtraError(TwolinkError, ImportError):
     code = "missing-extra"
 
 
-def nearest(name: str, known: Iterable[str], *, most: int = 12) -> str:
+def nearest(name: str, known: Iterable[str]) -> str:
     """A remedy for an unknown name: the nearest right one, or the list when it is short."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if close:
         return f"did you mean {close[0]!r}?"
-    listed = ", ".join(names[:most]) + (", ..." if len(names) > most else "")
+    listed = ", ".join(names[:16]) + (", ..." if len(names) > 16 else "")
     return f"known: {listed}" if names else "there is none"
 
 

@@ -22,8 +22,7 @@ STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", UNABLE: "u
 
 def write_page(results: Sequence[CaseResult], path: Path) -> Path:
     """Write the page. Returns its path."""
-    text = page(results)
-    return write_atomic(path, lambda file: file.write(text.encode("utf-8")))
+    return write_atomic(path, lambda file: file.write(page(results).encode("utf-8")))
 
 
 def page(results: Sequence[CaseResult]) -> str:

@@ -1,7 +1,5 @@
 """Assembly: states that close a robot's loops, and constraint rows that are independent along the motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Only studies write here. A simulation by itself does not, so that the same call gives the same bits again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

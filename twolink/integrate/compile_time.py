@@ -1,7 +1,5 @@
 """How long compiling takes, estimated from the number of operations, and what is too long to do unasked."""
 
-from __future__ import annotations
-
 MAX_COMPILING = 20.0  # s: code that takes longer to compile is not compiled unasked
 
 

@@ -1,7 +1,5 @@
 """Compiled functions by name: built once, kept for the life of the process and in the disk cache."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ The state at a time t is computed from the last stored state before t within the
 setting of the solution. At an event, t belongs to the piece after it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple

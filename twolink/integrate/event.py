@@ -1,7 +1,5 @@
 """Event: one line of run.events."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

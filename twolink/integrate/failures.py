@@ -1,7 +1,5 @@
 """Failures that every solver reports alike: no finite numbers, no progress, or too many steps."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from twolink.errors import AccuracyError

@@ -5,8 +5,6 @@
 tau: effects and dry friction. B lambda: constraints. A locked degree of freedom has a = 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

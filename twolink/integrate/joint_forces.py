@@ -1,7 +1,5 @@
 """Accelerations along a solution, and the torques that effects, friction and holds apply in the joints."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from twolink.integrate.equations import Equations

@@ -7,8 +7,6 @@ slots by name, then for each lockable degree of freedom whether it is locked (1 
 They are rows of the state, so that one compiled step serves all pieces and modes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar

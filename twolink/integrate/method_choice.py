@@ -5,8 +5,6 @@ the tolerance by which they grow, and seconds a call and an operation. The durat
 alike, so that they say which method is cheapest, not how long a run takes.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

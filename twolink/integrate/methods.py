@@ -1,7 +1,5 @@
 """The table of methods, read from methods.toml. A new Runge-Kutta method is an entry there, and no stepping code."""
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from dataclasses import dataclass

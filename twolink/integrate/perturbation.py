@@ -6,8 +6,6 @@ solutions would take the longest allowed ones. It counts a near miss of a stop o
 one does not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

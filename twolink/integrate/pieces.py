@@ -1,7 +1,5 @@
 """Pieces: solving equations from break to break, so that no step goes across what is not smooth."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The rate x' by Pinocchio's algorithms, state by state: the reference that compiled steps are compared with."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Making the equations of motion of a scene, and keeping them as long as the scene."""
 
-from __future__ import annotations
-
 import weakref
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """SciPy's solvers around Pinocchio: the portable way, and the peer that faster ways are measured by."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from collections.abc import Callable

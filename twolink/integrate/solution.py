@@ -1,7 +1,5 @@
 """Solution: the states that a solver computed, and their cost."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Solving a scene's equations by any method: one door to the solvers."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

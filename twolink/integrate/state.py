@@ -10,8 +10,6 @@ q moves on a manifold: a quaternion or a (cos, sin) pair has length 1, which is 
 Arrays are (size,) of one state or (size, n) of many, one state a column; entries are numbers or expressions.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Building step maps: the portable one on Pinocchio's rates, and the compiled one."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

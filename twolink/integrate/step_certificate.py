@@ -1,7 +1,5 @@
 """The certificate of a compiled step: it agrees with the portable one on Pinocchio's rates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

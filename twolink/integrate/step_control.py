@@ -14,8 +14,6 @@ References: Gustafsson: ACM Trans. Math. Softw. 17 (1991) 533-554; Hairer, Wanne
 Equations II, IV.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ A step returns the new state, a list of error estimates, which is empty for meth
 of its iteration, which must be small; None for explicit steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

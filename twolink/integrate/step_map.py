@@ -7,8 +7,6 @@ compared before the compiled one is first used. A map called with an infinite to
 exactly that part of the step: samples and events are computed so, with the order of the method.
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 import time

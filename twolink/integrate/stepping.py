@@ -4,8 +4,6 @@
 and events are looked for. `integrate` runs one world through it, and `integrate_many` many worlds to the same times.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator
@@ -111,11 +109,7 @@ def integrate(
                 hit = watcher.first(t, states[:, :size])
             reached = int(np.searchsorted(times, t[-1] if hit is None else hit.t, side="right"))
             if reached > done:
-                wanted = times[done:reached]
-                step = np.searchsorted(t, wanted) - 1
-                out[:, done:reached] = step_map.partial(states.take(step, axis=0)[:, :size].T, t[step], wanted)
-                at_end = np.flatnonzero(t[step + 1] == wanted)  # where a step ended, its own state
-                out[:, done + at_end] = states[step[at_end] + 1, :size].T
+                out[:, done:reached] = _states_at(step_map, t, states[:, :size], times[done:reached])
             done = reached
             if hit is not None:
                 last = states[max(0, int(np.searchsorted(t, hit.t)) - 1)]
@@ -136,6 +130,15 @@ def integrate(
         interrupted,
         hit=hit,
     )
+
+
+def _states_at(step_map: StepMap, t: Array, states: Array, wanted: Array) -> Array:
+    """States (size, n) at times (n,) within the steps from states (k, size) at times t (k,)."""
+    step = np.searchsorted(t, wanted) - 1
+    out = step_map.partial(states.take(step, axis=0).T, t[step], wanted)
+    at_end = np.flatnonzero(t[step + 1] == wanted)  # where a step ended, its own state
+    out[:, at_end] = states[step[at_end] + 1].T
+    return np.asarray(out)
 
 
 def integrate_many(

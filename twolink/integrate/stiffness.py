@@ -1,7 +1,5 @@
 """Stiffness: the fastest rate of change of equations at a state, and whether that mode decays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from twolink.integrate.equations import Equations

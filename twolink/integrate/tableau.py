@@ -5,8 +5,6 @@
 The tests prove the orders by the conditions of all rooted trees.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -11,8 +11,6 @@ so that u never decides the scale of the error. c = 16 costs 2 % more steps on t
 (20 % more steps); c = 1000 protects less.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.errors import QueryError, nearest
+from twolink.errors import QueryError, require_known
 from twolink.lagrange import formulas
 from twolink.lagrange.formulas import Pair, Square, Variant
 
@@ -145,9 +145,8 @@ def two_link(
     QueryError
         A parameter is not finite or not positive, the batches do not broadcast, or the variant is unknown.
     """
-    if variant not in get_args(Variant):
-        what = f"expected 'corrected' or 'printed', got {variant!r}"
-        raise QueryError(what, argument="variant", remedy=nearest(str(variant), get_args(Variant)))
+    what = "expected 'corrected' or 'printed', got {!r}"
+    require_known(variant, get_args(Variant), QueryError, what, argument="variant")
     parameters: dict[str, Any] = {}
     for name, value in (("lengths", lengths), ("masses", masses)):
         try:

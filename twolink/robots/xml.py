@@ -85,8 +85,7 @@ class _Builder:
         raise self.error(what, "remove the <!DOCTYPE ...> and write the values out")
 
     def error(self, what: str, remedy: str) -> RobotError:
-        where = f"{self.source}:{self.parser.CurrentLineNumber}"
-        return RobotError(what, where=where, remedy=remedy, code="xml")
+        return RobotError(what, where=f"{self.source}:{self.parser.CurrentLineNumber}", remedy=remedy, code="xml")
 
 
 def parse_xml(data: bytes, source: str, encoding: str | None = None) -> Element:

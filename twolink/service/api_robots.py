@@ -43,8 +43,7 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     uploaded = service.store.robot(robot)
     if uploaded is not None:
         return uploaded
-    loaded = await service.robots.get(robot)
-    return {**_about(robot), "root": "fixed", **robot_record(loaded)}
+    return {**_about(robot), "root": "fixed", **robot_record(await service.robots.get(robot))}
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)

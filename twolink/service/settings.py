@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 import platformdirs
 
-from twolink.errors import TwolinkError, nearest
+from twolink.errors import TwolinkError, require_known
 
 Count = Annotated[int, msgspec.Meta(ge=1)]
 Amount = Annotated[float, msgspec.Meta(gt=0)]
@@ -84,9 +84,7 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
     values: dict[str, str] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
-        if name not in Quotas.__struct_fields__:
-            remedy = nearest(name, Quotas.__struct_fields__, most=20)
-            raise TwolinkError(f"{name!r} is unknown", argument="quota", remedy=remedy)
+        require_known(name, Quotas.__struct_fields__, TwolinkError, argument="quota")
         values[name] = value
     try:
         return msgspec.convert(values, Quotas, strict=False)

@@ -113,5 +113,4 @@ def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
 
 def as_frame(samples: Samples) -> Any:
     """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
-    pandas = import_extra("pandas", EXTRA)
-    return pandas.DataFrame(columns(samples)).set_index("t")
+    return import_extra("pandas", EXTRA).DataFrame(columns(samples)).set_index("t")

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from twolink.errors import SceneError, nearest
+from twolink.errors import SceneError, require_known
 from twolink.hard.case import SCENES, Case, RefusalCase, SimulationCase
 from twolink.scenes import Scene, load_scene
 
@@ -34,9 +34,8 @@ def select_cases(names: list[str] | None = None, *, quick: bool = False) -> tupl
     for name in names or ():
         matches = [c for c in cases if c.name == name] or [c for c in cases if name in c.name or name == c.group]
         if not matches:
-            remedy = nearest(name, [c.name for c in cases])
-            raise SceneError(f"there is no case {name!r}", where="hard-cases", remedy=remedy, code="unknown-case",
-                             argument="names")  # fmt: skip
+            what, place = "there is no case {!r}", {"where": "hard-cases", "argument": "names"}
+            require_known(name, [c.name for c in cases], SceneError, what, **place, code="unknown-case")
         selected |= {case.name: case for case in matches}
     return tuple(case for case in selected.values() if not (quick and case.slow))
 

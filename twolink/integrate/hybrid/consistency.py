@@ -4,8 +4,6 @@ Everything that may be at rest is tried at rest. The force that breaks its law m
 none does; what then would move the wrong way is tried at rest again.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 mode -> equations -> steps to the first zero of a guard -> its transition -> consistent mode -> and so on
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Guard: a value that ends a mode where it passes 0."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

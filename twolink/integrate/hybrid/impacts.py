@@ -8,8 +8,6 @@ J: rows of all that touches, at rest or hit. G: rows of loops. Solved by sweeps 
 (projected Gauss-Seidel).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ be missed. Whether a dip that ends just above 0 touches is for the error bar to 
 within its margin as a touch, where the first does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -22,7 +20,7 @@ from twolink.integrate.step_map import StepMap
 
 WITHIN = np.array([0.0, 0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
-EXACT = 8 * np.finfo(float).eps  # relative to max(1, t): what the rounding of times and states resolves
+EXACT = 2 * np.finfo(float).eps  # relative to max(1, t): times are not finer
 
 
 @dataclass(frozen=True)

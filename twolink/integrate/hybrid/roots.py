@@ -1,7 +1,5 @@
 """Zeros and minima of functions that cost less in batches: each evaluation takes several points at once."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -22,7 +20,10 @@ REACH = (4, 2, 1)  # points on each side for the estimate of each batch: nearer 
 
 
 def crossing(f: Function, points: Array, values: Array, resolution: float) -> float:
-    """Where f passes from above 0 to 0 or below, to the resolution; the end of the bracket at which it is not above 0.
+    """Where f passes from above 0 to 0 or below: by the secant of a bracket that is no longer than the resolution.
+
+    An end of the bracket would be wrong by half the resolution on average, always to the same side, and the energies of
+    many impacts would all be too large.
 
     points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch
     quarters the bracket, and has an estimate by inverse interpolation with points around it, at distances from the
@@ -45,7 +46,8 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
             break
         points = np.concatenate([points[:end], batch, points[end:]])
         values = np.concatenate([values[:end], f(batch), values[end:]])
-    return b
+    before, after = float(values[end - 1]), float(values[end])
+    return a + (b - a) * before / (before - after) if math.isfinite(before - after) else b
 
 
 def _estimate(points: Array, values: Array, end: int, reach: int) -> float:

@@ -1,7 +1,5 @@
 """The state of a run with events: time, motion, mode, and what has happened."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from twolink.errors import SceneError

@@ -1,7 +1,5 @@
 """Transitions: what the zero of each guard does, and the guards of a mode with the transitions they cause."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -125,8 +123,7 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
         equations = run.here.own.equations
         return lambda s: function(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
     if trigger.at is None:  # a limit of effort
-        row = n - len(system.switching.triggers)
-        return partial(_row, "limits", row, 1.0, 0.0)
+        return partial(_row, "limits", n - len(system.switching.triggers), 1.0, 0.0)
     return None
 
 
