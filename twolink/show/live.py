@@ -67,18 +67,8 @@ def play_live(
 
     Parameters
     ----------
-    model : pin.Model
-        The robot.
-    visuals : pin.GeometryModel
-        Its visual geometry.
-    t : array_like (n,)
-        Times in s, increasing.
-    q : array_like (n, nq)
-        Configurations.
-    title : str
-        The page's title.
-    speed : float
-        Simulated seconds per second of playing.
+    model, visuals, t, q, title, speed
+        As in `playback_page`.
     open_browser : bool
         Whether to open the page in the user's browser.
     wait : float
