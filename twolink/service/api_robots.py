@@ -43,7 +43,8 @@ async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     uploaded = service.store.robot(robot)
     if uploaded is not None:
         return uploaded
-    return {**_about(robot), "root": "fixed", **robot_record(await service.robots.get(robot))}
+    loaded = await service.robots.get(robot)
+    return {**_about(robot), "root": "fixed", **robot_record(loaded)}
 
 
 @post("/v1/robots", tags=["robots"], summary="Upload a robot", status_code=201)

@@ -185,8 +185,7 @@ def _expected(equations: Equations, choice: MethodChoice, duration: float) -> fl
     """Seconds of solving once: two first parts of the run give the cost of a call and that of simulated time."""
 
     def solved(part: float) -> Solution:
-        times = np.array([0.0, part * pilot])
-        return solve(equations, choice.method, times, choice.setting, None, choice.precision)
+        return solve(equations, choice.method, np.array([0.0, part * pilot]), choice.setting, None, choice.precision)
 
     def seconds(part: float) -> float:
         solved(part)  # compiles what is not compiled yet
