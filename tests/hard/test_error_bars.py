@@ -20,8 +20,8 @@ import pytest
 
 import twolink as tl
 from tests.hard.random_robots import random_scene
+from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, CertificationError
-from twolink.hard.deadline import TooSlowError, deadline
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.truths import distance
 
@@ -76,12 +76,12 @@ def check(number: int, seed: int) -> Checked:
     row = Checked(number, name, scene.robot.nv, duration, asked, accuracy, asked, "refused")
     refused = False
     try:
-        run = tl.simulate(scene, duration, accuracy, method=asked, samples=SAMPLES, progress=deadline(PATIENCE))
+        run = tl.simulate(scene, duration, accuracy, method=asked, samples=SAMPLES, progress=TimeLimit(PATIENCE))
     except AccuracyError as error:
         refused, run = True, error.run
-    except (CertificationError, TooSlowError) as error:
+    except (CertificationError, OverBudget) as error:
         print(f"\nscene {number}, {asked}: {error!r}", file=sys.stderr)
-        return replace(row, outcome="slow" if isinstance(error, TooSlowError) else "uncertified")
+        return replace(row, outcome="slow" if isinstance(error, OverBudget) else "uncertified")
     if run is None or run.error is None:
         return row
     true, reference = true_error(run, scene, quad=number % 10 == 0 and row.nv <= QUAD_UP_TO)

@@ -4,9 +4,10 @@ import time
 
 
 class OverBudget(Exception):
-    """The time is up at a simulated time t [s]. It never leaves this package."""
+    """The time is up at a simulated time t [s], after so many seconds. It never leaves this package."""
 
     def __init__(self, t: float, seconds: float) -> None:
+        self.t, self.seconds = t, seconds
         super().__init__(f"stopped at t = {t:.3g} s after {seconds:g} s, the budget of a run")
 
 
@@ -21,5 +22,5 @@ class TimeLimit:
         now = time.perf_counter()
         if self.start is None:
             self.start = now
-        elif now - self.start > self.seconds:
+        if now - self.start >= self.seconds:
             raise OverBudget(t, self.seconds)

@@ -2,7 +2,7 @@
 
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import one_of
+from twolink.effects.effect import check_name
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
@@ -29,8 +29,8 @@ class Coupling(Loop, frozen=True):
     def check(self, robot: Robot) -> None:
         """Joints exist and have one coordinate."""
         names = [j.name for j in robot.joints if j.kind == "vector"]
-        one_of(self.joint, names, "joint", "joint with one coordinate")
-        one_of(self.other, names, "other", "joint with one coordinate")
+        check_name(self.joint, names, "joint", "joint with one coordinate")
+        check_name(self.other, names, "other", "joint with one coordinate")
         if self.joint == self.other:
             raise SceneError(f"joint {self.joint!r} is coupled to itself", where="other", remedy="name two joints")
 

@@ -6,6 +6,7 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.switching import Catch, Hold, SwitchingEffect, Trigger
 from twolink.errors import SceneError
+from twolink.robots.joint_layout import turns
 
 
 class Detent(SwitchingEffect, frozen=True):
@@ -48,7 +49,7 @@ class Detent(SwitchingEffect, frozen=True):
         """The ball in each notch, and the ball that falls into it."""
         joint = next(j for j in robot.joints if j.name == self.joint)
         entry, dof, torque, speed = joint.q.start, joint.v.start, float(self.torque), float(self.speed)
-        unit = "rad/s" if robot.model.joints[joint.index].shortname().startswith("JointModelR") else "m/s"
+        unit = "rad/s" if turns(robot.model, joint) else "m/s"
         modes: list[Hold | Trigger] = []
         for p in map(float, self.positions):
             modes.append(Hold(dof, -torque, torque, 0.0, entry, p, ("catch", "breakaway")))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import NotNegative, one_of
+from twolink.effects.effect import NotNegative, check_name
 from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Hold, SwitchingEffect
 from twolink.errors import SceneError
@@ -30,7 +30,7 @@ class DryFriction(SwitchingEffect, frozen=True):
         """Require joints with one degree of freedom, and s that is not below c."""
         check_joints(self.kinetic, robot, "kinetic", dofs=True)
         for joint, level in self.static.items():
-            one_of(joint, self.kinetic, "static", "joint with kinetic friction")
+            check_name(joint, self.kinetic, "static", "joint with kinetic friction")
             if level < self.kinetic[joint]:
                 raise SceneError(f"it is {level:g}, below the kinetic friction {self.kinetic[joint]:g}",
                                  where=f"static.{joint}", remedy="static friction is the larger one")  # fmt: skip

@@ -59,7 +59,7 @@ def plain(value: Any) -> Any:
     raise TypeError(f"a {type(value).__name__} cannot be written down")
 
 
-def one_of(name: str, known: Iterable[str], field: str, what: str) -> None:
+def check_name(name: str, known: Iterable[str], field: str, what: str) -> None:
     """Require that a name is known. Raises SceneError with the nearest right one."""
     require_known(name, known, SceneError, f"there is no {what} {{!r}}", where=field)
 

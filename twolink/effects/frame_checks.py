@@ -3,7 +3,7 @@
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
-from twolink.effects.effect import one_of
+from twolink.effects.effect import check_name
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
@@ -17,7 +17,7 @@ def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -
     if frame == GROUND and frame not in names:
         body = 0
     else:
-        one_of(frame, [*names, GROUND] if ground else names, field, "frame")
+        check_name(frame, [*names, GROUND] if ground else names, field, "frame")
         body = frame_pose(robot.model, frame)[0]
     if body == 0 and not ground:
         what = f"frame {frame!r} does not move, so the effect changes nothing"

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from twolink.algorithms.spatial import Scalar, minus, plus
 from twolink.dynamics import Robot
-from twolink.effects.effect import NotNegative, one_of
+from twolink.effects.effect import NotNegative, check_name
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
@@ -28,9 +28,9 @@ def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coor
     """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
     if joint in (robot.visuals.model.names[i] for i in robot.visuals.locked):
         raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
-    one_of(joint, robot.joint_names, field, "joint")
+    check_name(joint, robot.joint_names, field, "joint")
     if dofs:
-        one_of(joint, single_joints(robot), field, "joint of one degree of freedom")
+        check_name(joint, single_joints(robot), field, "joint of one degree of freedom")
     if coordinate and next(j.kind for j in robot.joints if j.name == joint) != "vector":
         what = f"joint {joint!r} is continuous: its configuration is (cos, sin), which does not count turns"
         remedy = 'give the joint limits in the URDF (type="revolute"), so that it has an angle'
@@ -40,7 +40,7 @@ def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coor
 def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> None:
     """Require values by joint for some of the joints alone, which are each a `what`. Raises SceneError."""
     for joint in values:
-        one_of(joint, joints, field, what)
+        check_name(joint, joints, field, what)
 
 
 def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str) -> None:

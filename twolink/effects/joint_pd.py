@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative, one_of
+from twolink.effects.effect import Effect, NotNegative, check_name
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.joint_checks import Limits, check_joints, check_limits, check_subset, clamped
 from twolink.effects.motion import Loads, Motion
@@ -52,7 +52,7 @@ class JointPD(Effect, frozen=True):
         for name in ("kp", "kd", "feedforward"):
             check_subset(getattr(self, name), self.target, name, "joint with a target")
         for joint in self.target:
-            one_of(joint, self.kp, "kp", "gain for joint")
+            check_name(joint, self.kp, "kp", "gain for joint")
         check_limits(self.effort, self.target, robot)
 
     def act(self, motion: Motion, loads: Loads) -> None:

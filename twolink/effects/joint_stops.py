@@ -9,6 +9,7 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.errors import SceneError
+from twolink.robots.joint_layout import turns
 
 NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 
@@ -50,7 +51,7 @@ class JointStops(SwitchingEffect, frozen=True):
         for joint in robot.joints:
             if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
                 continue
-            unit = "rad/s" if robot.model.joints[joint.index].shortname().startswith("JointModelR") else "m/s"
+            unit = "rad/s" if turns(robot.model, joint) else "m/s"
             for position, side in zip(self._limits_of(joint.name, joint.q.start, robot), (1.0, -1.0), strict=True):
                 if math.isfinite(position):
                     stops.append(Stop(joint.name, joint.v.start, joint.q.start, position, side, self.restitution, unit))

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
 from twolink.hard.case_result import MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
-from twolink.hard.deadline import TooSlowError, deadline
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
@@ -59,12 +59,12 @@ def _attempt(case: SimulationCase, scene: Scene, setting: Mapping[str, Any], pat
     label, accuracy = _label(setting), float(setting["accuracy"])
     run, message, verdict = None, "", MISSED
     try:
-        run = simulate(scene, case.duration, samples=case.samples, progress=deadline(patience), **setting)
+        run = simulate(scene, case.duration, samples=case.samples, progress=TimeLimit(patience), **setting)
     except TwolinkError as error:
         run, message = error.run if isinstance(error, AccuracyError) else None, str(error)
         verdict = SAID if accuracy <= case.may_refuse else MISSED
-    except TooSlowError as error:
-        message = str(error)
+    except OverBudget as late:
+        message = f"given up after {late.seconds:g} s, at t = {late.t:.3g} s"
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - start

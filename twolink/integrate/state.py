@@ -16,6 +16,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.configurations import difference_rows
+from twolink.robots.joint_layout import turns
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -34,7 +35,7 @@ class StateSpace:
         self._flat_v = np.concatenate([np.arange(j.v.start, j.v.stop) for j in flat] or [np.empty(0, int)])
         # Entries whose errors count as they are: angles, lengths, unit vectors; a velocity's counts by its size.
         self.absolute = np.arange(self.size) < self.nq
-        turning = [j for j in flat if robot.model.joints[j.index].shortname().startswith("JointModelR")]
+        turning = [j for j in flat if turns(robot.model, j)]
         self.angles = np.array([j.q.start for j in turning], dtype=int)
 
     def rows(self, x: Array) -> tuple[Array, Array]:

@@ -42,6 +42,11 @@ def _kind(joint: pin.JointModel) -> JointKind:
     return sizes.get((joint.nq, joint.nv), "vector")
 
 
+def turns(model: pin.Model, joint: JointLayout) -> bool:
+    """Whether the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
+    return str(model.joints[joint.index].shortname()).startswith("JointModelR")
+
+
 def joint_layouts(model: pin.Model) -> tuple[JointLayout, ...]:
     """The layout of every joint of a model but the universe."""
     layouts = []

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from twolink import effects as fx
+from twolink.accuracy.time_limit import TimeLimit
 from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
 from twolink.hard.case import SCENES as FOLDER
 from twolink.hard.case import ErrorCheck
-from twolink.hard.deadline import deadline
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many
@@ -40,7 +40,7 @@ def _arm(*effects: Any, q: Any = None, v: Any = None) -> Scene:
 
 
 def _run(*effects: Any, **options: Any) -> object:
-    return simulate(_arm(*effects), progress=deadline(HANG), **options)
+    return simulate(_arm(*effects), progress=TimeLimit(HANG), **options)
 
 
 def _massless(name: str, kind: str = "revolute", inertial: str = "", more: str = "") -> Callable[[], object]:
