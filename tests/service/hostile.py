@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import random
 import struct
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -222,6 +223,8 @@ def _zips() -> Iterator[Case]:
         "empty": b"",
         "not a zip": b"PK\x03\x04 and no more",
         "cut": good[:-40],
+        "LZMA": zipped({"a.urdf": urdf}, zipfile.ZIP_LZMA),
+        "corrupt LZMA": (packed := zipped({"a.urdf": urdf}, zipfile.ZIP_LZMA))[:60] + bytes(20) + packed[80:],
         "no robot": zipped({"a.stl": stl()}),
         "two robots": zipped({"a.urdf": urdf, "b.urdf": urdf}),
         "above": zipped({"../a.urdf": urdf}),

@@ -61,6 +61,17 @@ def test_a_wrong_effect_is_named_by_its_index(http: httpx.Client, effect: dict[s
     assert problem["where"].startswith("scene.effects[1]")
 
 
+@pytest.mark.parametrize("value", [10**20, -(10**20), 10**400], ids=["1e20", "-1e20", "1e400"])
+def test_an_integer_beyond_64_bits_is_a_number_as_any_other(http: httpx.Client, value: int) -> None:
+    effects = [{"type": "joint-damping", "damping": {"elbow": value}}]
+    answer = http.post("/v1/scenes/validate", json={"scene": {"robot": "two_link", "effects": effects}})
+    if value == 10**20:
+        assert answer.json()["effects"][0]["damping"] == {"elbow": 1e20}
+    else:
+        assert answer.status_code == 422, answer.text
+        assert answer.json()["where"] == "scene.effects[0].damping.elbow"
+
+
 def test_events_of_a_run_are_records(http: httpx.Client) -> None:
     job = http.post("/v1/simulations", json={"scene": "bouncing-ball", "duration": 1.0, "wait": 30}).json()
     assert job.get("state") == "done", job

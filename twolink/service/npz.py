@@ -13,10 +13,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from twolink.service.problems import Refusal
+from twolink.service.uploads import METHODS
 
 MEDIA_TYPE = "application/x-npz"
 _MAX_ARRAYS = 64
+_MAX_AXES = 16
 _HEADER = 10_000  # bytes a .npy header may take
+_END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
+_MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
 def read_npz(data: bytes, max_bytes: int) -> dict[str, np.ndarray]:
@@ -24,6 +28,7 @@ def read_npz(data: bytes, max_bytes: int) -> dict[str, np.ndarray]:
 
     Nothing is unpacked before the sizes that the archive states are within `max_bytes`, nor beyond them.
     """
+    _check_directory(data)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {member.filename: member for member in archive.infolist()}
@@ -31,11 +36,22 @@ def read_npz(data: bytes, max_bytes: int) -> dict[str, np.ndarray]:
                 raise _bad("expected .npy arrays of different names")
             if len(members) > _MAX_ARRAYS:
                 raise _bad(f"{len(members)} arrays, the limit is {_MAX_ARRAYS}")
+            if any(member.compress_type not in METHODS for member in members.values()):
+                raise _bad("expected members that are stored or deflated")
             if sum(member.file_size for member in members.values()) > max_bytes:
                 raise Refusal(413, f"more than {max_bytes} bytes unpacked", where="body", remedy="send fewer states")
             return {name[: -len(".npy")]: _array(archive, member) for name, member in members.items()}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as error:
         raise _bad(f"it is not an .npz archive: {error}") from None
+
+
+def _check_directory(data: bytes) -> None:
+    """Raise Refusal where the list of members is longer than that of our arrays: zipfile reads all of it at once."""
+    end, before = data[-_END:], data[-_END - _ZIP64_LOCATOR : -_END]
+    if len(end) < _END or end[:4] != b"PK\5\6" or end[-2:] != b"\0\0":
+        raise _bad("it is not an .npz archive: it does not end as one without a comment does")
+    if before[:4] == b"PK\6\7" or int.from_bytes(end[12:16], "little") > _MAX_DIRECTORY:
+        raise _bad(f"its list of members is too long, the limit is {_MAX_ARRAYS} arrays")
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
@@ -46,11 +62,13 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
         version = np.lib.format.read_magic(head)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(head)
-    except (ValueError, EOFError, RecursionError, MemoryError) as error:
-        raise _bad(f"not an array: {error}", member.filename) from None
+    except Exception as error:  # whatever Python's parser raises for a text that is no header
+        raise _bad(f"not an array: {error!s:.200}", member.filename) from None
     if dtype.kind not in "fiu" or dtype.itemsize > 8:
         raise _bad(f"expected real numbers, got {dtype}", member.filename)
-    if any(n < 0 for n in shape) or len(raw) - head.tell() != math.prod(shape) * dtype.itemsize:
+    if len(shape) > _MAX_AXES or any(type(n) is not int or not 0 <= n < 2**31 for n in shape):
+        raise _bad(f"its shape {shape!s:.80} is not one of an array of states", member.filename)
+    if len(raw) - head.tell() != math.prod(shape) * dtype.itemsize:
         raise _bad(f"its shape {shape} does not fit its {len(raw) - head.tell()} bytes", member.filename)
     flat: np.ndarray = np.frombuffer(raw, dtype, offset=head.tell())
     return flat.reshape(shape, order="F" if fortran else "C").astype(np.float64, copy=False)

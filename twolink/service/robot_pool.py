@@ -50,8 +50,7 @@ class RobotPool:
     def require(self, key: str) -> None:
         """Raise Refusal (404) unless there is a robot of this id."""
         if key not in catalogue() and self._store.robot(key) is None:
-            uploaded = [str(robot["id"]) for robot in self._store.robots()]
-            remedy = f"{nearest(key, [*catalogue(), *uploaded])} (GET /v1/robots lists them)"
+            remedy = f"{nearest(key[:80], catalogue())} (GET /v1/robots lists them and the uploaded ones)"
             raise Refusal(404, f"there is no robot {key[:80]!r}", where="path: robot", remedy=remedy)
 
     def put(self, key: str, pickled: bytes) -> Robot:

@@ -20,6 +20,7 @@ _MESHES = (".stl", ".dae", ".obj")
 _TEXTS = (".dae", ".mtl", ".obj")
 _KEPT = (*_MESHES, ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
 _CHUNK = 2**20
+METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of zips; others take memory by what the archive says
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)("([^"<]*)"|'([^'<]*)')""")
 _POINTERS = re.compile(r"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<|^\s*(?:map_\w+|bump|disp|decal|mtllib)\s+(.*)$",
                        re.MULTILINE)  # fmt: skip
@@ -32,6 +33,8 @@ def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
             members = [member for member in opened.infolist() if not member.is_dir()]
             if len(members) > quotas.files:
                 raise _refused(f"{len(members)} files, the limit is {quotas.files}", "send only files the URDF uses")
+            if any(member.compress_type not in METHODS for member in members):
+                raise _refused("a file in it is neither stored nor deflated", "pack it again, as plain zip")
             if sum(member.file_size for member in members) > quotas.upload_mb * 2**20:
                 raise _refused(f"more than {quotas.upload_mb:g} MB unpacked", "simplify the meshes")
             by_name = {_safe(member.filename): member for member in reversed(members)}

@@ -10,6 +10,7 @@ Messages are msgpack with their length before them (8 bytes): `Call` on stdin; o
 import contextlib
 import ctypes
 import importlib
+import math
 import os
 import signal
 import sys
@@ -55,8 +56,23 @@ class Failed(msgspec.Struct, tag=True):
 
 def packed(message: Call | Progress | Done | Failed) -> bytes:
     """A message as it goes over the pipe. NumPy's scalars become numbers."""
-    content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
+    try:
+        content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
+    except OverflowError:
+        plain = msgspec.to_builtins(message, builtin_types=(bytes,), enc_hook=np.generic.item)
+        content = msgspec.msgpack.encode(_with_short_integers(plain))
     return len(content).to_bytes(LENGTH, "big") + content
+
+
+def _with_short_integers(value: Any) -> Any:
+    """Plain data with floats for the integers that JSON may have and msgpack has not: those beyond 64 bits."""
+    if isinstance(value, dict):
+        return {key: _with_short_integers(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_short_integers(item) for item in value]
+    if isinstance(value, int) and not -(2**63) <= value < 2**64:
+        return float(value) if abs(value) < 2**1023 else math.inf if value > 0 else -math.inf
+    return value
 
 
 def limit_memory(megabytes: float) -> None:
