@@ -121,6 +121,11 @@ class Trigger:
     state: Callable[[np.ndarray, np.ndarray], State] | None = None
     ends: bool = False
 
+    @property
+    def changes(self) -> bool:
+        """Whether it changes the state or the forces."""
+        return self.drops or self.catch is not None or self.state is not None
+
 
 class SwitchingEffect(Effect, frozen=True):
     """An effect that is smooth only between events, at which its mode changes."""

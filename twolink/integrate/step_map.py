@@ -48,10 +48,14 @@ class StepMap:
         self.rows: Control = control_rows(equations.space.size)
 
     def call(self, worlds: int) -> Map:
-        """The function that attempts one step of each of so many worlds: on threads where that pays."""
-        if self.compiled and pays_threads(worlds, self.equations.operations * self.method.evaluations):
-            return functools.partial(self._call, batch_parallel=True)
-        return self._call  # naming the option takes 0.5 µs, a quarter of a small step
+        """The function that attempts one step of each of so many worlds: on threads where that pays.
+
+        heyoka's own choice takes threads from a few dozen worlds on, which is slower and keeps a second core busy.
+        """
+        if worlds == 1 or not self.compiled:  # naming the option takes 0.5 µs, a quarter of a small step
+            return self._call
+        parallel = pays_threads(worlds, self.equations.operations * self.method.evaluations)
+        return functools.partial(self._call, batch_parallel=parallel)
 
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""

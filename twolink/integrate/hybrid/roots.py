@@ -15,7 +15,8 @@ NEAR = 0.4  # of the resolution: where the nearest points to an estimate lie
 QUARTERS = np.array([0.25, 0.5, 0.75])
 SHRUNK = 1e-6  # of the first bracket of a minimum
 BATCHES = 60
-LAST = 64  # times the resolution: a bracket that one batch resolves
+LAST = 64  # times the resolution: a bracket that one batch resolves, and a secant near enough to an estimate
+AGREEING = 4  # points of an estimate that may be compared with the secant: two give the secant itself
 REACH = (4, 2, 1)  # points on each side for the estimate of each batch: nearer ones differ by rounding
 
 
@@ -23,7 +24,8 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
     """Where f passes from above 0 to 0 or below: by the secant of a bracket that is no longer than the resolution.
 
     An end of the bracket would be wrong by half the resolution on average, always to the same side, and the energies of
-    many impacts would all be too large.
+    many impacts would all be too large. Where the secant of a longer bracket is near an estimate from more points, that
+    estimate is much nearer to the zero, and ends the search.
 
     points, values: increasing points and f there; the first value that is not above 0 ends the bracket. A batch
     quarters the bracket, and has an estimate by inverse interpolation with points around it, at distances from the
@@ -34,10 +36,12 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
         a, b = float(points[end - 1]), float(points[end])
         if b - a <= resolution:
             break
+        estimate, count = _estimate(points, values, end, REACH[min(batches, len(REACH) - 1)])
+        if batches and count >= AGREEING and abs(estimate - _secant(points, values, end)) <= LAST * resolution:
+            return estimate
         if b - a <= LAST * resolution:  # f may be rounding here, which no estimate helps with
             batch = np.arange(a, b, 2 * NEAR * resolution)
         else:  # A good estimate ends the search: the zero lies between its two nearest neighbours.
-            estimate = _estimate(points, values, end, REACH[min(batches, len(REACH) - 1)])
             around = NEAR * resolution * ((b - a) / resolution) ** POWERS
             batch = np.concatenate([estimate - around, estimate + around, a + (b - a) * QUARTERS])
         batch = batch[(batch > a) & (batch < b)]
@@ -46,12 +50,18 @@ def crossing(f: Function, points: Array, values: Array, resolution: float) -> fl
             break
         points = np.concatenate([points[:end], batch, points[end:]])
         values = np.concatenate([values[:end], f(batch), values[end:]])
+    return _secant(points, values, end)
+
+
+def _secant(points: Array, values: Array, end: int) -> float:
+    """The zero of the line through points[end - 1] and points[end]; the latter where the values have none."""
+    a, b = float(points[end - 1]), float(points[end])
     before, after = float(values[end - 1]), float(values[end])
     return a + (b - a) * before / (before - after) if math.isfinite(before - after) else b
 
 
-def _estimate(points: Array, values: Array, end: int, reach: int) -> float:
-    """The zero between points[end - 1] and points[end], where the values pass it.
+def _estimate(points: Array, values: Array, end: int, reach: int) -> tuple[float, int]:
+    """The zero between points[end - 1] and points[end], where the values pass it, and from how many points it is.
 
     It is that of the polynomial which gives the points for the values (Neville's scheme), of `reach` points on each
     side if their values decrease, else of fewer; where there is none, the middle. A side may have none that is finite.
@@ -67,8 +77,8 @@ def _estimate(points: Array, values: Array, end: int, reach: int) -> float:
         for k in range(1, len(x)):
             x = [(y[i] * x[i + 1] - y[i + k] * x[i]) / (y[i] - y[i + k]) for i in range(len(x) - 1)]
         if a <= x[0] <= b:
-            return float(x[0])
-    return 0.5 * (a + b)
+            return float(x[0]), len(y)
+    return 0.5 * (a + b), 0
 
 
 def lowest(f: Function, a: float, b: float) -> tuple[float, float]:

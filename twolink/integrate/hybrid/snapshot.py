@@ -102,7 +102,7 @@ class Evaluator:
     def _by_heyoka(self, t: Array, x: Array) -> Array:
         rows = np.empty((1 + len(x), x.shape[1]))
         rows[0], rows[1:] = t, x
-        return np.asarray(self._compiled(rows))
+        return np.asarray(self._compiled(rows, batch_parallel=False))  # heyoka's own choice takes threads too early
 
     def _by_numpy(self, t: Array, x: Array) -> Array:
         with np.errstate(all="ignore"):

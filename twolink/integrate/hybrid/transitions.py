@@ -185,7 +185,8 @@ def _fire(n: int, run: RunState) -> None:
         return
     before = run.mode
     _act(run, n)
-    run.settle(before)
+    if trigger.changes:
+        run.settle(before)
 
 
 def _act(run: RunState, n: int) -> None:
