@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.robots.test_bad_urdf import BAD, GOOD, chain
-from tests.service.urdfs import mesh, pendulum, stl, zipped
+from tests.service.urdfs import pendulum, stl, zipped
 
 JSON, NPZ, XML, ZIP = "application/json", "application/x-npz", "application/xml", "application/zip"
 QUERY = "/v1/robots/two_link/forward-dynamics"
@@ -169,13 +169,6 @@ def _urdfs() -> Iterator[Case]:
         "reads a file": '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
         "asks the network": '<!DOCTYPE r SYSTEM "http://127.0.0.1:9/x.dtd"><robot name="r"/>',
         "a parameter entity": '<!DOCTYPE r [<!ENTITY % x SYSTEM "file:///etc/hostname"> %x;]><robot/>',
-        "mesh file://": pendulum(mesh("file:///etc/passwd")),
-        "mesh absolute": pendulum(mesh("/etc/passwd")),
-        "mesh above": pendulum(mesh("../../../../etc/passwd")),
-        "mesh above a package": pendulum(mesh("package://../../etc/passwd")),
-        "mesh above, written otherwise": pendulum(mesh("package://a/&#46;&#46;/&#x2e;&#x2e;/etc/passwd")),
-        "mesh http": pendulum(mesh("http://127.0.0.1:9/a.stl")),
-        "mesh with backslashes": pendulum(mesh("package://a\\..\\..\\b.stl")),
         "path": "/etc/passwd",
         "name": "panda",
         "empty": "",
@@ -216,8 +209,6 @@ def _fuzzed_urdfs() -> Iterator[Case]:
 
 def _zips() -> Iterator[Case]:
     urdf = pendulum()
-    image = "<library_images><image><init_from>%s</init_from></image></library_images>"
-    dae = f'<?xml version="1.0"?><COLLADA>{image}</COLLADA>'
     good = zipped({"a.urdf": urdf, "a.stl": stl()})
     bodies = {
         "empty": b"",
@@ -234,13 +225,6 @@ def _zips() -> Iterator[Case]:
         "many files": zipped({"a.urdf": urdf, **{f"{k}.stl": b"" for k in range(2000)}}),
         "bomb": zipped({"a.urdf": urdf, "a.stl": bytes(400_000_000)}),
         "bad robot": zipped({"a.urdf": "<robot/>"}),
-        "XXE in a mesh": zipped({"a.urdf": urdf, "a.dae": '<!DOCTYPE x [<!ENTITY e "e">]><COLLADA/>'}),
-        "a texture above": zipped({"a.urdf": urdf, "a.dae": dae % "../../../../home/me.png"}),
-        "a texture elsewhere": zipped({"a.urdf": urdf, "a.dae": dae % "/home/me.png"}),
-        "a texture written otherwise": zipped({"a.urdf": urdf, "a.dae": dae % "&#46;&#46;/me.png"}),
-        "a material above": zipped({"a.urdf": urdf, "a.mtl": "newmtl x\nmap_Kd ../../me.png\n"}),
-        "mesh outside": zipped({"a.urdf": pendulum(mesh("../../etc/passwd"))}),
-        "mesh file://": zipped({"a.urdf": pendulum(mesh("file:///etc/passwd"))}),
         "not UTF-8": zipped({"a.urdf": b"\xff\xfe" + urdf.encode()}),
         "long name": zipped({"a.urdf": urdf, "d/" * 3000 + "a.stl": stl()}),
     }

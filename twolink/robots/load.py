@@ -15,7 +15,7 @@ from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
 from twolink.robots.load_options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
-from twolink.robots.meshes import drawable_urdf, mesh_folders, missing_meshes
+from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.physical_checks import check_bodies, check_invertible
 from twolink.robots.pinocchio_check import check_agreement
@@ -39,6 +39,7 @@ def load_model(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     mimic: bool = False,
     unphysical: Literal["refuse", "report"] = "refuse",
+    meshes: MeshFolders | None = None,
 ) -> R:
     """A robot of class `kind` from a name, a path, or URDF text.
 
@@ -48,6 +49,8 @@ def load_model(
         RobotModel or a subclass with the same constructor.
     source, package_dirs, root, lock, gravity, mimic, unphysical
         As in `twolink.load_robot`.
+    meshes : MeshFolders, optional
+        Where meshes are looked for, in place of `package_dirs` and the folders of the URDF.
 
     Returns
     -------
@@ -73,7 +76,7 @@ def load_model(
     model.gravity.linear = field
     odd_inertias = check_bodies(tree, full, unphysical)
     check_invertible(tree, model)
-    folders = mesh_folders(_folders(package_dirs), urdf.path, examples_share())
+    folders = meshes or mesh_folders(_folders(package_dirs), urdf.path, examples_share())
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(
@@ -92,7 +95,7 @@ def load_model(
             beyond=beyond_limits(full, locked, reference),
         ),
     ]
-    visuals = Visuals(drawable_urdf(tree.element, folders), full, locked, reference)
+    visuals = Visuals(*drawable_urdf(tree.element, folders), full, locked, reference)
     name = urdf.entry.name if urdf.entry else tree.name or urdf.label
     return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
 

@@ -8,21 +8,49 @@ from twolink.robots.xml import Element
 
 
 @dataclass(frozen=True)
+class MeshFile:
+    """A mesh to draw: its file after all links, the folder that the file must lie in, and its scale along x y z."""
+
+    path: Path
+    root: Path
+    scale: str
+
+
+@dataclass(frozen=True)
 class MeshFolders:
-    """Where meshes are looked for: `packages`, which package:// counts from, and `base`, the URDF's own folder."""
+    """Where meshes are looked for: `packages`, which package:// counts from, and `base`, the URDF's own folder.
+
+    roots: the folders that a mesh must lie in after all links, where the URDF comes from a stranger, whose package may
+    be the folder itself under another name; None: any.
+    """
 
     packages: tuple[Path, ...]
     base: Path | None
+    roots: tuple[Path, ...] | None = None
 
-    def file(self, name: str) -> Path | None:
-        """The file that a mesh name means, or None: package://P/x, file:///x, or a path beside the URDF."""
+    def find(self, name: str) -> tuple[Path, Path] | None:
+        """The file that a mesh name means, and the folder it must lie in: package://P/x, file:///x, or beside the URDF.
+
+        None where no such file is allowed.
+        """
         if name.startswith("package://"):
-            candidates = [folder / name.removeprefix("package://") for folder in self.packages]
+            inside = name.removeprefix("package://")
+            names = [inside] if self.roots is None else [inside, inside.partition("/")[2]]
+            candidates = [folder / each for folder in self.packages for each in names]
         elif name.startswith("file://"):
             candidates = [Path(name.removeprefix("file://"))]
         else:
             candidates = [Path(name)] if self.base is None else [self.base / name, Path(name)]
-        return next((path for path in candidates if path.is_file()), None)
+        return next((found for path in candidates if (found := self._allowed(path))), None)
+
+    def _allowed(self, path: Path) -> tuple[Path, Path] | None:
+        try:
+            real = path.resolve()
+            roots = [real.parent] if self.roots is None else [root.resolve() for root in self.roots]
+            inside = [root for root in roots if real.is_relative_to(root)]
+            return (real, inside[0]) if inside and real.is_file() else None
+        except (OSError, ValueError, RuntimeError):  # a name too long or with a NUL, a loop of links
+            return None
 
 
 def mesh_folders(packages: Sequence[Path], urdf: Path | None, share: Path | None) -> MeshFolders:
@@ -35,16 +63,19 @@ def missing_meshes(robot: Element, folders: MeshFolders) -> tuple[str, ...]:
     """The names of visual meshes without a file, each once, in order."""
     shapes = (visual.first("geometry") for visual in _visuals(robot))
     names = (mesh.attributes.get("filename", "") for shape in shapes if shape for mesh in shape.all("mesh"))
-    return tuple(dict.fromkeys(name for name in names if folders.file(name) is None))
+    return tuple(dict.fromkeys(name for name in names if folders.find(name) is None))
 
 
-def drawable_urdf(robot: Element, folders: MeshFolders) -> str:
-    """The URDF as text for drawing: meshes by their full path, without collisions and visuals whose mesh is missing.
+def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, MeshFile]]:
+    """The URDF as text for drawing, without collisions, and its meshes by Pinocchio's name of the visual.
 
+    The text has a sphere in place of each mesh: Pinocchio's reader would open the file, and others that it names.
+    Visuals whose mesh is missing are left out.
     A material is defined where it first stands, for all visuals after it: one that stands in a visual that is left out
     moves up to the robot.
     """
-    kept = {id(visual): _located(visual, folders) for visual in _visuals(robot)}
+    kept = {id(visual): _placed(visual, folders) for visual in _visuals(robot)}
+    meshes: dict[str, MeshFile] = {}
     out = Element("robot", dict(robot.attributes), robot.line)
     out.children = [c for c in robot.children if c.tag in ("joint", "material")]
     defined = {material.attributes.get("name", "") for material in robot.all("material")}
@@ -56,26 +87,28 @@ def drawable_urdf(robot: Element, folders: MeshFolders) -> str:
             if kept[id(visual)] is None:
                 out.children.append(material)
     for link in robot.all("link"):
-        visuals = [kept[id(visual)] for visual in link.all("visual")]
-        parts = [*link.all("inertial"), *(visual for visual in visuals if visual is not None)]
+        drawn = [found for visual in link.all("visual") if (found := kept[id(visual)]) is not None]
+        name = link.attributes.get("name", "")
+        meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(drawn) if mesh is not None}
+        parts = [*link.all("inertial"), *(visual for visual, _ in drawn)]
         out.children.append(Element("link", link.attributes, link.line, parts))
-    return out.to_xml()
+    return out.to_xml(), meshes
 
 
 def _visuals(robot: Element) -> Iterator[Element]:
     return (visual for link in robot.all("link") for visual in link.all("visual"))
 
 
-def _located(visual: Element, folders: MeshFolders) -> Element | None:
-    """The visual with the full path of its mesh; None where it has no geometry or the mesh is missing."""
+def _placed(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | None] | None:
+    """The visual with a sphere in place of its mesh, and the mesh; None without geometry or where it is missing."""
     geometry = visual.first("geometry")
     mesh = None if geometry is None else geometry.first("mesh")
     if geometry is None or mesh is None:
-        return visual if geometry is not None else None
-    path = folders.file(mesh.attributes.get("filename", ""))
-    if path is None:
+        return (visual, None) if geometry is not None else None
+    found = folders.find(mesh.attributes.get("filename", ""))
+    if found is None:
         return None
-    located = Element("mesh", {**mesh.attributes, "filename": str(path.resolve())}, mesh.line)
-    shape = Element("geometry", {}, geometry.line, [located])
+    shape = Element("geometry", {}, geometry.line, [Element("sphere", {"radius": "1"}, mesh.line)])
     rest = [c for c in visual.children if c.tag != "geometry"]
-    return Element("visual", visual.attributes, visual.line, [*rest, shape])
+    file = MeshFile(*found, mesh.attributes.get("scale", "1 1 1"))
+    return Element("visual", visual.attributes, visual.line, [*rest, shape]), file

@@ -1,6 +1,5 @@
 """RobotModel: a robot whose URDF was read, checked and reported."""
 
-import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,13 +12,17 @@ from twolink.errors import QueryError, ShowError
 from twolink.robots.joint_layout import JointLayout, joint_layouts
 from twolink.robots.load_options import gravity_field
 from twolink.robots.load_report import LoadReport
+from twolink.robots.mesh_shapes import set_mesh
+from twolink.robots.meshes import MeshFile
 
 
 @dataclass(frozen=True)
 class Visuals:
-    """What drawing needs: URDF text with visuals, the model before joints were locked, and where they were locked."""
+    """What drawing needs: URDF text with visuals, their meshes by Pinocchio's name of the visual, the model before
+    joints were locked, and where they were locked."""
 
     text: str
+    meshes: dict[str, MeshFile]
     model: pin.Model
     locked: tuple[int, ...]
     reference: np.ndarray
@@ -137,16 +140,17 @@ class RobotModel:
         return type(self)(self.name, model, self.report, self.visuals)
 
     def visual_model(self) -> pin.GeometryModel:
-        """The shapes to draw, without meshes that have no file."""
+        """The shapes to draw, without meshes that have no file. Raises ShowError for a mesh that cannot be read."""
         visuals = self.visuals
         geometry = pin.GeometryModel()
         try:
             pin.buildGeomFromUrdfString(visuals.model, visuals.text, pin.GeometryType.VISUAL, geometry, [])
         except (ValueError, RuntimeError) as error:
-            named = re.search(r"resource (.+)", str(error))
-            what = f"the mesh {named[1]!r} cannot be read" if named else " ".join(str(error).split())[:200]
-            remedy = "repair that file, or take it out of the URDF"
-            raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="mesh-not-readable") from None
+            what, remedy = " ".join(str(error).split())[:200], "repair that visual, or take it out of the URDF"
+            raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="visuals-not-readable") from None
+        for item in geometry.geometryObjects:
+            if item.name in visuals.meshes:
+                set_mesh(item, visuals.meshes[item.name])
         if visuals.locked:
             _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
         return geometry

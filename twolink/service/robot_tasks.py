@@ -12,9 +12,10 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError
 from twolink.io.text import decode
+from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
 from twolink.service.settings import Quotas
-from twolink.service.uploads import check_files, choose_urdf, local_urdf, unpack
+from twolink.service.uploads import choose_urdf, unpack, upload_folders
 from twolink.service.visuals import visuals_of
 
 _OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
@@ -51,10 +52,10 @@ def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas) ->
     if kind != "source":
         files.mkdir()
         names = unpack(body, files, quotas) if kind == "zip" else []
-        check_files(files, names)
-        urdf = Path(choose_urdf(names, options.urdf)) if kind == "zip" else Path(_URDF)
-        text = decode((files / urdf if kind == "zip" else body).read_bytes(), urdf, RobotError)
-        (place / _URDF).write_text(local_urdf(text, urdf.as_posix(), names), encoding="utf-8")
+        urdf = choose_urdf(names, options.urdf) if kind == "zip" else _URDF
+        text = decode((files / urdf if kind == "zip" else body).read_bytes(), Path(urdf), RobotError)
+        (place / _URDF).write_text(text, encoding="utf-8")
+        options = msgspec.structs.replace(options, urdf=urdf)
     body.unlink()
     (place / _OPTIONS).write_bytes(msgspec.json.encode(options))
     robot = _load(folder)
@@ -75,9 +76,9 @@ def _load(folder: str) -> Robot:
         raise RobotError(what, argument="source", remedy="GET /v1/robots lists the names")
     if not chosen.source and "<" not in source:  # it would be taken for a name or a path
         raise RobotError("not XML: no element", where="URDF text", remedy="send a URDF")
-    return load_robot(
-        source, package_dirs=[place / _FILES], root=chosen.root, lock=chosen.lock, gravity=chosen.gravity,
-        mimic=chosen.mimic, unphysical=chosen.unphysical,
+    return load_model(
+        Robot, source, root=chosen.root, lock=chosen.lock, gravity=chosen.gravity, mimic=chosen.mimic,
+        unphysical=chosen.unphysical, meshes=None if chosen.source else upload_folders(place / _FILES, chosen.urdf),
     )  # fmt: skip
 
 

@@ -1,29 +1,21 @@
 """Uploaded robots: a URDF, alone or in a zip with its meshes. This runs in a worker process and trusts nothing.
 
-A mesh may only come from the upload. File names in the URDF are rewritten to package:// and the place in the upload;
-lines stay as they are, so that errors name the right line.
+A mesh may only come from the upload, and its materials and pictures only from the mesh's folder. That is required
+where the files are opened (`io.confined`), whatever the names look like.
 """
 
-import html
-import posixpath
-import re
 import zipfile
 import zlib
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 from twolink.errors import RobotError, nearest
-from twolink.robots.xml import Element, parse_xml
+from twolink.robots.catalogue import examples_share
+from twolink.robots.meshes import MeshFolders
 from twolink.service.settings import Quotas
 
-_MESHES = (".stl", ".dae", ".obj")
-_TEXTS = (".dae", ".mtl", ".obj")
-_KEPT = (*_MESHES, ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
+_KEPT = (".stl", ".dae", ".obj", ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
 _CHUNK = 2**20
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of zips; others take memory by what the archive says
-_FILENAME = re.compile(r"""(\bfilename\s*=\s*)("([^"<]*)"|'([^'<]*)')""")
-_POINTERS = re.compile(r"<init_from>\s*(?:<ref>)?\s*([^<\s][^<]*?)\s*<|^\s*(?:map_\w+|bump|disp|decal|mtllib)\s+(.*)$",
-                       re.MULTILINE)  # fmt: skip
 
 
 def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
@@ -81,69 +73,17 @@ def choose_urdf(names: list[str], wanted: str) -> str:
     return urdfs[0]
 
 
-def check_files(folder: Path, names: list[str]) -> None:
-    """Refuse mesh files that point at files outside the upload, or that declare entities."""
-    for name in names:
-        if not name.lower().endswith(_TEXTS):
-            continue
-        text = (folder / name).read_bytes().decode("utf-8", errors="replace")
-        if name.lower().endswith(".dae") and ("<!DOCTYPE" in text or "<!ENTITY" in text or "\0" in text):
-            raise _refused("a DOCTYPE is refused", "remove it", name)
-        for match in _POINTERS.finditer(text):
-            pointed = html.unescape(match.group(1) or match.group(2)).strip()
-            if pointed.startswith(("/", "~", "\\")) or ".." in pointed or ":" in pointed or "%" in pointed:
-                raise _refused(f"it points outside the upload: {pointed[:80]!r}", "put that file beside it", name)
+def upload_folders(files: Path, urdf: str) -> MeshFolders:
+    """Where the meshes of an upload are looked for: in its folder `files`, from the URDF's place in it upwards.
 
-
-def local_urdf(text: str, urdf: str, names: list[str]) -> str:
-    """The URDF's text with each mesh as package:// and its place in the upload.
-
-    Files that are not in the upload are listed as missing in the load report. Raises RobotError for names that point
-    outside: file://, other schemes, absolute paths, and too many "..".
+    Those of example-robot-data are found too; nothing else is.
     """
-
-    def replaced(match: re.Match[str]) -> str:
-        name = html.unescape(match.group(3) if match.group(3) is not None else match.group(4))
-        return match.group(1) + '"' + escape(_local(name, urdf, names), {'"': "&quot;"}) + '"'
-
-    rewritten = _FILENAME.sub(replaced, text)
-    for element in _elements(parse_xml(rewritten.encode(), "URDF text", "utf-8")):
-        name = element.attributes.get("filename", "")
-        if name and element.tag in ("mesh", "texture") and not _is_local(name):
-            what = f"the file name {name[:80]!r} points outside the upload"
-            raise RobotError(what, where=f"URDF text:{element.line}", remedy="use package://... or a relative name")
-    return rewritten
+    share = examples_share()
+    base = (files / urdf).parent
+    above = [folder for folder in (base, *base.parents) if folder.is_relative_to(files)]
+    roots = (files, *([] if share is None else [share / "example-robot-data"]))
+    return MeshFolders((*above, *([] if share is None else [share])), base, roots)
 
 
-def _local(name: str, urdf: str, names: list[str]) -> str:
-    """package:// and the file's place in the upload; a name outside the upload stays, and is refused afterwards."""
-    folder = posixpath.dirname(urdf)
-    inside = name.removeprefix("package://")
-    if inside != name:
-        candidates = [inside, inside.partition("/")[2]]
-    elif "://" in name or name.startswith("/"):
-        return name
-    else:
-        inside = posixpath.normpath(posixpath.join(folder, name))
-        candidates = [inside]
-    if ".." in inside.split("/"):
-        return name
-    while True:
-        for candidate in (posixpath.join(folder, part) for part in candidates):
-            if candidate in names and candidate.lower().endswith(_MESHES):
-                return f"package://{candidate}"
-        if not folder:  # no package has the folder "not-uploaded": what is missing is not looked for elsewhere
-            return name if name.startswith("package://example-robot-data/") else f"package://not-uploaded/{inside}"
-        folder = posixpath.dirname(folder)
-
-
-def _is_local(name: str) -> bool:
-    return name.startswith("package://") and ".." not in name.split("/") and "\\" not in name and "\0" not in name
-
-
-def _elements(element: Element) -> list[Element]:
-    return [element, *(inner for child in element.children for inner in _elements(child))]
-
-
-def _refused(what: str, remedy: str, name: str = "") -> RobotError:
-    return RobotError(what, where=f"upload: {name}" if name else "upload", remedy=remedy)
+def _refused(what: str, remedy: str) -> RobotError:
+    return RobotError(what, where="upload", remedy=remedy)

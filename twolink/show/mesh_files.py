@@ -6,12 +6,15 @@ own folder are opened on its behalf.
 
 import base64
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import umsgpack
 
-from twolink.show.collada_file import Part, read_collada
+from twolink.io.collada import Part, read_collada
+from twolink.io.confined import read_confined
+from twolink.robots.mesh_shapes import LARGEST
 from twolink.show.meshcat_shapes import Floats, Json, attribute, mesh, phong
 
 _WHITE = (  # a picture of one white pixel
@@ -19,7 +22,13 @@ _WHITE = (  # a picture of one white pixel
     "RU5ErkJggg=="
 )
 _PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
-_LARGEST_PICTURE = 10_000_000  # bytes
+_LARGEST_PICTURE = _LARGEST_LIBRARY = 10_000_000  # bytes
+_LIBRARY = re.compile(r"(?:^|[\r\n])[ \t]*mtllib[ \t]+([^\r\n]+)")
+# The viewer gets these statements of a material file: plain ones, and pictures under names of our own, so that it asks
+# for no other. _OPTION: what may stand before a picture's name.
+_PLAIN = ("newmtl", "kd", "ka", "ks", "ke", "ns", "d", "tr", "illum")
+_PICTURE_OF = ("map_kd", "map_ks", "map_ke", "map_d", "map_bump", "bump", "norm")
+_OPTION = re.compile(r"-\w+|[-+.\d][-+.\deE]*|on|off")
 _REPEAT = 1000  # three.js's number for a picture that repeats
 _CORNER = np.dtype([("position", "<f4", 3), ("normal", "<i2", 3), ("uv", "<f4", 2)])
 SUFFIXES = (".dae", ".obj", ".stl")
@@ -42,7 +51,7 @@ def file_object(path: Path, *, file_colours: bool, rgba: Floats, uuid: str, scal
         The transform from the file's coordinates into the node's.
     """
     try:
-        raw = path.read_bytes()
+        raw = read_confined(path.parent, path.name, LARGEST)
     except OSError:
         return None
     kind = path.suffix.lower()
@@ -56,24 +65,17 @@ def file_object(path: Path, *, file_colours: bool, rgba: Floats, uuid: str, scal
     return _collada(parts, path.parent, file_colours, rgba, uuid, scale) if parts else None
 
 
-def open_inside(folder: Path, name: str) -> bytes | None:
-    """The bytes of a file that a mesh names; None when it lies outside the mesh's folder, or cannot be read."""
-    try:
-        path = (folder / name).resolve()
-        inside = path.is_relative_to(folder.resolve()) and path.stat().st_size <= _LARGEST_PICTURE
-        return path.read_bytes() if inside else None
-    except (OSError, ValueError):
-        return None
-
-
 def _picture(folder: Path, name: str) -> str:
     """A picture as a data URL; white when there is none, so that no page asks for it."""
     mime = _PICTURES.get(Path(name).suffix.lower())
-    raw = open_inside(folder, name) if mime else None
-    return _WHITE if raw is None else f"data:{mime};base64,{base64.b64encode(raw).decode('ascii')}"
+    try:
+        raw = read_confined(folder, name, _LARGEST_PICTURE) if mime else b""
+    except OSError:
+        raw = b""
+    return f"data:{mime};base64,{base64.b64encode(raw).decode('ascii')}" if raw else _WHITE
 
 
-def _collada(parts: list[Part], folder: Path, file_colours: bool, rgba: Floats, uuid: str, scale: Floats) -> Json:
+def _collada(parts: Sequence[Part], folder: Path, file_colours: bool, rgba: Floats, uuid: str, scale: Floats) -> Json:
     """One object of all parts, each a group with its own material."""
     pictures = sorted({part.picture for part in parts if part.picture}) if file_colours else []
     materials = []
@@ -90,7 +92,7 @@ def _collada(parts: list[Part], folder: Path, file_colours: bool, rgba: Floats, 
     return drawn
 
 
-def _merged(parts: list[Part], textured: bool) -> Json:
+def _merged(parts: Sequence[Part], textured: bool) -> Json:
     """A geometry with one group a part. Equal corners are stored once: that makes the page a third as large."""
     counts = [len(part.position) for part in parts]
     corners = np.zeros(sum(counts), _CORNER)
@@ -122,12 +124,23 @@ def _viewer_geometry(kind: str, data: object) -> Json:
 
 def _obj(text: str, folder: Path, file_colours: bool, rgba: Floats, uuid: str, scale: Floats) -> Json:
     """An .obj file, with its materials when they are in a file beside it."""
-    library = re.search(r"^mtllib\s+(.+?)\s*$", text, re.MULTILINE)
-    raw = open_inside(folder, library.group(1)) if library and file_colours else None
-    if raw is None:
+    try:
+        library = _LIBRARY.search(text) if file_colours else None
+        raw = read_confined(folder, library[1].strip(), _LARGEST_LIBRARY) if library else b""
+    except OSError:
+        raw = b""
+    if not raw:
         return mesh(_viewer_geometry("obj", text), [phong(rgba)], uuid, scale)
-    materials = raw.decode("utf-8", errors="replace")
-    names = re.findall(r"^\s*(?:map_\w+|bump|disp|decal)\s+(?:.*\s)?(\S+)\s*$", materials, re.MULTILINE)
-    whole: Json = {"uuid": uuid, "type": "_meshfile_object", "format": "obj", "data": text, "mtl_library": materials}
-    whole |= {"resources": {name: _picture(folder, name) for name in names}, "matrix": scale.T.ravel().tolist()}
+    lines, pictures = [], dict[str, str]()
+    for line in raw.decode("utf-8", errors="replace").splitlines():
+        key, *parts = line.split() or [""]
+        if key.lower() in _PICTURE_OF:
+            count = next((k for k, part in enumerate(parts) if not _OPTION.fullmatch(part)), len(parts))
+            name = f"picture-{len(pictures)}"
+            pictures[name] = _picture(folder, " ".join(parts[count:]))
+            parts[count:] = [name]
+        if key.lower() in (*_PICTURE_OF, *_PLAIN):
+            lines.append(" ".join([key, *parts]))
+    whole: Json = {"uuid": uuid, "type": "_meshfile_object", "format": "obj", "data": text}
+    whole |= {"mtl_library": "\n".join(lines), "resources": pictures, "matrix": scale.T.ravel().tolist()}
     return {"metadata": {"version": 4.5, "type": "Object"}, "geometries": [], "materials": [], "object": whole}

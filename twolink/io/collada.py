@@ -7,6 +7,7 @@ it loses parts whose neighbours have another material (half of a UR5) and ignore
 
 import io
 import re
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -33,18 +34,21 @@ class Part:
     picture: str | None  # the file name of the picture that gives the colour
 
 
-def read_collada(raw: bytes) -> list[Part]:
-    """The parts of a Collada file, in metres and along the file's own axes; none when it cannot be read."""
+def read_collada(raw: bytes) -> tuple[Part, ...]:
+    """The parts of a Collada file, in metres and along the file's own axes; none when it cannot be read.
+
+    pycollada opens no other file.
+    """
     text = _DECLARATION.sub("", raw.decode("utf-8", errors="replace"))
-    if "<!DOCTYPE" in text:  # entities that expand without end
-        return []
+    if "<!DOCTYPE" in text or zipfile.is_zipfile(io.BytesIO(raw)):  # entities; pycollada would look into the zip
+        return ()
     try:
         document = _document(text)
         metres = document.assetInfo.unitmeter or 1.0
         scene = document.scene or document.scenes[0]
-        return [part for geometry in scene.objects("geometry") for part in _geometry_parts(geometry, metres)]
+        return tuple(part for geometry in scene.objects("geometry") for part in _geometry_parts(geometry, metres))
     except Exception:  # pycollada lets errors of many kinds through
-        return []
+        return ()
 
 
 def _document(text: str) -> Any:

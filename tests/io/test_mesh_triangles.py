@@ -1,0 +1,46 @@
+"""Mesh files of every readable format give the body they describe, and what is none is refused."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.show.pieces import DAE
+from twolink.io.mesh_triangles import SUFFIXES, read_triangles
+
+BOX = trimesh.creation.box((1.0, 2.0, 3.0))
+
+
+def enclosed(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """The volume inside outward triangles, by the divergence theorem."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+@pytest.mark.parametrize("suffix", [suffix for suffix in SUFFIXES if suffix != ".dae"])
+def test_each_format_gives_the_body(suffix: str) -> None:
+    raw = BOX.export(file_type=suffix[1:])
+    vertices, faces = read_triangles(raw.encode() if isinstance(raw, str) else raw, suffix)
+    assert enclosed(vertices, faces) == pytest.approx(6.0)
+    assert vertices.min(axis=0) == pytest.approx([-0.5, -1.0, -1.5])
+
+
+def test_ascii_stl_and_any_end_of_line() -> None:
+    for suffix in ("stl_ascii", "obj"):
+        text = BOX.export(file_type=suffix)
+        for end in ("\n", "\r\n", "\r") if suffix == "obj" else ("\n", "\r\n"):
+            vertices, faces = read_triangles(text.replace("\n", end).encode(), f".{suffix[:3]}")
+            assert enclosed(vertices, faces) == pytest.approx(6.0)
+
+
+def test_collada_comes_in_metres() -> None:
+    vertices, _ = read_triangles(DAE.encode(), ".dae")
+    np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.5, 0.5, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".fbx", ""])
+@pytest.mark.parametrize(
+    "raw", [b"", b"garbage", b"\x00" * 200, b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", b"f 1 2 9\n"]
+)
+def test_what_is_no_mesh_is_refused(raw: bytes, suffix: str) -> None:
+    with pytest.raises(ValueError, match=r"\w"):
+        read_triangles(raw, suffix)
