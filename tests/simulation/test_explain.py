@@ -1,8 +1,5 @@
 """explain: what a scene computes, and what each effect costs; an effect that is absent costs nothing."""
 
-import subprocess
-import sys
-
 import pytest
 
 import twolink as tl
@@ -36,18 +33,6 @@ def test_it_names_the_method_that_a_run_takes() -> None:
     assert found.expected_seconds > 0
     assert found.states == 4
     assert "gravity" in str(found)
-
-
-def test_modules_of_absent_effects_are_not_imported() -> None:
-    code = (
-        "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1);"
-        "print(*[m for m in sys.modules if m.startswith('twolink.effects.')])"
-    )
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "twolink.effects.gravity" in loaded
-    assert not {
-        f"twolink.effects.{name}" for name in ("air_drag", "joint_damping", "torque", "joint_pd", "payload")
-    } & {*loaded}
 
 
 def test_refusals() -> None:

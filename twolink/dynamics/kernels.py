@@ -7,6 +7,7 @@ pairs have length 1. A batch whose guard is not finite is answered by Pinocchio,
 
 import itertools
 import math
+import sys
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,14 +35,25 @@ SMALL = 200  # operations of a kernel that is small
 
 _local = threading.local()
 _threads_lock = threading.Lock()
+_import_lock = threading.Lock()
 
 
 def heyoka() -> Any:
-    """The heyoka module, or None where it is not installed (there are wheels for Linux only)."""
-    try:
-        import heyoka as module
-    except ImportError:
-        return None
+    """The heyoka module, or None where it is not installed (there are wheels for Linux only).
+
+    heyoka imports SymPy where it can, for conversions that nothing here uses: more than half of its import time.
+    """
+    with _import_lock:
+        hidden = "sympy" not in sys.modules
+        if hidden:
+            sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail
+        try:
+            import heyoka as module
+        except ImportError:
+            return None
+        finally:
+            if hidden:
+                del sys.modules["sympy"]
     return module
 
 
