@@ -53,16 +53,19 @@ def kill_workers(served: Served) -> None:
 
 def test_a_killed_service_loses_nothing_that_was_done(tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    with serving(folder) as first, first.client() as http:
+    with serving(folder, "--quota", "jobs=1") as first, first.client() as http:
         done = http.post("/v1/simulations", json=SWING).json()
         assert done["state"] == "done"
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
         started(http, path)
+        waiting = http.post("/v1/simulations", json={**SWING, "duration": 1.5, "wait": 0}).headers["location"]
         left = first.workers()
         first.kill()
     with serving(folder) as second, second.client() as http:
-        assert f"interrupted by the end of an earlier run: simulation {path.rpartition('/')[2]}" in second.log
-        assert http.get(path).json()["state"] == "interrupted"
+        job = http.get(path).json()
+        assert (job["state"], job["problem"]["code"]) == ("interrupted", "interrupted")
+        assert f"interrupted by the end of an earlier run: simulation {job['id']}" in second.log
+        assert http.get(waiting).json()["state"] in ("queued", "running", "done")
         kept = http.get(f"/v1/simulations/{done['id']}").json()
         assert kept["result"] == done["result"]
         assert len(http.get(f"/v1/simulations/{done['id']}/result").json()["columns"]["t"]) == 201
@@ -77,16 +80,18 @@ def assert_gone(processes: list[int]) -> None:
     wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in processes))
 
 
-def test_a_service_that_ends_marks_its_job_interrupted_and_leaves_no_process(tmp_path: Path) -> None:
+def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as first, first.client() as http:
         path = http.post("/v1/simulations", json=SLOW).headers["location"]
+        started(http, path)
         left = first.workers()
     assert first.process.returncode == 0
     assert "Traceback" not in first.log
     assert_gone(left)
     with serving(folder) as second, second.client() as http:
-        assert http.get(path).json()["state"] == "interrupted"
+        started(http, path)
+        assert "interrupted" not in second.log
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """/v1/simulations and /v1/studies: run, watch, cancel, and take the results."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from litestar import MediaType, Response, delete, get, post
@@ -8,16 +9,18 @@ from litestar.response import File, Stream
 
 from twolink.service.components import Shared
 from twolink.service.job_requests import SimulationRequest, StudyRequest
-from twolink.service.results import MAX_POINTS, MEDIA, result_file, samples_json
-from twolink.service.store import ACTIVE
+from twolink.service.results import MAX_POINTS, MEDIA, result_bytes, result_file, samples_json
+from twolink.service.store import ACTIVE, LISTED_JOBS
 
 Points = Annotated[int, Parameter(ge=2, le=MAX_POINTS)]
+Limit = Annotated[int, Parameter(ge=1, le=LISTED_JOBS)]
 Frames = Annotated[int, Parameter(ge=2, le=3600)]
 # The playback brings its scripts with it; it is shut off from the service it came from.
 PLAYBACK_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
 )
+FIGURE_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"  # SVG carries its own styles
 
 
 def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
@@ -46,31 +49,34 @@ def _shared(path: str, kind: str) -> list[Any]:
     tags = [path]
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
-    async def list_jobs(service: Shared) -> list[dict[str, Any]]:
-        """The newest jobs, without their results."""
-        return service.jobs.all(kind)
+    async def list_jobs(service: Shared, limit: Limit = LISTED_JOBS, before: float = math.inf) -> list[dict[str, Any]]:
+        """The newest jobs without their results, and without requests of more than 16 kB.
+
+        At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
+        """
+        return await service.jobs.all(kind, before, limit)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
     async def show_job(service: Shared, job: str) -> dict[str, Any]:
         """state: queued, running, done, failed, cancelled or interrupted."""
-        return service.jobs.view(kind, job)
+        return await service.jobs.view(kind, job)
 
     @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
     async def events(service: Shared, job: str) -> Stream:
         """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
-        service.jobs.view(kind, job)
+        await service.jobs.view(kind, job)
         headers = {"Cache-Control": "no-store"}
         return Stream(service.jobs.events(kind, job), media_type="text/event-stream", headers=headers)
 
     @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
     async def cancel(service: Shared, job: str) -> dict[str, Any]:
         """End a job that waits or runs. A job that has ended does not change."""
-        return service.jobs.cancel(kind, job)
+        return await service.jobs.cancel(kind, job)
 
     @post(f"/v1/{path}/{{job:str}}/run", tags=tags, summary=f"Run a {kind} again", status_code=202)
     async def run_again(service: Shared, job: str) -> dict[str, Any]:
         """Run a job again that failed, was cancelled or was interrupted. Others do not change."""
-        return service.jobs.again(kind, job)
+        return await service.jobs.again(kind, job)
 
     @delete(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"Delete a {kind} and its result", status_code=204)
     async def remove(service: Shared, job: str) -> None:
@@ -89,8 +95,8 @@ def _results(path: str, kind: str) -> list[Any]:
         service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
     ) -> Response[bytes]:
         """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
-        path = await result_file(service, kind, job, f"figure.{form}")
-        return Response(path.read_bytes(), media_type=MEDIA[form])
+        content = await result_bytes(service, kind, job, f"figure.{form}")
+        return Response(content, media_type=MEDIA[form], headers={"Content-Security-Policy": FIGURE_POLICY})
 
     @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
     async def result(
@@ -98,7 +104,7 @@ def _results(path: str, kind: str) -> list[Any]:
         job: str,
         form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
         points: Points = MAX_POINTS,
-    ) -> Response[Any] | File:
+    ) -> Response[bytes] | File:
         """A simulation's samples: columns t, q.JOINT, v.JOINT, energy, error; JSON is thinned to at most `points`.
 
         A study: all of it as JSON, its rows in the other formats.
@@ -114,16 +120,17 @@ def _results(path: str, kind: str) -> list[Any]:
 @get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
 async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[bytes]:
     """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}."""
-    path = await result_file(service, "simulation", job, f"motion-{frames}.json", "motion", frames=frames)
-    return Response(path.read_bytes(), media_type=MediaType.JSON)
+    await service.jobs.require_done("simulation", job)
+    folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
+    content = await service.read("motion", folder=folder, frames=frames, quotas=quotas)
+    return Response(content, media_type=MediaType.JSON)
 
 
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
 async def playback(service: Shared, job: str) -> Response[bytes]:
     """One HTML file that needs no network."""
-    path = await result_file(service, "simulation", job, "playback.html")
-    headers = {"Content-Security-Policy": PLAYBACK_POLICY}
-    return Response(path.read_bytes(), media_type=MediaType.HTML, headers=headers)
+    content = await result_bytes(service, "simulation", job, "playback.html")
+    return Response(content, media_type=MediaType.HTML, headers={"Content-Security-Policy": PLAYBACK_POLICY})
 
 
 HANDLERS = [

@@ -1,8 +1,8 @@
 """/v1/robots: list, inspect, upload, draw and delete."""
 
+import asyncio
 import functools
 import hashlib
-import shutil
 from typing import Any
 
 import msgspec
@@ -26,7 +26,7 @@ _ZIP = ("application/zip", "application/x-zip-compressed")
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and those uploaded."""
     shown = ("id", "name", "origin", "nq", "nv", "mass", "root")
-    uploaded = [{key: robot[key] for key in shown} for robot in service.store.robots()]
+    uploaded = await service.store.run(service.store.robots, shown)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 
 
@@ -40,7 +40,7 @@ def _about(name: str) -> dict[str, Any]:
 @get("/v1/robots/{robot:str}", tags=["robots"], summary="Inspect a robot")
 async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
     """Sizes, joints with limits, links, and the load report: what was read, ignored, repaired and assumed."""
-    uploaded = service.store.robot(robot)
+    uploaded = await service.store.run(service.store.robot, robot)
     if uploaded is not None:
         return uploaded
     loaded = await service.robots.get(robot)
@@ -69,7 +69,7 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     digest = hashlib.sha256(msgspec.json.encode(options, order="sorted") + kind.encode() + content).hexdigest()
     key = f"u-{digest[:20]}"
     async with service.locks(key):
-        kept = service.store.robot(key)
+        kept = await service.store.run(service.store.robot, key)
         if kept is not None:
             return Response(kept, status_code=200)
         return Response(await _receive(service, key, kind, options, content), status_code=201)
@@ -105,23 +105,21 @@ def _options(query: MultiDict[str]) -> RobotOptions:
 async def _receive(service: Service, key: str, kind: str, options: RobotOptions, content: bytes) -> dict[str, Any]:
     """Have a worker load an upload, and keep it once that has gone well."""
     quotas, store = service.settings.quotas, service.store
-    if len(store.robots()) >= quotas.uploads:
+    count, size = await store.run(store.robot_use)
+    if count >= quotas.uploads:
         raise Refusal(429, f"{quotas.uploads} robots are kept already", where="request", remedy="delete some")
-    limit = quotas.disk_mb * 2**20 - len(content)
-    store.shrink(limit)
-    if store.used_bytes() > limit:
+    limit = (quotas.disk_mb - quotas.result_mb) * 2**20 - len(content)  # a result must always find room
+    if size > limit:
         raise Refusal(413, "the service's disk quota is used up", where="body", remedy="delete some robots")
-    staged = store.folder / "staging" / key
-    staged.mkdir(mode=0o700)
+    staged = await store.run(store.stage, key, content)
     try:
-        (staged / "body").write_bytes(content)
         answer = await service.read("receive", folder=str(staged), kind=kind, options=options, quotas=quotas)
         loaded = msgspec.convert(answer, ReceivedRobot)
         about = {"id": key, "origin": "uploaded", **msgspec.to_builtins(options), "root": options.root}
         description = {**about, **loaded.description}
-        store.add_robot(key, staged, description)
+        await store.run(store.add_robot, key, staged, description, quotas.disk_mb * 2**20)
     finally:
-        shutil.rmtree(staged, ignore_errors=True)
+        await store.run(store.unstage, staged)
     service.robots.put(key, loaded.robot)
     return description
 
@@ -129,13 +127,15 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
 async def visuals(service: Shared, robot: str) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
-    service.robots.require(robot)
-    path = service.store.folder / "results" / f"visuals-{__version__}-{robot}.json"
+    await service.robots.require(robot)
+    store, limit = service.store, service.settings.quotas.disk_mb * 2**20
+    path = store.visuals(f"{__version__}-{robot}.json")
     if robot not in catalogue():
-        path = service.store.robot_folder(robot) / "visuals.json"
+        path = store.robot_folder(robot) / "visuals.json"
     await service.make(path, "draw", key=robot)
-    service.store.measure_robot(robot)
-    return Response(path.read_bytes(), media_type=MediaType.JSON)
+    content = await asyncio.to_thread(path.read_bytes)
+    await store.run(store.measure_robot, robot, limit)
+    return Response(content, media_type=MediaType.JSON)
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)
@@ -143,8 +143,8 @@ async def delete_robot(service: Shared, robot: str) -> None:
     """Delete an uploaded robot. The results computed with it stay."""
     if robot in catalogue():
         raise Refusal(409, "robots of the catalogue stay", where="path: robot", remedy="delete uploaded ones")
-    service.robots.require(robot)
-    service.store.remove_robot(robot)
+    await service.robots.require(robot)
+    await service.store.run(service.store.remove_robot, robot)
     service.robots.forget(robot)
 
 

@@ -23,7 +23,8 @@ _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 @get("/health", tags=["service"], summary="Health of the service")
 async def health(service: Shared) -> dict[str, Any]:
     """Version, jobs that wait or run, and bytes kept."""
-    return {"status": "ok", "version": __version__, "jobs": service.store.active(), "bytes": service.store.used_bytes()}
+    jobs = service.jobs.count("queued") + service.jobs.count("running")
+    return {"status": "ok", "version": __version__, "jobs": jobs, "bytes": service.store.kept_bytes}
 
 
 @get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import gc
-import logging
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,13 +13,13 @@ from twolink.dynamics.threads import thread_count
 from twolink.service.jobs import Jobs
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
+from twolink.service.problems import Refusal
 from twolink.service.queries import Queries
 from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
 from twolink.service.store import Store
 from twolink.service.worker_pool import Workers
 
-_log = logging.getLogger("twolink.service")
 _READERS = 2
 
 
@@ -34,8 +33,6 @@ class Service:
         quotas = settings.quotas
         self.settings = settings
         self.store = Store(Path(settings.data))
-        for job in self.store.mark_interrupted():
-            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
@@ -53,17 +50,28 @@ class Service:
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:
         """Have a task write a file, unless it is there."""
+        limit = self.settings.quotas.answer_mb
         async with self.locks(str(path)):
-            if not path.exists():
-                draft = path.with_name(f"draft-{path.name}")
+            if path.exists():
+                return
+            draft = path.with_name(f"draft-{path.name}")
+            try:
                 await self.read(task, path=str(draft), **arguments)
+                if draft.stat().st_size > limit * 2**20:
+                    what = f"{path.suffix[1:]} of it takes more than {limit:g} MB"
+                    raise Refusal(
+                        413, what, where="path", remedy="ask for less, or start the service with a larger quota"
+                    )
                 draft.replace(path)
+            finally:
+                draft.unlink(missing_ok=True)
 
     @contextlib.asynccontextmanager
     async def running(self, _: object = None) -> AsyncIterator[None]:
         """The service while it runs."""
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
+        await self.jobs.resume()
         warming = [asyncio.create_task(workers.warm()) for workers in (self._readers, self._job_workers)]
         try:
             yield

@@ -1,22 +1,26 @@
 """Jobs: simulations and studies, run by worker processes, their states kept in the store.
 
 A job's id comes from its request. The same request is answered from the store when its job is done, joins it while it
-runs, and runs again when it failed, was cancelled or was interrupted.
+runs, and runs again when it failed, was cancelled or was interrupted. A service that ends puts its jobs back into the
+queue for its next start. A job that ran when the service was killed is interrupted, as it may be what killed it.
 """
 
 import asyncio
+import logging
+import sqlite3
 import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
 from twolink.service.job_requests import SimulationRequest, StudyRequest, content_id
+from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
-from twolink.service.store import Job, Store
+from twolink.service.store import ACTIVE, Job, Store
 from twolink.service.worker_pool import Workers
 
 Request = SimulationRequest | StudyRequest
@@ -25,15 +29,24 @@ _REQUESTS: dict[str, type[Request]] = {"simulation": SimulationRequest, "study":
 _TASKS = {"simulation": "simulate", "study": "study"}
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
+_RETRY = 2.0  # seconds between attempts to store how a job ended
+_log = logging.getLogger("twolink.service")
 
 
 @dataclass
 class _Running:
-    """A job that waits or runs. progress: what its worker has reported last."""
+    """A job that waits or runs. progress: what its worker has reported last. ending: only its end is left to store."""
 
-    task: asyncio.Task[None]
-    state: str = "queued"
+    kind: str
+    task: asyncio.Task[None] = field(init=False)
+    created: float = field(default_factory=time.time)
+    started: float | None = None
     progress: Any = None
+    ending: bool = False
+
+    @property
+    def state(self) -> str:
+        return ACTIVE[self.started is not None]
 
 
 class Jobs:
@@ -41,9 +54,30 @@ class Jobs:
 
     def __init__(self, settings: Settings, store: Store, workers: Workers, metrics: Metrics) -> None:
         self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
+        self._disk_bytes = settings.quotas.disk_mb * 2**20
         self._running: dict[str, _Running] = {}
+        self._locks = KeyedLocks()
         self._free = asyncio.Semaphore(settings.quotas.jobs)
         self._closing = False
+
+    def count(self, state: str) -> int:
+        """How many jobs are "queued" or "running"."""
+        return sum(running.state == state for running in self._running.values())
+
+    async def resume(self) -> None:
+        """Take up the jobs that an earlier service has left."""
+        for job in await self._store.run(self._store.running):
+            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
+            what = "the service was killed while the job ran"
+            problem = problem_of(Refusal(503, what, code="interrupted", remedy="run it again"))
+            end = {"state": "interrupted", "ended": time.time(), "problem": problem}
+            await self._store.run(self._store.end_job, job.id, self._disk_bytes, **end)
+        for job in await self._store.run(self._store.waiting):
+            try:
+                self._start(job.id, job.kind, msgspec.json.decode(job.request, type=_REQUESTS[job.kind]))
+            except msgspec.MsgspecError as error:  # of another version
+                end = {"state": "failed", "ended": time.time(), "problem": problem_of(error)}
+                await self._store.run(self._store.end_job, job.id, self._disk_bytes, **end)
 
     async def submit(self, kind: str, request: Request) -> View:
         """Run what is asked for, or find it; wait up to request.wait seconds for its end.
@@ -51,94 +85,124 @@ class Jobs:
         Raises Refusal (429) when too many jobs wait, and the job's failure when it fails within that time.
         """
         key = content_id(kind, request)
-        job = self._store.job(key)
-        if job is None or not (job.active or job.state == "done"):
-            self._begin(key, kind, request)
-        else:
-            self._store.update_job(key, used=time.time())
+        async with self._locks(key):
+            job = None if key in self._running else await self._store.run(self._store.job, key, whole=False)
+            if job is not None and job.state == "done":
+                await self._store.run(self._store.use, key)
+            elif key not in self._running:
+                await self._begin(key, kind, request)
         await self._wait(key, request.wait)
-        job = self._job(kind, key)
+        job = await self._job(kind, key)
         if job.state == "failed":
             raise error_from(msgspec.json.decode(job.problem, type=Problem))
         return self._view(job)
 
-    def again(self, kind: str, key: str) -> View:
+    async def again(self, kind: str, key: str) -> View:
         """Run a job again that failed, was cancelled or was interrupted."""
-        job = self._job(kind, key)
-        if not (job.active or job.state == "done"):
-            self._begin(key, kind, msgspec.json.decode(job.request, type=_REQUESTS[kind]))
-        return self.view(kind, key)
+        async with self._locks(key):
+            job = await self._job(kind, key)
+            if not (key in self._running or job.state == "done"):
+                await self._begin(key, kind, msgspec.json.decode(job.request, type=_REQUESTS[kind]))
+        return await self.view(kind, key)
 
-    def _begin(self, key: str, kind: str, request: Request) -> None:
+    async def _begin(self, key: str, kind: str, request: Request) -> None:
         quotas = self._quotas
         if len(self._running) >= quotas.queue + quotas.jobs:
             what = f"{len(self._running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
-        self._store.shrink((quotas.disk_mb - quotas.result_mb) * 2**20)
-        self._store.new_job(key, kind, _without(msgspec.to_builtins(request), "wait"))
-        self._running[key] = _Running(asyncio.create_task(self._run(key, kind, request), name=key))
+        await self._store.run(self._store.new_job, key, kind, _without(msgspec.to_builtins(request), "wait"))
+        self._start(key, kind, request)
 
-    async def _run(self, key: str, kind: str, request: Request) -> None:
+    def _start(self, key: str, kind: str, request: Request) -> None:
+        if self._closing:
+            raise self._ending()
+        running = self._running[key] = _Running(kind)
+        running.task = asyncio.create_task(self._run(key, running, request), name=key)
+
+    async def _run(self, key: str, running: _Running, request: Request) -> None:
         """Run a job when a worker is free, and store how it ended."""
         end: dict[str, Any] = {}
         try:
             async with self._free:
-                self._running[key].state = "running"
-                self._store.update_job(key, state="running", started=time.time())
-                with self._metrics.jobs_running.track_inprogress():
-                    result = await self._compute(key, kind, request)
-            end = {"state": "done", "result": result, "progress": {"fraction": 1.0}}
+                running.started = time.time()
+                self._metrics.job_wait.observe(running.started - running.created)
+                result = await self._compute(key, running, request)
+            end = {"state": "done", "ended": time.time(), "result": result, "progress": {"fraction": 1.0}}
         except asyncio.CancelledError:
-            end = {"state": "interrupted" if self._closing else "cancelled"}
+            end = (
+                {"state": "queued", "started": None} if self._closing else {"state": "cancelled", "ended": time.time()}
+            )
         except Exception as error:
-            end = {"state": "failed", "problem": problem_of(error)}
+            end = {"state": "failed", "ended": time.time(), "problem": problem_of(error)}
         finally:
+            running.ending = True
+            await self._end(key, end)
             del self._running[key]
-            self._store.update_job(key, ended=time.time(), **end)
-            self._store.measure(key)
-            self._store.shrink(self._quotas.disk_mb * 2**20)
-            self._metrics.jobs.labels(kind, end["state"]).inc()
+            self._metrics.jobs.labels(running.kind, end["state"]).inc()
 
-    async def _compute(self, key: str, kind: str, request: Request) -> Any:
-        folder = self._store.result_folder(key)
-        folder.mkdir(exist_ok=True)
-        running = self._running[key]
+    async def _compute(self, key: str, running: _Running, request: Request) -> Any:
+        folder = await self._store.run(self._store.begin_job, key)
 
         def note(progress: Any) -> None:
             running.progress = progress
 
         return await self._workers.run(
-            _TASKS[kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
+            _TASKS[running.kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
             request=request, robots=str(self._store.folder / "robots"), quotas=self._quotas,
         )  # fmt: skip
+
+    async def _end(self, key: str, end: dict[str, Any]) -> None:
+        """Store how a job ended. As long as that fails (the disk is full), the job runs, and it is tried again."""
+        while True:
+            try:
+                await self._store.run(self._store.end_job, key, self._disk_bytes, **end)
+                return
+            except (sqlite3.Error, OSError) as error:
+                _log.error("the end of job %s cannot be stored (%s); it is tried again", key, error)
+            if self._closing:
+                return
+            await asyncio.sleep(_RETRY)
 
     async def _wait(self, key: str, seconds: float) -> None:
         if key in self._running:
             await asyncio.wait([self._running[key].task], timeout=seconds or 0.001)
+            if self._closing:
+                raise self._ending()
 
-    def _job(self, kind: str, key: str) -> Job:
+    @staticmethod
+    def _ending() -> Refusal:
+        what, remedy = "the service is ending", "ask again: it takes the job up when it starts"
+        return Refusal(503, what, code="ending", where="request", remedy=remedy, retry_after=5)
+
+    async def _job(self, kind: str, key: str, *, whole: bool = True) -> Job:
         """A job of the store. Raises Refusal (404) when there is none."""
-        job = self._store.job(key)
+        job = await self._store.run(self._store.job, key, whole=whole)
         if job is None or job.kind != kind:
-            remedy = "ask for it again: results not used for long are removed"
-            raise Refusal(404, f"there is no {kind} {key[:80]!r}", where="path: id", remedy=remedy)
+            raise self.removed(kind, key)
         return job
 
-    def require_done(self, kind: str, key: str) -> None:
+    @staticmethod
+    def removed(kind: str, key: str) -> Refusal:
+        """The refusal of a job that is not there."""
+        remedy = "ask for it again: results not used for long are removed"
+        return Refusal(404, f"there is no {kind} {key[:80]!r}", where="path: id", remedy=remedy)
+
+    async def require_done(self, kind: str, key: str) -> None:
         """Raise Refusal (404, 409) unless the job is done. Notes that its result is used."""
-        job = self._job(kind, key)
+        job = await self._job(kind, key, whole=False)
         if job.state != "done":
             remedy = "wait for it" if job.active else "run it again"
             raise Refusal(409, f"the {kind} is {job.state}, there is no result", where="path: id", remedy=remedy)
-        self._store.update_job(key, used=time.time())
+        await self._store.run(self._store.use, key)
 
-    def view(self, kind: str, key: str) -> View:
+    async def view(self, kind: str, key: str) -> View:
         """A job as clients see it. Raises Refusal (404) when there is none."""
-        return self._view(self._job(kind, key))
+        return self._view(await self._job(kind, key))
 
-    def all(self, kind: str) -> list[View]:
-        """The views of the newest jobs, without their results."""
-        return [_without(self._view(job), "result") for job in self._store.jobs(kind)]
+    async def all(self, kind: str, before: float, limit: int) -> list[View]:
+        """The views of the newest jobs asked for before that time, without results and without large requests."""
+        jobs = await self._store.run(self._store.jobs, kind, before, limit)
+        return [_without(self._view(job), "result") for job in jobs]
 
     def _view(self, job: Job) -> View:
         running = self._running.get(job.id)
@@ -148,36 +212,46 @@ class Jobs:
             "progress": running.progress if running else job.progress,
         }
 
-    def cancel(self, kind: str, key: str) -> View:
+    async def cancel(self, kind: str, key: str) -> View:
         """Cancel a job that waits or runs."""
-        job = self._job(kind, key)
-        if key in self._running:
-            self._running[key].task.cancel()
+        job = await self._job(kind, key)
+        running = self._running.get(key)
+        if running is not None and not running.ending:
+            running.task.cancel()
         return self._view(job)
 
     async def remove(self, kind: str, key: str) -> None:
         """Cancel a job if it runs, and delete it with its result."""
-        self.cancel(kind, key)
+        await self.cancel(kind, key)
         await self._wait(key, 5.0)
-        self._store.remove_job(key)
+        await self._store.run(self._store.remove_job, key)
 
     async def events(self, kind: str, key: str) -> AsyncIterator[bytes]:
-        """A job's views as server-sent events: `progress` whenever something is new, `end` at its end."""
+        """A job's views as server-sent events: `progress` whenever something is new, `end` at its end.
+
+        A job that is deleted ends in the state "deleted". A service that ends closes the stream without an `end`.
+        """
         seen, sent = None, time.monotonic()
         while (running := self._running.get(key)) is not None and not self._closing:
             if (running.state, running.progress) != seen:
                 seen, sent = (running.state, running.progress), time.monotonic()
-                yield _event(b"progress", self.view(kind, key))
+                seconds = None if running.started is None else round(time.time() - running.started, 3)
+                yield _event(b"progress", {
+                    "id": key, "kind": kind, "state": running.state, "created": running.created, "problem": None,
+                    "seconds": seconds, "progress": running.progress,
+                })  # fmt: skip
             elif time.monotonic() - sent > _KEEP_ALIVE:
                 sent = time.monotonic()
                 yield b": still there\n\n"
             await asyncio.sleep(_PULSE)
-        job = self._store.job(key)
-        if job is not None and not job.active:
+        job = await self._store.run(self._store.job, key)
+        if job is None:
+            yield _event(b"end", {"id": key, "kind": kind, "state": "deleted"})
+        elif not job.active:
             yield _event(b"end", self._view(job))
 
     async def close(self) -> None:
-        """Cancel all jobs; they are marked as interrupted."""
+        """End all jobs; they are taken up at the next start."""
         self._closing = True
         tasks = [running.task for running in self._running.values()]
         for task in tasks:

@@ -1,6 +1,8 @@
 """Failures as HTTP answers, and back: problem+json (RFC 9457) with code, argument and data of the TwolinkError."""
 
+import errno
 import logging
+import sqlite3
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -21,6 +23,7 @@ _TYPES = {
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
+_STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _SEE_DOCS = "see the API's description: /docs"
 
 
@@ -56,6 +59,8 @@ class Refusal(TwolinkError):
 def problem_of(error: BaseException) -> Problem:
     """Describe any failure. An unexpected one is logged with its traceback, and the answer has no details."""
     failure = error if isinstance(error, TwolinkError) else _refusal_of(error)
+    if failure.code == "not-writable":  # no file that a client names is ever written
+        failure = _storage_failure(failure.what)
     if isinstance(failure, Refusal):
         name, status, retry_after = failure.code, failure.status, failure.retry_after
     else:
@@ -78,12 +83,21 @@ def _refusal_of(error: BaseException) -> Refusal:
         return Refusal(400, "the body is not UTF-8 text", where="body", remedy="send JSON in UTF-8")
     if isinstance(error, RecursionError):
         return Refusal(400, "the body is nested too deep", where="body", remedy="send plain lists and objects")
+    if isinstance(error, sqlite3.Error) or (isinstance(error, OSError) and error.errno in _STORAGE_ERRORS):
+        return _storage_failure(getattr(error, "strerror", "") or str(error))
     status = getattr(error, "status_code", 500)
     if isinstance(status, int) and 400 <= status < 500:
         return _refusal_of_litestar(error, status)
     _log.error("unexpected failure", exc_info=error)
     what = "the service has failed; its log has the details"
     return Refusal(500, what, code="internal-error", remedy="report it, with the request that caused it")
+
+
+def _storage_failure(reason: str) -> Refusal:
+    """The refusal when the data folder cannot be read or written."""
+    _log.error("the data folder cannot be used: %s", reason)
+    what, remedy = f"the service's storage has failed: {reason}", "try again when its operator has made room"
+    return Refusal(503, what, code="storage-failed", remedy=remedy, retry_after=30)
 
 
 def _refusal_of_litestar(error: BaseException, status: int) -> Refusal:

@@ -1,12 +1,14 @@
 """Results of jobs in other formats, made on demand by a worker process and kept beside the result."""
 
 import asyncio
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
+from twolink.errors import TwolinkError
 from twolink.io.tables import read_table
 from twolink.service.components import Service
 from twolink.service.scene_tasks import SAMPLES
@@ -23,22 +25,42 @@ MEDIA = {
 MAX_POINTS = 20_000
 
 
-async def result_file(service: Service, kind: str, key: str, name: str, task: str = "export", **arguments: Any) -> Path:
-    """The file of that name beside a job's result, made by the task if it is not there.
+async def result_file(service: Service, kind: str, key: str, name: str) -> Path:
+    """The file of that name beside a job's result, made if it is not there.
 
     Raises Refusal unless the job is done.
     """
-    service.jobs.require_done(kind, key)
+    await service.jobs.require_done(kind, key)
     path = service.store.result_folder(key) / name
-    await service.make(path, task, **arguments)
-    service.store.measure(key)
+    with _removed_meanwhile(service, kind, key):
+        await service.make(path, "export")
+    await service.store.run(service.store.measure, key, service.settings.quotas.disk_mb * 2**20)
     return path
+
+
+async def result_bytes(service: Service, kind: str, key: str, name: str) -> bytes:
+    """The content of such a file. Raises Refusal unless the job is done."""
+    path = await result_file(service, kind, key, name)
+    with _removed_meanwhile(service, kind, key):
+        return await asyncio.to_thread(path.read_bytes)
 
 
 async def samples_json(service: Service, key: str, points: int) -> bytes:
     """A simulation's samples as {"columns": {name: [numbers]}}, thinned to at most so many points, ends included."""
-    service.jobs.require_done("simulation", key)
-    return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
+    await service.jobs.require_done("simulation", key)
+    with _removed_meanwhile(service, "simulation", key):
+        return await asyncio.to_thread(_samples, service.store.result_folder(key) / SAMPLES, points)
+
+
+@contextlib.contextmanager
+def _removed_meanwhile(service: Service, kind: str, key: str) -> Iterator[None]:
+    """Turn the failure to read a file into that of a job that was removed (404)."""
+    try:
+        yield
+    except (FileNotFoundError, TwolinkError) as error:
+        if getattr(error, "code", "not-readable") != "not-readable":
+            raise
+        raise service.jobs.removed(kind, key) from None
 
 
 def _samples(path: Path, points: int) -> bytes:

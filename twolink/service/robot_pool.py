@@ -37,7 +37,7 @@ class RobotPool:
 
     async def get(self, key: str) -> Robot:
         """The robot of this id. Raises Refusal (404) when there is none."""
-        self.require(key)
+        await self.require(key)
         async with self._locks(key):
             robot = self.loaded(key)
             if robot is None and key in catalogue():
@@ -47,9 +47,9 @@ class RobotPool:
                 robot = self.put(key, await self._workers.run("load", self._seconds, key=key, robots=robots))
         return robot
 
-    def require(self, key: str) -> None:
+    async def require(self, key: str) -> None:
         """Raise Refusal (404) unless there is a robot of this id."""
-        if key not in catalogue() and self._store.robot(key) is None:
+        if key not in catalogue() and not await self._store.run(self._store.has_robot, key):
             remedy = f"{nearest(key[:80], catalogue())} (GET /v1/robots lists them and the uploaded ones)"
             raise Refusal(404, f"there is no robot {key[:80]!r}", where="path: robot", remedy=remedy)
 

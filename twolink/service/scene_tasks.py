@@ -25,6 +25,7 @@ from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
 SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
+_POSE_BYTES = 80  # of seven numbers as JSON
 _REPORT_EVERY = 0.1  # seconds
 
 
@@ -125,14 +126,17 @@ def export(*, path: str) -> None:
         (result.plot if target.suffix in (".svg", ".png") else result.save)(target)
 
 
-def motion(*, path: str, frames: int) -> None:
-    """Write where the links are at `frames` times at equal distances, as JSON."""
-    target = Path(path)
-    run = _run_in(target.parent)
+def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
+    """Where the links are at `frames` times at equal distances, as JSON."""
+    run = _run_in(Path(folder))
+    count = frames * len(run.robot.frame_names)
+    if count * _POSE_BYTES > quotas.answer_mb * 2**20:
+        what = f"{count} poses take more than {quotas.answer_mb:g} MB"
+        raise SceneError(what, argument="frames", remedy="ask for fewer frames")
     times = np.linspace(run.t[0], run.t[-1], frames)
     poses = link_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
     content = {"t": times.tolist(), "links": run.robot.frame_names, "poses": np.round(poses, 7).tolist()}
-    target.write_bytes(msgspec.json.encode(content))
+    return msgspec.json.encode(content)
 
 
 def _run_in(folder: Path) -> Trajectory:

@@ -1,0 +1,123 @@
+"""The data folder of a service: opened by one service at a time, repaired when it has to be.
+
+Only what a service wrote is ever moved or deleted: its database, and files with the names that it gives.
+"""
+
+import contextlib
+import logging
+import re
+import shutil
+import sqlite3
+import time
+from collections.abc import Container
+from pathlib import Path
+
+from twolink.errors import TwolinkError
+
+DATABASE = "twolink.sqlite"
+ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
+_PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)
+_VERSION = 2
+_NAMES = {ROBOTS: re.compile(r"u-[0-9a-f]{20}"), RESULTS: re.compile(r"(simulation|study|s)-[0-9a-f]{1,20}")}
+_OLD_VISUALS = "visuals-*.json"  # of the catalogue's robots; they can be drawn again
+_CORRUPT = ("SQLITE_CORRUPT", "SQLITE_NOTADB")
+_log = logging.getLogger("twolink.service")
+
+
+def open_folder(folder: Path) -> sqlite3.Connection:
+    """Open the data folder, which is made if there is none, and its database.
+
+    A database that cannot be read is moved with its files into a folder of its own, and a new one is begun.
+
+    Raises
+    ------
+    TwolinkError
+        Another service uses the folder, it has files of somebody else, or it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _require_own(folder)
+        try:
+            database = _open_database(folder / DATABASE)
+        except sqlite3.DatabaseError as error:
+            if not _is_corrupt(error):
+                raise
+            place = _set_aside(folder)
+            _log.error(
+                "the database cannot be read (%s): it is kept with its files in %s, a new one begins", error, place
+            )
+            database = _open_database(folder / DATABASE)
+        for part in _PARTS:
+            (folder / part).mkdir(exist_ok=True, mode=0o700)
+    except (OSError, sqlite3.Error) as error:
+        in_use = "locked" in str(error)
+        remedy = "end the service that uses it" if in_use else "check the folder and the disk"
+        what = f"cannot be used: {error}"
+        raise TwolinkError(what, where=str(folder), remedy=f"{remedy}, or give another --data", code="data") from None
+    return database
+
+
+def _require_own(folder: Path) -> None:
+    """Refuse a folder in which a part has files that no service wrote."""
+    if (folder / DATABASE).exists():
+        return
+    for part in _PARTS:
+        if (folder / part).exists() and any((folder / part).iterdir()):
+            what = f"{part!r} in it has files, and there is no {DATABASE}: it is not a data folder of twolink"
+            raise TwolinkError(what, where=str(folder), remedy="give an empty folder as --data", code="data")
+
+
+def _open_database(path: Path) -> sqlite3.Connection:
+    """The database, with the tables of this version. It is locked until it is closed, or the process ends."""
+    database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    try:
+        for setting in ("locking_mode = EXCLUSIVE", "journal_mode = WAL", "synchronous = NORMAL"):
+            database.execute(f"PRAGMA {setting}")
+        version = database.execute("PRAGMA user_version").fetchone()[0]
+        if version > _VERSION:
+            raise sqlite3.OperationalError(f"it is of a newer version of twolink ({version}, this one has {_VERSION})")
+        if version < _VERSION:
+            schema = Path(__file__).with_name(f"schema_{version}_to_{_VERSION}.sql").read_text(encoding="utf-8")
+            database.executescript(f"BEGIN; {schema} COMMIT")
+        state = database.execute("PRAGMA quick_check(1)").fetchone()[0]
+        if state != "ok":
+            raise sqlite3.DatabaseError(state)
+    except BaseException:
+        database.close()
+        raise
+    return database
+
+
+def _is_corrupt(error: sqlite3.DatabaseError) -> bool:
+    name = getattr(error, "sqlite_errorname", "")  # quick_check's own answer comes without one
+    return name.startswith(_CORRUPT) if name else type(error) is sqlite3.DatabaseError
+
+
+def _set_aside(folder: Path) -> Path:
+    """Move the database and all that it knew into a new folder beside them, and return that folder."""
+    place = folder / f"set-aside-{time.strftime('%Y%m%dT%H%M%S')}-{time.time_ns() % 10**9:09d}"
+    place.mkdir(mode=0o700)
+    for name in (RESULTS, ROBOTS, f"{DATABASE}-wal", f"{DATABASE}-shm", DATABASE):
+        with contextlib.suppress(FileNotFoundError):
+            (folder / name).rename(place / name)
+    return place
+
+
+def tidy(folder: Path, robots: Container[str], results: Container[str]) -> None:
+    """Delete what a service that was killed has left: staged uploads, and files of robots and jobs it had deleted."""
+    for part, known in ((STAGING, ()), (ROBOTS, robots), (RESULTS, results)):
+        pattern = _NAMES[ROBOTS if part == STAGING else part]
+        for path in (folder / part).iterdir():
+            if path.name not in known and pattern.fullmatch(path.name):
+                shutil.rmtree(path, ignore_errors=True)
+    for path in (folder / RESULTS).glob(_OLD_VISUALS):
+        path.unlink(missing_ok=True)
+
+
+def size_of(folder: Path) -> int:
+    """Bytes of all files below a folder. Files that vanish meanwhile do not count."""
+    total = 0
+    for path in folder.rglob("*"):
+        with contextlib.suppress(FileNotFoundError):
+            total += path.stat().st_size if path.is_file() else 0
+    return total
