@@ -13,13 +13,10 @@ from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
 from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
-from twolink.service.http_io import JSON, UNSPECIFIED, media_type
+from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, body_limit, media_type, too_large
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
 from twolink.service.robot_tasks import ReceivedRobot, RobotOptions
-
-_XML = ("application/xml", "text/xml", "application/urdf+xml")
-_ZIP = ("application/zip", "application/x-zip-compressed")
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
@@ -57,11 +54,14 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
     """
     body = await request.body()
     media = media_type(request.headers.get("content-type", "").encode())
-    media = _sniffed(body) if media in (*UNSPECIFIED, "application/octet-stream") else media
+    media = _sniffed(body) if media in (*UNSPECIFIED, OCTETS) else media
+    limit = body_limit(media, service.settings.quotas)
+    if len(body) > limit:
+        raise too_large(limit)
     if media == JSON:
         kind, options, content = _from_json(body)
-    elif media in _XML or media in _ZIP:
-        kind, content = "zip" if media in _ZIP else "urdf", body
+    elif media in XML or media in ZIP:
+        kind, content = "zip" if media in ZIP else "urdf", body
         options = _options(request.query_params)
     else:
         remedy = "send application/xml, application/zip or application/json"
@@ -78,8 +78,8 @@ async def upload_robot(request: Request[Any, Any, Any], service: Shared) -> Resp
 def _sniffed(body: bytes) -> str:
     """The media type, where the client does not name it."""
     if body.startswith(b"PK"):
-        return _ZIP[0]
-    return _XML[0] if body.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else JSON
+        return ZIP[0]
+    return XML[0] if body.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<") else JSON
 
 
 def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:

@@ -12,8 +12,9 @@ from litestar.openapi import OpenAPIConfig
 from twolink._version import __version__
 from twolink.service import api_jobs, api_robots, api_scenes, api_site
 from twolink.service.access import DENY_ALL, SECURITY, AccessControl, Header, cors_headers
+from twolink.service.admission import HOLD, Hold, Shares, client_of_scope, hold
 from twolink.service.components import Service
-from twolink.service.http_io import read_body, send_answer
+from twolink.service.http_io import body_limit, header, media_type, read_body, send_answer, send_body
 from twolink.service.problems import answer_of
 from twolink.service.queries import PREFIX, QUERIES
 from twolink.service.settings import Settings
@@ -46,17 +47,26 @@ def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
 
 
 class Shell:
-    """The outer application: access control and counters around everything; queries go past Litestar, for speed."""
+    """The outer application: admission and access control, counters; queries go past Litestar, for speed."""
 
     def __init__(self, service: Service, inner: Litestar) -> None:
+        self._quotas = service.settings.quotas
         self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
         self._access = AccessControl(service.settings)
-        self._max_body = service.settings.quotas.body_mb * 2**20
+        self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
             await self._inner(scope, receive, send)
             return
+        mine = Hold(self._memory, client_of_scope(scope))
+        HOLD.set(mine)  # uvicorn answers each request in a task of its own
+        try:
+            await self._answer(scope, receive, send)
+        finally:
+            mine.keep(0)
+
+    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
         start = time.perf_counter()
         route, cors = "refused", []
         try:
@@ -70,6 +80,7 @@ class Shell:
             status, headers, body = await self._queries.answer(scope, receive, key, route)
         except Exception as error:
             status, headers, body = answer_of(error)
+        hold().keep(len(body))
         await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
         self._metrics.answered(route, status, time.perf_counter() - start)
 
@@ -79,16 +90,24 @@ class Shell:
             await send_answer(send, 204, cors, b"")
             return
         if scope["method"] in ("POST", "PUT", "PATCH"):
-            receive = _replay(await read_body(scope, receive, self._max_body), receive)
+            limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
+            receive = _replay(await read_body(scope, receive, limit), receive)
         status = 500
+        start_message: Any = None  # kept until there is room for the body
 
         async def send_secured(message: Any) -> None:
-            nonlocal status
+            nonlocal status, start_message
             if message["type"] == "http.response.start":
-                status = message["status"]
-                has_policy = any(name == DENY_ALL[0] for name, _ in message["headers"])
-                message["headers"] = [*message["headers"], *SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
-            await send(message)
+                status, start_message = message["status"], message
+                return
+            body, more = message.get("body", b""), message.get("more_body", False)
+            if start_message is not None:
+                hold().add(len(body))
+                has_policy = any(name == DENY_ALL[0] for name, _ in start_message["headers"])
+                added = [*SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
+                await send({**start_message, "headers": [*start_message["headers"], *added]})
+                start_message = None
+            await send_body(send, body, more)
 
         try:
             await self._inner(scope, receive, send_secured)

@@ -3,10 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
+from twolink.service import npz
 from twolink.service.access import SECURITY, Header
+from twolink.service.admission import hold
 from twolink.service.problems import Refusal
+from twolink.service.settings import Quotas
 
 JSON = "application/json"
+XML = ("application/xml", "text/xml", "application/urdf+xml")
+ZIP = ("application/zip", "application/x-zip-compressed")
+OCTETS = "application/octet-stream"
+_LARGE = (*XML, *ZIP, OCTETS, npz.MEDIA_TYPE)
+SLICE = 256 * 1024  # bytes of an answer that are handed on at once: the next when the client has read most of them
 UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
 
@@ -24,12 +32,22 @@ def media_type(value: bytes) -> str:
     return value.partition(b";")[0].strip().lower().decode("latin-1")
 
 
+def body_limit(media: str, quotas: Quotas) -> float:
+    """How many bytes a body of this media type may have. Only the types that are stored or mapped may be large."""
+    return (quotas.body_mb if media in _LARGE else min(quotas.json_mb, quotas.body_mb)) * 2**20
+
+
 async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
-    """The whole body. Raises Refusal when it has more than `limit` bytes. The protocol limits the time it takes."""
+    """The whole body. The protocol limits the time it takes.
+
+    Raises Refusal when it has more than `limit` bytes (413), or when there is no memory for it now (503).
+    """
     stated = header(scope, b"content-length")
     if stated and (not stated.isdigit() or len(stated) > 18 or int(stated) > limit):
-        raise _too_large(limit)
-    parts, size, more = [], 0, True
+        raise too_large(limit)
+    reserve, parts, size, more = hold().add, [], 0, True
+    held = int(stated or 0)  # from the begin: what has been let in is not refused half way
+    reserve(2 * held)  # twice: in pieces and whole
     while more:
         message = await receive()
         if message["type"] == "http.disconnect":
@@ -37,17 +55,31 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
         parts.append(message.get("body", b""))
         size += len(parts[-1])
         if size > limit:
-            raise _too_large(limit)
+            raise too_large(limit)
+        if size > held:
+            reserve(2 * size)
+            held += size
         more = message.get("more_body", False)
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
-def _too_large(limit: float) -> Refusal:
-    return Refusal(413, f"the body is larger than {limit / 2**20:g} MB", where="body", remedy="send it in parts")
+def too_large(limit: float) -> Refusal:
+    """The refusal of a body with more bytes than the limit."""
+    remedy = "send it in parts; JSON has a smaller limit than .npz, .zip and XML of their own media types"
+    return Refusal(413, f"the body is larger than {limit / 2**20:g} MB", where="body", remedy=remedy)
 
 
 async def send_answer(send: Any, status: int, headers: Sequence[Header], body: bytes) -> None:
-    """Send an answer in one piece, with the security headers."""
+    """Send an answer of one piece, with the security headers."""
     length = (b"content-length", str(len(body)).encode())
     await send({"type": "http.response.start", "status": status, "headers": [*headers, length, *SECURITY]})
-    await send({"type": "http.response.body", "body": body})
+    await send_body(send, body)
+
+
+async def send_body(send: Any, body: bytes, more: bool = False) -> None:
+    """Send a body, or a piece of one, in slices, so that this ends only when the client has read nearly all of it."""
+    view = memoryview(body)
+    for start in range(0, len(body) - SLICE, SLICE):
+        await send({"type": "http.response.body", "body": view[start : start + SLICE], "more_body": True})
+    last = (len(body) - 1) // SLICE * SLICE
+    await send({"type": "http.response.body", "body": view[last:] if last > 0 else body, "more_body": more})

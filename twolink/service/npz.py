@@ -8,7 +8,7 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -23,10 +23,11 @@ _END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
 _MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
-def read_npz(data: bytes, max_bytes: int) -> dict[str, np.ndarray]:
+def read_npz(data: bytes, max_bytes: int, reserve: Callable[[int], object] = int) -> dict[str, np.ndarray]:
     """The arrays of an .npz archive, of real numbers only. Raises Refusal for anything else, or if too large unpacked.
 
-    Nothing is unpacked before the sizes that the archive states are within `max_bytes`, nor beyond them.
+    Nothing is unpacked before the sizes that the archive states are within `max_bytes`, nor beyond them. `reserve` is
+    called with the bytes that it takes unpacked, and may refuse.
     """
     _check_directory(data)
     try:
@@ -38,8 +39,10 @@ def read_npz(data: bytes, max_bytes: int) -> dict[str, np.ndarray]:
                 raise _bad(f"{len(members)} arrays, the limit is {_MAX_ARRAYS}")
             if any(member.compress_type not in METHODS for member in members.values()):
                 raise _bad("expected members that are stored or deflated")
-            if sum(member.file_size for member in members.values()) > max_bytes:
+            size = sum(member.file_size for member in members.values())
+            if size > max_bytes:
                 raise Refusal(413, f"more than {max_bytes} bytes unpacked", where="body", remedy="send fewer states")
+            reserve(size)
             return {name[: -len(".npy")]: _array(archive, member) for name, member in members.items()}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as error:
         raise _bad(f"it is not an .npz archive: {error}") from None

@@ -1,44 +1,175 @@
-"""HTTP on uvicorn, with a limit of the time that a request may take to arrive."""
+"""HTTP on uvicorn, with limits of what a connection may take before and after the application sees a request.
 
+uvicorn 0.54 with httptools 0.9 has no limit of the bytes of a URL, of headers or of trailers, keeps any number of
+pipelined requests, and waits without end for a request that does not arrive and for a client that does not read.
+"""
+
+import dataclasses
 from asyncio.events import TimerHandle
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+import httptools
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
+
+from twolink.service.admission import Shares, busy, client_of
+from twolink.service.http_io import SLICE
+from twolink.service.problems import Refusal, answer_of
+from twolink.service.settings import Quotas
+
+_URL_BYTES = 8192
+_PIPELINED = 16  # requests of a connection that wait for the answer to an earlier one
+_PIECE = 4096  # bytes that are parsed at once before a body, so that their number is known
+_GRACE = 5.0  # seconds before the smallest rate holds
+_LINGER = 2.0  # seconds that a refused client has to read why
+_CHECK = 1.0  # seconds between looks at a connection
+
+
+@dataclasses.dataclass
+class Limits:
+    """What a connection may take.
+
+    connections: open at once, of all clients. header: bytes of a request's line and headers. seconds: in which a
+    request must arrive. rate: bytes/s at which it must arrive after the first seconds, and its answer must be read.
+    """
+
+    connections: Shares
+    header: float
+    seconds: float
+    rate: float
+
+    @classmethod
+    def of(cls, quotas: Quotas) -> "Limits":
+        """The limits in the quotas."""
+        return cls(Shares(quotas.connections), quotas.header_kb * 1024, quotas.body_seconds, quotas.rate_kb * 1024)
 
 
 class Protocol(HttpToolsProtocol):
-    """uvicorn's protocol waits without limit for headers and bodies; it limits only the time between requests.
+    """A connection. The parser calls its `on_...` methods; a failure in them ends the connection."""
 
-    seconds: that a request may take to arrive, from the connection or its first byte on.
-    """
-
-    seconds = 120.0
-    _timer: TimerHandle | None = None
+    def __init__(self, limits: Limits, **others: Any) -> None:
+        super().__init__(**others)
+        self._limits = limits
+        self._holder: str | None = None  # the client, if the connection is counted
+        self._timer: TimerHandle | None = None
+        self._refusal: Refusal | None = None
+        self._begun: float | None = None  # when the request that arrives has begun
+        self._arrived = 0  # bytes of it
+        self._in_body = False
+        self._piece = 0  # bytes that the parser reads now
+        self._unused = 0  # bytes since its begin or its last piece of body: headers, trailers, extensions of chunks
+        self._ended: float | None = None  # when it was refused
+        self._stuck: float | None = None  # since when bytes wait to be sent
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
         super().connection_made(transport)
-        self._start_timer()
+        self._begin()
+        self._timer = self.loop.call_later(min(_CHECK, self._limits.seconds), self._check)
+        client = client_of(self.client[0] if self.client else "")
+        if self._limits.connections.take(client):
+            self._holder = client
+        else:
+            self._end_with(busy(f"{self._limits.connections.held} connections are open already", "connection"))
+            transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The connection has ended."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._holder is not None:
+            self._limits.connections.give(self._holder)
+        super().connection_lost(exc)
+
+    def _begin(self) -> None:
+        self._begun, self._arrived = self.loop.time(), 0
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes have come."""
+        self._arrived += len(data)
+        while data and self._ended is None and not self.transport.is_closing():
+            self._piece = len(data) if self._in_body else min(len(data), _PIECE)
+            self._unused += self._piece
+            super().data_received(data[: self._piece])
+            if self._unused > self._limits.header:
+                self._end_with(self._too_large())
+            data = data[self._piece :]
 
     def on_message_begin(self) -> None:
         """A request begins."""
-        self._start_timer()
+        if len(self.pipeline) >= _PIPELINED:
+            raise self._refuse(busy("too many requests on one connection wait for their answers", "connection"))
+        self._begin()
+        self._unused = self._piece  # at most: it may begin anywhere in the piece
         super().on_message_begin()
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header is complete. Those after a body (trailers) are left out."""
+        if not self._in_body:
+            super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """All headers are there."""
+        if len(self.url) > _URL_BYTES:
+            what = f"the URL has {len(self.url)} bytes, the limit is {_URL_BYTES}"
+            raise self._refuse(Refusal(414, what, where="URL", remedy="send it in the body"))
+        if sum(len(name) + len(value) + 4 for name, value in self.headers) > self._limits.header:
+            raise self._refuse(self._too_large())
+        self._in_body = True
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        """A piece of the body."""
+        self._unused = 0
+        super().on_body(body)
 
     def on_message_complete(self) -> None:
         """The whole request has arrived."""
-        self._stop_timer()
+        self._begun, self._unused, self._in_body = None, 0, False
         super().on_message_complete()
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The client has gone."""
-        self._stop_timer()
-        super().connection_lost(exc)
+    def resume_writing(self) -> None:
+        """The client has read what was sent to it."""
+        self._stuck = None
+        super().resume_writing()
 
-    def _start_timer(self) -> None:
-        self._stop_timer()
-        self._timer = self.loop.call_later(self.seconds, self.transport.close)
+    def _check(self) -> None:
+        """End the connection when the client sends or reads too slowly."""
+        now, limits = self.loop.time(), self._limits
+        waiting = self.transport.get_write_buffer_size() > 0
+        self._stuck = (self._stuck or now) if waiting else None
+        if self.flow.read_paused and self._begun is not None:
+            self._begun = now  # the client waits for the service
+        reading = 0.0 if self._begun is None else now - self._begun
+        ended = self._ended is not None and now - self._ended > _LINGER
+        too_slow = reading > limits.seconds or self._arrived < limits.rate * (reading - _GRACE)
+        if ended or too_slow or (self._stuck is not None and now - self._stuck > SLICE / limits.rate):
+            self.transport.abort()
+        else:
+            self._timer = self.loop.call_later(min(_CHECK, limits.seconds), self._check)
 
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
+    def _too_large(self) -> Refusal:
+        what = f"the headers have more than {self._limits.header:.0f} bytes"
+        return Refusal(431, what, where="headers", remedy="leave out what the service does not need")
+
+    def _refuse(self, refusal: Refusal) -> httptools.HttpParserError:
+        """What a callback of the parser raises to end the connection with this refusal."""
+        self._refusal = refusal
+        return httptools.HttpParserError(refusal.what)
+
+    def send_400_response(self, msg: str) -> None:
+        """The parser has stopped: at an error of its own, or because a callback refused the request."""
+        self._end_with(self._refusal or Refusal(400, msg, where="request", remedy="send HTTP/1.1"))
+
+    def _end_with(self, refusal: Refusal) -> None:
+        """Answer with a refusal, and end the connection; at once if an answer to an earlier request is under way."""
+        if self._ended is not None or self.transport.is_closing():
+            return
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.transport.abort()
+            return
+        self._ended = self.loop.time()
+        status, headers, body = answer_of(refusal)
+        headers = [*headers, (b"content-length", str(len(body)).encode()), (b"connection", b"close")]
+        lines = b"".join(b"%s: %s\r\n" % header for header in headers)
+        self.transport.write(b"%s%s\r\n%s" % (STATUS_LINE[status], lines, body))
+        self.transport.write_eof()  # closed while the client still sends, it would lose the answer

@@ -4,6 +4,7 @@ This path must be quick, so it is plain ASGI: bytes in, msgspec, NumPy, bytes ou
 """
 
 import asyncio
+import contextvars
 import functools
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -16,12 +17,14 @@ from twolink.dynamics import Robot, named_queries
 from twolink.dynamics.named_queries import NamedQuery
 from twolink.errors import QueryError
 from twolink.service import npz
-from twolink.service.http_io import JSON, UNSPECIFIED, header, media_type, read_body
+from twolink.service.admission import hold
+from twolink.service.http_io import JSON, UNSPECIFIED, body_limit, header, media_type, read_body
 from twolink.service.kinematics import link_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
+from twolink.service.turns import Turns
 
 Numbers = list[float | list[float]]
 QUERIES: dict[str, NamedQuery] = {
@@ -39,6 +42,7 @@ _OPTIONS: dict[str, Any] = {
 }  # fmt: skip
 _IN_LOOP = 4000  # bytes of a body that is answered in the event loop; larger ones go to a thread
 _THREADS = 2
+_JSON_LIST = 96  # bytes of memory of a list read from JSON, without its numbers
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
 _SINGLE_STATE: set[tuple[int, ...]] = {()}
 _HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, npz.MEDIA_TYPE)}
@@ -62,38 +66,47 @@ class Queries:
     def __init__(self, settings: Settings, robots: RobotPool, metrics: Metrics) -> None:
         self._quotas, self._robots, self._metrics = settings.quotas, robots, metrics
         self._threads = ThreadPoolExecutor(_THREADS, "twolink-query")
+        self._turns = Turns(_THREADS, settings.quotas.waiting)
 
     async def answer(self, scope: Any, receive: Any, key: str, what: str) -> tuple[int, list[Any], bytes]:
         """Status, headers and body. Raises Refusal or QueryError."""
-        body = await read_body(scope, receive, self._quotas.body_mb * 2**20)
-        robot = self._robots.loaded(key) or await self._robots.get(key)
         sent = media_type(header(scope, b"content-type"))
         sent = JSON if sent in UNSPECIFIED else sent
         if sent not in (JSON, npz.MEDIA_TYPE, "application/zip"):
             remedy = f"send {JSON} or {npz.MEDIA_TYPE}"
             raise Refusal(415, f"{sent[:80]!r} is not understood", where="header: Content-Type", remedy=remedy)
+        body = await read_body(scope, receive, body_limit(sent, self._quotas))
+        robot = self._robots.loaded(key) or await self._robots.get(key)
         same, other = (JSON, npz.MEDIA_TYPE) if sent == JSON else (npz.MEDIA_TYPE, JSON)
         accept = header(scope, b"accept")
         reply = other if other.encode() in accept and same.encode() not in accept else same
         if sent == JSON and reply == JSON and len(body) < _IN_LOOP:
             return 200, _HEADERS[JSON], self._answer(robot, what, body, sent, reply)
         loop = asyncio.get_running_loop()
-        content = await loop.run_in_executor(self._threads, self._answer, robot, what, body, sent, reply)
+        async with self._turns.turn():
+            task = (self._answer, robot, what, body, sent, reply)
+            content = await loop.run_in_executor(self._threads, contextvars.copy_context().run, *task)
         return 200, _HEADERS[reply], content
 
     def _answer(self, robot: Robot, what: str, body: bytes, sent: str, reply: str) -> bytes:
+        reserve = hold().add
         if sent == JSON:
+            if len(body) >= _IN_LOOP:
+                reserve(_JSON_NUMBER * body.count(b",") + _JSON_LIST * body.count(b"["))
             arguments = _from_json(what, body)
         else:
-            arguments = _from_npz(what, npz.read_npz(body, int(self._quotas.upload_mb * 2**20)))
-        self._metrics.states.inc(self._check_size(robot, what, arguments, _JSON_NUMBER if reply == JSON else 8))
+            arguments = _from_npz(what, npz.read_npz(body, int(self._quotas.upload_mb * 2**20), reserve))
+        number_bytes = _JSON_NUMBER if reply == JSON else 8
+        count, size = self._check_size(robot, what, arguments, number_bytes)
+        reserve(2 * size)
+        self._metrics.states.inc(count)
         result = _ask(robot, what, arguments)
         if reply == JSON:
             return msgspec.json.encode(result, enc_hook=np.ndarray.tolist)
         return npz.write_npz({name: np.asarray(value) for name, value in result.items()})
 
-    def _check_size(self, robot: Robot, what: str, arguments: dict[str, Any], number_bytes: int) -> int:
-        """The number of states. Raises Refusal when they are too many, or the answer would be too large."""
+    def _check_size(self, robot: Robot, what: str, arguments: dict[str, Any], number_bytes: int) -> tuple[int, int]:
+        """The number of states, and the bytes of the answer. Raises Refusal when either is too large."""
         if "q" not in arguments:
             raise Refusal(400, "q is missing", where="q", remedy=f"send the {robot.nq} numbers of a configuration")
         arrays = {name: value for name, value in arguments.items() if isinstance(value, np.ndarray)}
@@ -106,14 +119,14 @@ class Queries:
         try:
             count = 1 if shapes == _SINGLE_STATE else math.prod(np.broadcast_shapes(*shapes))
         except ValueError:
-            return 0  # the query says what does not fit
+            return 0, 0  # the query says what does not fit
         numbers = _numbers_each(what, robot.nv)
         if what == "kinematics":
             numbers *= len(arguments.get("frames") or ()) or robot.model.nframes
-        quotas = self._quotas
-        if count > quotas.states or count * numbers * number_bytes > quotas.answer_mb * 2**20:
+        quotas, size = self._quotas, count * numbers * number_bytes
+        if count > quotas.states or size > quotas.answer_mb * 2**20:
             raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
-        return count
+        return count, size
 
 
 @functools.cache

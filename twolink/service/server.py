@@ -6,6 +6,7 @@ reverse proxy.
 """
 
 import contextlib
+import functools
 import logging
 import socket
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from typing import Any
 import uvicorn
 
 from twolink.errors import TwolinkError
-from twolink.service.protocol import Protocol
+from twolink.service.protocol import Limits, Protocol
 from twolink.service.settings import Settings
 
 _BACKLOG = 2048
@@ -58,11 +59,10 @@ def _listening(settings: Settings) -> socket.socket:
 
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
-    Protocol.seconds = settings.quotas.body_seconds
     return {
-        "http": Protocol,
+        "http": functools.partial(Protocol, Limits.of(settings.quotas)),
         "ws": "none",
-        "log_level": "warning",
+        "log_level": "error",  # a warning for each malformed request would fill the log
         "access_log": False,
         "server_header": False,
         "lifespan": "on",

@@ -17,19 +17,26 @@ Amount = Annotated[float, msgspec.Meta(gt=0)]
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Limits of a request, a job and the store.
 
-    body_mb: size of a request. upload_mb: unpacked size of a zip. files: in a zip. states: in a batch. answer_mb: size
-    of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads: robots kept. load_seconds: for
-    reading a robot or a scene, or writing a file. memory_mb: address space of a worker process. jobs: at once. queue:
-    jobs that wait. job_seconds: computing time of a job. duration: simulated seconds. samples: of a run. result_mb:
-    size of a result. disk_mb: size of all results and uploads together; the results not used for longest go first.
-    body_seconds: time in which a request must arrive.
+    body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states:
+    in a batch. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads:
+    robots kept. load_seconds: for reading a robot or a scene, or writing a file. memory_mb: address space of a
+    worker process. jobs: at once. queue: jobs that wait. job_seconds: computing time of a job. duration: simulated
+    seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and uploads together; the
+    results not used for longest go first. body_seconds: time in which a request must arrive. connections: open at
+    once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must arrive and answers
+    be read. memory_in_flight_mb: of bodies, of what is made of them, and of answers until they are read. waiting:
+    requests that wait to be computed. A client may hold at most as many connections, as much memory in flight and
+    as many waiting requests as stay free for others.
+
+    Raises TwolinkError where a body or an answer of the allowed size could never be in memory.
     """
 
     body_mb: Amount = 128
+    json_mb: Amount = 16
     upload_mb: Amount = 256
     files: Count = 500
     states: Count = 1_000_000
-    answer_mb: Amount = 256
+    answer_mb: Amount = 96
     moving_joints: Count = 100
     uploads: Count = 1000
     load_seconds: Amount = 20
@@ -42,6 +49,18 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     result_mb: Amount = 256
     disk_mb: Amount = 4096
     body_seconds: Amount = 120
+    connections: Count = 4000
+    header_kb: Amount = 32
+    rate_kb: Amount = 16
+    memory_in_flight_mb: Amount = 512
+    waiting: Count = 200
+
+    def __post_init__(self) -> None:
+        largest = max(self.body_mb, self.answer_mb)
+        if 4 * largest > self.memory_in_flight_mb:  # a client may have half, and needs each twice
+            what = f"memory_in_flight_mb = {self.memory_in_flight_mb:g} is less than 4 times the largest body or answer"
+            remedy = f"give memory_in_flight_mb={4 * largest:g}, or less body_mb and answer_mb"
+            raise TwolinkError(what, argument="quota", remedy=remedy)
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
