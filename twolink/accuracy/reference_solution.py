@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.settings import TAYLOR_EVALUATIONS
 from twolink.accuracy.study_data import Reference
 from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.dynamics.kernels import heyoka
@@ -20,6 +19,7 @@ from twolink.errors import AccuracyError
 from twolink.integrate import scipy_solver, taylor
 from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
+from twolink.integrate.method_choice import TAYLOR_EVALUATIONS
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve

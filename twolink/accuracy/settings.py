@@ -5,7 +5,7 @@ import importlib
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import first_setting
+from twolink.integrate.method_choice import TAYLOR_EVALUATIONS, first_setting
 from twolink.integrate.methods import Method
 from twolink.integrate.solver import smallest_tolerance
 
@@ -14,7 +14,6 @@ TAYLOR_TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17, 2))  # each nee
 STEP_SIZES = 14  # of a method of fixed steps
 MAX_FACTOR = 4.0  # from one step size to the next: a method of order 1 would jump by 10 for a digit
 JACOBIAN = 2.5  # how much more there is to compile with a Jacobian and linear equations (UR5, Panda)
-TAYLOR_EVALUATIONS = 12.0  # of straight code, which take as long to compile as Taylor's method
 
 
 def count(method: Method, tolerances: tuple[float, ...] | None) -> int:

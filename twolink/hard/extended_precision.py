@@ -32,13 +32,13 @@ def extended_reference(scene: Scene, times: np.ndarray, *, quad: bool = False) -
         The reference's own error, rad or m: the distance from its check, the largest up to each sample.
     """
     equations, nq = equations_of(scene), scene.robot.nq
-    best = _digits(taylor.solve(equations, times, FINE, precision="extended", compact=True))
+    best = _digits(taylor.solve(equations, times, FINE, precision="extended"))
     if quad:
         digits = _digits(taylor.solve(equations, times, QUAD, precision="quad"))
         leading = digits.astype(float)  # there is no cast from quadruple to extended: add what a double leaves
         second = leading.astype(np.longdouble) + (digits - leading.astype(digits.dtype)).astype(float)
     else:
-        second = _digits(taylor.solve(equations, times, COARSE, precision="extended", compact=True))
+        second = _digits(taylor.solve(equations, times, COARSE, precision="extended"))
     return best[:, :nq], np.maximum.accumulate(distance(scene.robot, best[:, :nq], second[:, :nq]))
 
 

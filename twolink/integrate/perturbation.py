@@ -6,7 +6,7 @@ solutions would take the longest allowed ones. It counts a near miss of a stop o
 one does not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,11 @@ class Perturbation:
     start_shift: float = 0.0
     touch_margin: float = 0.0
     min_steps: float = MIN_STEPS
+
+    @property
+    def opposite(self) -> "Perturbation":
+        """The same with the initial state changed in the opposite direction."""
+        return replace(self, start_shift=-self.start_shift)
 
     def shifted(self, x: Array) -> Array:
         """Initial states x (size,) or (size, n), each entry shifted; the signs alternate."""

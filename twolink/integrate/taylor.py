@@ -62,7 +62,6 @@ def solve(
     *,
     precision: Precision = "double",
     min_steps: float = MIN_STEPS,
-    compact: bool = False,
 ) -> Solution:
     """Solve from the equations' start for samples, by Taylor's method.
 
@@ -80,8 +79,6 @@ def solve(
         and products of the model's constants keep their digits.
     min_steps : float
         The smallest number of steps of a piece.
-    compact : bool
-        Compile loops for a robot of any size: they compile in about a second and run at about half the speed.
 
     Returns
     -------
@@ -98,7 +95,8 @@ def solve(
         raise MissingExtraError("Taylor's method needs heyoka", remedy='pip install heyoka, or method="dop853"')
 
     def piece(equations: Equations, times: Array) -> Solution:
-        loops = compact or equations.space.nv >= COMPACT_FROM or precision == "quad"
+        # Loops compile in about a second. Straight code is twice as fast, but compiles for minutes where it is long.
+        loops = equations.space.nv >= COMPACT_FROM or precision != "double"
         name = equations.key("taylor", str(order_of(tolerance)), precision, "compact" if loops else "straight")
         start = time.perf_counter()
         integrator = _take(name) or _build(name, equations, tolerance, precision, loops)

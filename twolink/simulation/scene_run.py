@@ -2,7 +2,8 @@
 
 import functools
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
 from twolink.integrate.method_choice import MethodChoice, choose
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import solve
@@ -22,9 +23,10 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import bar_of_run
-from twolink.simulation.refinement import finer, refined
+from twolink.simulation.refinement import refined
 from twolink.simulation.sampling import duration_for, sample_times, with_looks
 from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.verification import Solved, second_solutions
 
 MAX_SAMPLES = 20_000_000
 LOOKS = 41  # times at least at which errors are looked at
@@ -32,15 +34,6 @@ ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
 SLACK = 1e-3  # of the accuracy, added to a bar
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """A solution with what it was asked for and its seconds."""
-
-    choice: MethodChoice
-    solution: Solution
-    seconds: float
 
 
 def simulate(
@@ -99,21 +92,19 @@ def simulate(
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
     solved = functools.partial(_solve, equations, with_looks(times, LOOKS) if verify else times, progress)
-    coarse = solved(choice)
+    coarse, others = solved(choice), list[Solved]()
     verifying = compiling = 0.0
     while verify and not coarse.solution.interrupted:
-        margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
-        perturbation = second_solution(margin) if precision == "double" else NO_PERTURBATION
-        fine = solved(finer(coarse.choice, equations, accuracy), perturbation)
-        verifying += fine.seconds
-        compiling += coarse.solution.compile_seconds + fine.solution.compile_seconds
+        kept, others = others, second_solutions(coarse, solved, equations, accuracy, others)
+        verifying += sum(other.seconds for other in others if other not in kept)
+        compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
         cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
-        run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, fine.solution)
+        run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, others)
         if run.error is None or measured or run.error[-1] <= accuracy:
             return run
         verifying += coarse.seconds
         coarse = solved(refined(coarse.choice, equations, accuracy, run))
-    return _trajectory(scene, equations, coarse, _cost(coarse), times, None, None)
+    return _trajectory(scene, equations, coarse, _cost(coarse), times, None, [])
 
 
 def _solve(
@@ -122,10 +113,10 @@ def _solve(
     progress: Progress | None,
     choice: MethodChoice,
     perturbation: Perturbation = NO_PERTURBATION,
-) -> _Solved:
+) -> Solved:
     start = time.perf_counter()
     solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision, perturbation)
-    return _Solved(choice, solution, time.perf_counter() - start - solution.compile_seconds)
+    return Solved(choice, solution, time.perf_counter() - start - solution.compile_seconds)
 
 
 def _with_setting(
@@ -148,7 +139,7 @@ def _with_setting(
     return replace(choice, setting=setting, why=choice.why if name == "auto" else "asked for"), True
 
 
-def _cost(solved: _Solved) -> Cost:
+def _cost(solved: Solved) -> Cost:
     choice, solution = solved.choice, solved.solution
     return Cost(
         choice.method.name,
@@ -167,17 +158,17 @@ def _cost(solved: _Solved) -> Cost:
 def _trajectory(
     scene: Scene,
     equations: Equations,
-    solved: _Solved,
+    solved: Solved,
     cost: Cost,
     times: np.ndarray,
     accuracy: float | None,
-    fine: Solution | None,
+    others: Sequence[Solved],
 ) -> Trajectory:
-    """The solution at the asked times, with its error bar where there is a finer solution."""
+    """The solution at the asked times, with its error bar where there are second solutions."""
     choice, solution = solved.choice, solved.solution
-    error = None
-    if fine is not None and not fine.interrupted:
-        error = bar_of_run(equations.space, choice.method, solution, fine)
+    error, cut = None, any(other.solution.interrupted for other in others)
+    if others and not cut:
+        error = bar_of_run(equations.space, choice.method, solution, [other.solution for other in others])
         error[1:] += SLACK * (accuracy or 0.0)
     # An event may end the run at a time that was not asked for.
     kept = np.ones(len(solution.t), dtype=bool) if len(times) >= LOOKS else np.isin(solution.t, times)
@@ -189,7 +180,6 @@ def _trajectory(
         events = (Event(0.0, "assembled", "loops", moved), *events)
     dense = DenseOutput(solution.pieces, solution.t, solution.x[: equations.moving], choice.method.name,
                         choice.setting, choice.precision)  # fmt: skip
-    interrupted = solution.interrupted or (fine is not None and fine.interrupted)
     return Trajectory(
         scene.robot,
         solution.t[kept],
@@ -198,7 +188,7 @@ def _trajectory(
         None if error is None else error[kept],
         cost,
         events,
-        interrupted,
+        solution.interrupted or cut,
         accuracy=None if error is None else accuracy,
         precise=None if solution.precise is None else solution.precise[kept],
         robots=_robots(solution, kept),

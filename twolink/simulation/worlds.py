@@ -23,6 +23,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import bar_of_worlds
+from twolink.simulation.refinement import ROUNDING_COUNTS
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.world_states import close_loops, world_states
@@ -187,14 +188,16 @@ def _verify(
 ) -> np.ndarray:
     """The error bar of each world (n,); worlds beyond the accuracy are solved again, into `x` and `steps`."""
     smallest, perturbation = smallest_tolerance(steps_by.method), second_solution()
+    both = (perturbation, perturbation.opposite)
     error = np.full(states.shape[1], np.nan)
     worlds, current = np.arange(states.shape[1]), x
     while True:
         values = None if parameters is None else parameters[:, worlds]
+        perturbations = both if tolerance < ROUNDING_COUNTS else both[:1]
         tolerance = second_tolerance(steps_by.method, tolerance)
-        perturbed = perturbation.shifted(states[:, worlds])
-        finer, *_ = integrate_many(steps_by, perturbed, times, tolerance, values, None, perturbation.min_steps)
-        bar = bar_of_worlds(steps_by.equations.space, current, finer)
+        others = [integrate_many(steps_by, one.shifted(states[:, worlds]), times, tolerance, values, None,
+                                 one.min_steps)[0] for one in perturbations]  # fmt: skip
+        bar = bar_of_worlds(steps_by.equations.space, current, others)
         error[worlds], x[:, :, worlds] = bar, current
         worlds = worlds[bar > accuracy]  # not the lost ones, whose bar is NaN
         if not worlds.size or second_tolerance(steps_by.method, tolerance) < smallest:

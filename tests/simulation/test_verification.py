@@ -1,0 +1,107 @@
+"""Error bars where rounding is a large part of the error: accuracies near the limit of double precision, long runs."""
+
+import math
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import AccuracyError
+from twolink.hard import truths
+from twolink.hard.case import Track
+from twolink.hard.extended_precision import extended_reference
+
+pytest.importorskip("heyoka")
+
+G = 9.75
+PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 {com}"/>
+<mass value="1"/><inertia ixx="0.25" iyy="{inertia}" izz="0.25" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="joint" type="{kind}"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>{limit}</joint></robot>"""
+LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
+
+
+def best(scene: tl.Scene, duration: float, accuracy: float, method: str, samples: float) -> tl.Trajectory:
+    """The run, or the best one of a refusal."""
+    try:
+        return tl.simulate(scene, duration, accuracy, method=method, samples=samples)
+    except AccuracyError as error:
+        return error.run
+
+
+def near_the_limit(scene: tl.Scene, duration: float, method: str, samples: float) -> tl.Trajectory:
+    """A run at 1.1 times what a refused run reached."""
+    refused = best(scene, duration, 1e-15, method, samples)
+    assert refused.error is not None
+    return best(scene, duration, 1.1 * float(refused.error[-1]), method, samples)
+
+
+def double_pendulum(seed: int) -> tuple[tl.Scene, float]:
+    """The paper's arm from a random state, and a random duration."""
+    random = np.random.default_rng([5, seed])
+    q, v = random.uniform(-3, 3, 2), random.uniform(-3, 3, 2)
+    effects = tl.load_scene("arm-swing").effects
+    return tl.Scene(tl.load_robot("two_link"), q, v, effects=effects), round(random.uniform(5, 40), 3)
+
+
+@pytest.mark.parametrize(("method", "seed"), [("auto", 18), ("auto", 27), ("dop853", 0), ("dop853", 27)])
+def test_bars_of_double_pendulums_hold_near_the_limit(method: str, seed: int) -> None:
+    """Against 19 digits of another tolerance. With second solutions in double precision these were 2.7 to 10 times
+    too small."""
+    scene, duration = double_pendulum(seed)
+    run = near_the_limit(scene, duration, method, 20)
+    reference, doubt = extended_reference(scene, run.t)
+    true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
+    assert run.error is not None
+    assert (doubt <= 0.1 * run.error)[1:].all()
+    assert (true <= run.error)[1:].all()
+
+
+@pytest.mark.parametrize(("method", "start", "duration"), [("auto", 2.524749203936725, 4236.0),
+                                                           ("dop853", 1.0236796294986434, 2439.0)])  # fmt: skip
+def test_bars_of_pendulums_hold_over_an_hour(method: str, start: float, duration: float) -> None:
+    """Against Jacobi's elliptic functions: I = 1/2 kg m^2, m g c = G / 2."""
+    robot = tl.load_robot(PENDULUM.format(kind="revolute", com=-0.5, inertia=0.25, limit=LIMIT))
+    scene = tl.Scene(robot, [start], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
+    run = near_the_limit(scene, duration, method, 0.1)
+    some = np.linspace(1, len(run.t) - 1, 30).astype(int)
+    track = Track(run.t[some], run.q[some], run.v[some])
+    error = truths.configuration_error(truths.swing(start, math.sqrt(G)))(robot, track)
+    assert run.error is not None
+    assert (error <= run.error[some]).all()
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_the_bar_of_a_pendulum_that_turns_freely(many: bool) -> None:
+    """At its end the angle from the second solution is a few 1e-9, for which pin.difference returns 0."""
+    theta, rate, duration = -1.8581839365982098, 0.009130201103464408, 55.96405641440425
+    robot = tl.load_robot(PENDULUM.format(kind="continuous", com=-0.4, inertia=0.01, limit=""))
+    scene = tl.Scene(robot, [math.cos(theta), math.sin(theta)], [rate], effects=[tl.effects.Gravity()])
+    if many:
+        worlds = tl.simulate_many(scene, duration=duration, accuracy=1e-9)
+        q, bar = worlds.q, worlds.error
+    else:
+        run = tl.simulate(scene, duration, 1e-9, samples=1 / duration)
+        q, bar = run.q[-1:], None if run.error is None else run.error[-1:]
+    reference, doubt = extended_reference(scene, np.array([0.0, duration]))
+    true = truths.distance(robot, q.astype(np.longdouble), reference[-1:])
+    assert bar is not None
+    assert doubt[-1] <= 1e-3 * bar
+    assert true <= bar <= 1e-9
+
+
+def test_bars_of_many_worlds_hold_near_the_limit() -> None:
+    """Of 30 double pendulums over 20 s at 1e-12; with one second solution 6 bars were too small, by up to 12."""
+    random = np.random.default_rng(3)
+    q, v = random.uniform(-3, 3, (60, 2))[:30], random.uniform(-3, 3, (60, 2))[:30]
+    scene = tl.load_scene("arm-swing")
+    worlds = tl.simulate_many(scene, q, v, duration=20.0, accuracy=1e-12)
+    assert worlds.error is not None
+    sure = 0
+    for i in range(len(q)):
+        start = tl.Scene(scene.robot, q[i], v[i], effects=scene.effects)
+        reference, doubt = extended_reference(start, np.array([0.0, 20.0]))
+        true = truths.distance(scene.robot, worlds.q[i : i + 1].astype(np.longdouble), reference[-1:])
+        if doubt[-1] <= 0.1 * worlds.error[i]:
+            sure += 1
+            assert true <= worlds.error[i], i
+    assert sure > 25

@@ -1,0 +1,95 @@
+"""Verification: the second solutions whose distances from a solution bound its error."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from twolink.integrate.equations import Equations
+from twolink.integrate.method_choice import MethodChoice
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.solution import Solution
+from twolink.simulation.error_bar import distance_of_runs
+from twolink.simulation.refinement import ROUNDING_COUNTS, finer, more_digits
+
+MORE_STEPS = 1.2  # times as many at least, where the tolerance decides: 30 times less is 1.5 times as many at order 8
+ROUNDING_A_STEP = 1e-12  # of fixed size: below this mean error a step, rounding may be a tenth of it
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A solution with what it was asked for and its seconds."""
+
+    choice: MethodChoice
+    solution: Solution
+    seconds: float
+
+
+class Solve(Protocol):
+    """What solves by a choice of method, perturbed or not."""
+
+    def __call__(self, choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved: ...
+
+
+def second_solutions(
+    coarse: Solved, solve: Solve, equations: Equations, accuracy: float, earlier: Sequence[Solved] = ()
+) -> list[Solved]:
+    """More accurate solutions beside a coarse one.
+
+    Parameters
+    ----------
+    coarse : Solved
+    solve : Solve
+    equations : Equations
+    accuracy : float
+        The accuracy asked for, rad or m.
+    earlier : sequence of Solved
+        The second solutions of a coarser one: what has more digits than both is not solved again.
+
+    Returns
+    -------
+    list of Solved
+        One, perturbed, where the truncation of steps decides about the error. Where rounding may, one that has more
+        digits; or two, perturbed in opposite directions, where there are no more digits.
+
+    Raises
+    ------
+    AccuracyError
+        Nothing solves more accurately.
+
+    Notes
+    -----
+    Solutions of as many digits have rounding errors e2 and e2' as large as that of the coarse one, e1, and the effect p
+    of the perturbation may cancel e1 in e1 - e2 - p. It cannot in both directions: the larger of |e1 - e2 - p| and
+    |e1 - e2' + p| is at least |e1 - (e2 + e2') / 2|.
+    """
+    choice = finer(coarse.choice, equations, accuracy)
+    if choice.precision != "double":
+        return _with_more_digits(choice, solve, earlier)
+    margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
+    perturbation = second_solution(margin)
+    first = solve(choice, perturbation)
+    if first.solution.interrupted or not _rounding_counts(equations, coarse, first):
+        return [first]
+    more = more_digits(equations)
+    if more is not None:
+        return _with_more_digits(more, solve, earlier)
+    return [first, solve(choice, perturbation.opposite)]
+
+
+def _with_more_digits(choice: MethodChoice, solve: Solve, earlier: Sequence[Solved]) -> list[Solved]:
+    same = [one for one in earlier if one.choice == choice]
+    return same or [solve(choice)]
+
+
+def _rounding_counts(equations: Equations, coarse: Solved, fine: Solved) -> bool:
+    """Whether rounding may be a large part of the error.
+
+    It may where the tolerance is near rounding, and where a smaller tolerance takes no more steps: then events, breaks
+    or an exact method decide about the steps, and truncation may be less than the tolerance by any factor.
+    """
+    method, steps = coarse.choice.method, coarse.solution.steps
+    if not method.adaptive:
+        distance = distance_of_runs(equations.space, method, coarse.solution, fine.solution)
+        return bool(distance[-1] < ROUNDING_A_STEP * steps)
+    fixed_steps = method.kind != "taylor" and fine.solution.steps < MORE_STEPS * steps
+    return coarse.choice.setting < ROUNDING_COUNTS or fixed_steps
