@@ -1,7 +1,9 @@
 """Every effect: against a second implementation, compiled against portable, its operations, and its imports."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -97,12 +99,14 @@ def test_constants_that_change_cost_nothing() -> None:
     assert equations_of(tl.Scene(robot("arm"), effects=effects)).operations <= bare + 4
 
 
-def test_only_what_a_run_uses_is_imported() -> None:
+def test_only_what_a_run_uses_is_imported(tmp_path: Path) -> None:
     code = "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1); print(*sys.modules)"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "TWOLINK_CACHE": str(tmp_path / "twolink")}
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env).stdout
     shared = {"effect", "field_checks", "inputs", "loop", "motion", "sampled", "switching"}  # common to all
-    assert {m.split(".")[-1] for m in out if m.startswith("twolink.effects.")} == {"gravity", *shared}
-    assert "sympy" not in out  # which heyoka imports where it can
+    assert {m.split(".")[-1] for m in out.split() if m.startswith("twolink.effects.")} == {"gravity", *shared}
+    assert "sympy" not in out.split()  # which heyoka imports where it can
+    assert {path.name for path in tmp_path.iterdir()} <= {"twolink"}  # heyoka keeps no database of its own
 
 
 def test_two_of_a_kind_add_up() -> None:

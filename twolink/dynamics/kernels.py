@@ -5,6 +5,7 @@ only if all inputs and outputs are finite, all angles are within the reach of `s
 pairs have length 1. A batch whose guard is not finite is answered by Pinocchio, after a check of each value.
 """
 
+import functools
 import itertools
 import math
 import sys
@@ -39,21 +40,31 @@ _import_lock = threading.Lock()
 
 
 def heyoka() -> Any:
-    """The heyoka module, or None where it is not installed (there are wheels for Linux only).
-
-    heyoka imports SymPy where it can, for conversions that nothing here uses: more than half of its import time.
-    """
+    """The heyoka module, or None where it is not installed (there are wheels for Linux only)."""
     with _import_lock:
-        hidden = "sympy" not in sys.modules
+        return _imported()
+
+
+@functools.cache
+def _imported() -> Any:
+    """heyoka, imported without what nothing here uses.
+
+    It imports SymPy where it can, for conversions: more than half of its import time. It keeps a database of compiled
+    code in the user's cache folder, up to 20 GB, which each process checks from end to end before it compiles anything,
+    and up to 2 GB of code in memory after its functions are gone. Our own cache has what is compiled here.
+    """
+    hidden = "sympy" not in sys.modules
+    if hidden:
+        sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail
+    try:
+        import heyoka as module
+    except ImportError:
+        return None
+    finally:
         if hidden:
-            sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail
-        try:
-            import heyoka as module
-        except ImportError:
-            return None
-        finally:
-            if hidden:
-                del sys.modules["sympy"]
+            del sys.modules["sympy"]
+    module.llvm_state.set_diskcache_enabled(False)
+    module.llvm_state.set_memcache_limit(0)
     return module
 
 
