@@ -1,12 +1,16 @@
 """Tasks that misbehave, for tests of worker processes."""
 
+import contextlib
 import ctypes
+import mmap
 import os
 import sys
 import time
 from typing import Any
 
 from twolink.errors import RobotError
+
+_KEPT: list[bytes] = []
 
 
 def crash() -> None:
@@ -25,6 +29,25 @@ def sleep(*, nap: float, report: Any) -> int:
 
 def hoard() -> int:
     return len(bytearray(10**12))
+
+
+def hoard_in_llvm() -> None:
+    """As LLVM fails when there is no memory left."""
+    blocks = []
+    with contextlib.suppress(MemoryError):
+        while True:
+            blocks.append(mmap.mmap(-1, 2**26))
+    raise ValueError("Could not find the symbol 'heyoka.obj_trigger'")
+
+
+def grow(*, megabytes: int, nap: float = 0.0) -> int:
+    """Keep so much more memory, as caches do; or take it for a while only."""
+    block = b"x" * (megabytes * 2**20)
+    if nap:
+        time.sleep(nap)
+    else:
+        _KEPT.append(block)
+    return os.getpid()
 
 
 def chatter() -> str:
@@ -46,4 +69,4 @@ def fail() -> None:
     raise KeyError("secret detail")
 
 
-TASKS = {f.__name__: f for f in (crash, leave, sleep, hoard, chatter, large, refuse, fail)}
+TASKS = {f.__name__: f for f in (crash, leave, sleep, hoard, hoard_in_llvm, grow, chatter, large, refuse, fail)}

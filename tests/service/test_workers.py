@@ -12,16 +12,20 @@ import pytest
 
 from twolink.errors import TwolinkError
 from twolink.service.problems import Refusal, problem_of
+from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 
-def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1) -> Any:
+def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000) -> Any:
     async def whole() -> Any:
-        workers = Workers(count, 3000, tasks="tests.service.bad_tasks")
+        memory = WorkerMemory(megabytes)
+        workers, watch = Workers(count, memory, tasks="tests.service.bad_tasks"), asyncio.create_task(memory.watch())
         try:
             return await work(workers)
         finally:
+            watch.cancel()
             await workers.close()
+            assert not memory.workers
 
     return asyncio.run(whole())
 
@@ -32,6 +36,7 @@ def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1) -> Any:
         ("crash", "worker-died", "signal 11"),
         ("leave", "worker-died", "died"),
         ("hoard", "too-large", "memory"),
+        ("hoard_in_llvm", "too-large", "memory"),
         ("refuse", "robot-error", "it broke"),
         ("fail", "internal-error", "its log"),
     ],
@@ -97,3 +102,37 @@ def test_workers_are_used_again_and_answers_may_be_large() -> None:
         assert len(set(both)) == 2
 
     run(work, count=2)
+
+
+def test_a_worker_is_replaced_by_its_memory_and_not_by_the_number_of_its_tasks() -> None:
+    async def work(workers: Workers) -> None:
+        small = [await workers.run("grow", 60, megabytes=0) for _ in range(150)]
+        assert len(set(small)) == 1
+        large = [await workers.run("grow", 60, megabytes=80) for _ in range(8)]
+        assert large[0] == small[0]  # kept while there is room
+        assert 2 <= len(set(large)) <= 4
+
+    run(work, megabytes=500)
+
+
+def test_a_task_that_takes_all_memory_is_ended_and_says_so() -> None:
+    async def work(workers: Workers) -> None:
+        other = asyncio.create_task(workers.run("sleep", 60, nap=1.0))
+        with pytest.raises(Refusal, match="all workers may have 300 MB") as refused:
+            await workers.run("grow", 60, megabytes=400, nap=1000)
+        assert (refused.value.status, refused.value.code) == (422, "too-large")
+        await other  # the smaller one goes on
+
+    run(work, count=2, megabytes=300)
+
+
+def test_where_several_take_the_memory_one_is_to_ask_again() -> None:
+    async def work(workers: Workers) -> None:
+        tasks = (workers.run("grow", 60, megabytes=120, nap=1.0) for _ in range(3))
+        ends = await asyncio.gather(*tasks, return_exceptions=True)
+        refused = [end for end in ends if isinstance(end, Refusal)]
+        assert 1 <= len(refused) <= 2
+        assert all((end.status, end.code) == (503, "busy") and end.retry_after for end in refused)
+        assert sum(isinstance(end, int) for end in ends) == 3 - len(refused)
+
+    run(work, count=3, megabytes=400)

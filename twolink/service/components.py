@@ -18,6 +18,7 @@ from twolink.service.queries import Queries
 from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
 from twolink.service.store import Store
+from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 _READERS = 2
@@ -36,9 +37,10 @@ class Service:
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
-        self._readers = Workers(_READERS, quotas.memory_mb, on_death=died)
+        self._worker_memory = WorkerMemory(quotas.memory_mb)
+        self._readers = Workers(_READERS, self._worker_memory, on_death=died)
         threads = max(1, thread_count() // quotas.jobs)
-        self._job_workers = Workers(quotas.jobs, quotas.memory_mb, threads=threads, on_death=died)
+        self._job_workers = Workers(quotas.jobs, self._worker_memory, threads=threads, on_death=died)
         self.robots = RobotPool(settings, self.store, self._readers)
         self.queries = Queries(settings, self.robots, self.metrics)
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)
@@ -72,13 +74,14 @@ class Service:
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
         await self.jobs.resume()
-        warming = [asyncio.create_task(workers.warm()) for workers in (self._readers, self._job_workers)]
+        work = (self._worker_memory.watch(), self._readers.warm(), self._job_workers.warm())
+        background = [asyncio.create_task(coroutine) for coroutine in work]
         try:
             yield
         finally:
-            for task in warming:
+            for task in background:
                 task.cancel()
-            await asyncio.gather(*warming, return_exceptions=True)
+            await asyncio.gather(*background, return_exceptions=True)
             await self.jobs.close()
             await self._readers.close()
             await self._job_workers.close()

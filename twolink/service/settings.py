@@ -19,8 +19,8 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states:
     in a batch. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads:
-    robots kept. load_seconds: for reading a robot or a scene, or writing a file. memory_mb: address space of a
-    worker process. jobs: at once. queue: jobs that wait. job_seconds: computing time of a job. duration: simulated
+    robots kept. load_seconds: for reading a robot or a scene, or writing a file. memory_mb: of all worker
+    processes together. jobs: at once. queue: jobs that wait. job_seconds: computing time of a job. duration: simulated
     seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and uploads together; the
     results not used for longest go first. body_seconds: time in which a request must arrive. connections: open at
     once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must arrive and answers
@@ -40,7 +40,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     moving_joints: Count = 100
     uploads: Count = 1000
     load_seconds: Amount = 20
-    memory_mb: Amount = 6000
+    memory_mb: Amount = 1200
     jobs: Count = 2
     queue: Count = 50
     job_seconds: Amount = 600

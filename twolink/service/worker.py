@@ -12,10 +12,12 @@ import ctypes
 import importlib
 import math
 import os
+import re
 import signal
 import sys
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import msgspec
@@ -24,6 +26,7 @@ import numpy as np
 from twolink.service.problems import Problem, Refusal, problem_of
 
 LENGTH = 8
+_NEAR = 0.95  # of the limit: large pieces of memory are refused before it is reached
 _PR_SET_PDEATHSIG = 1
 Report = Callable[[Any], None]  # how a task reports its progress
 
@@ -52,6 +55,10 @@ class Failed(msgspec.Struct, tag=True):
 
     problem: Problem
     traceback: str = ""
+
+
+_WHAT = "it takes more memory than a worker process may have"
+_TOO_LARGE = Failed(problem_of(Refusal(422, _WHAT, code="too-large", remedy="send something smaller")))
 
 
 def packed(message: Call | Progress | Done | Failed) -> bytes:
@@ -103,7 +110,10 @@ def main(tasks: str, megabytes: float) -> None:
 
     while len(head := sys.stdin.buffer.read(LENGTH)) == LENGTH:
         call = msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
-        send(_answer(functions[call.task], call.arguments, lambda value: send(Progress(value))))
+        answer = _answer(functions[call.task], call.arguments, lambda value: send(Progress(value)))
+        if isinstance(answer, Failed) and answer.problem.status >= 500 and _has_filled(megabytes):
+            answer = _TOO_LARGE
+        send(answer)
 
 
 def _answer(function: Callable[..., Any], arguments: dict[str, Any], report: Report) -> Done | Failed:
@@ -112,11 +122,19 @@ def _answer(function: Callable[..., Any], arguments: dict[str, Any], report: Rep
         converted = {name: msgspec.convert(value, kinds[name]) for name, value in arguments.items() if name in kinds}
         return Done(function(**converted, **({"report": report} if "report" in kinds else {})))
     except MemoryError:
-        what = "it takes more memory than a worker process may have"
-        return Failed(problem_of(Refusal(422, what, code="too-large", remedy="send something smaller")))
+        return _TOO_LARGE
     except Exception as error:
         problem = problem_of(error)
         return Failed(problem, traceback.format_exc() if problem.status >= 500 else "")
+
+
+def _has_filled(megabytes: float) -> bool:
+    """Whether this process came near its limit: LLVM then fails with any error ("Could not find the symbol ...")."""
+    try:
+        peak = re.search(rb"VmPeak:\s+(\d+) kB", Path("/proc/self/status").read_bytes())
+    except OSError:  # not Linux: no limit either
+        return False
+    return peak is not None and int(peak[1]) > _NEAR * megabytes * 1024
 
 
 if __name__ == "__main__":

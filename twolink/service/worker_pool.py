@@ -20,9 +20,10 @@ import msgspec
 
 from twolink.service.problems import Refusal, error_from
 from twolink.service.worker import LENGTH, Call, Done, Failed, Progress, packed
+from twolink.service.worker_memory import Worker, WorkerMemory
 
 _log = logging.getLogger("twolink.service")
-_TASKS_EACH = 100  # caches grow: a process is replaced after so many tasks
+_ADDRESSES = 4800  # MB of address space that are not memory: libraries, stacks, what is reserved
 _LARGEST_MESSAGE = 2**30
 _LAST_WORDS = 5.0  # seconds for a process whose pipe has closed to end by itself
 _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(Progress | Done | Failed).decode
@@ -31,30 +32,34 @@ _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(P
 class Workers:
     """At most `count` worker processes.
 
-    megabytes: address space of each. threads: of each. tasks: the module whose TASKS they run. on_death: called for
-    each process that dies during a task.
+    memory: the limit that they share with other pools. threads: of each. tasks: the module whose TASKS they run.
+    on_death: called for each process that dies during a task.
     """
 
     def __init__(
         self,
         count: int,
-        megabytes: float,
+        memory: WorkerMemory,
         *,
         threads: int = 1,
         tasks: str = "twolink.service.task_table",
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
-        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, str(megabytes))
+        addresses = str(memory.megabytes + _ADDRESSES)
+        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses)
         self._environment = {**os.environ, "TWOLINK_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
         self._on_death = on_death
         self._free = asyncio.Semaphore(count)
-        self._idle: list[Process] = []
-        self._tasks_done: dict[Process, int] = {}  # of all processes that live
+        self._memory = memory
+        self._idle: list[Worker] = []
+        self._workers: set[Worker] = set()  # all that live
 
     async def warm(self) -> None:
         """Start one process, so that the first task does not wait for it."""
         if not self._idle:
-            self._idle.append(await self._start())
+            worker = await self._start()
+            worker.is_busy = False
+            self._idle.append(worker)
 
     async def run(
         self, task: str, seconds: float, *, on_progress: Callable[[Any], None] | None = None, **arguments: Any
@@ -64,64 +69,66 @@ class Workers:
         Raises the task's failure; Refusal (422) with code "worker-died" or "too-slow" when the process is lost.
         """
         async with self._free:
-            process = await self._take()
+            worker = await self._take()
             try:
                 async with asyncio.timeout(seconds):
-                    answer = await _exchange(process, Call(task, arguments), on_progress)
+                    answer = await _exchange(worker.process, Call(task, arguments), on_progress)
             except TimeoutError:
-                await self._kill(process)
+                await self._kill(worker)
                 remedy = "ask for less, or start the service with a larger quota"
                 what = f"it takes more than {seconds:g} s of computing"
                 raise Refusal(422, what, code="too-slow", remedy=remedy) from None
             except (asyncio.IncompleteReadError, OSError):
                 with contextlib.suppress(TimeoutError):  # its exit code tells the reason
-                    await asyncio.wait_for(process.wait(), _LAST_WORDS)
-                await self._kill(process)
+                    await asyncio.wait_for(worker.process.wait(), _LAST_WORDS)
+                await self._kill(worker)
+                if worker.ended_at:
+                    raise self._memory.refusal(worker) from None
                 self._on_death()
-                raise _death(process.returncode or 0) from None
+                raise _death(worker.process.returncode or 0) from None
             except BaseException:
-                await self._kill(process)
+                await self._kill(worker)
                 raise
-            self._tasks_done[process] += 1
-            if self._tasks_done[process] < _TASKS_EACH:
-                self._idle.append(process)
-            else:
-                await self._kill(process)
+            self._idle.append(worker)
+            self._memory.released(worker)
         if isinstance(answer, Done):
             return answer.result
         if answer.traceback:
             _log.error("unexpected failure in a worker\n%s", answer.traceback)
         raise error_from(answer.problem)
 
-    async def _take(self) -> Process:
-        """An idle process that lives, or a new one."""
+    async def _take(self) -> Worker:
+        """An idle worker that lives, or a new one."""
         while self._idle:
-            process = self._idle.pop()
-            if process.returncode is None:
-                return process
-            self._tasks_done.pop(process)
+            worker = self._idle.pop()
+            if worker.process.returncode is None and not worker.ended_at:
+                worker.is_busy = True
+                return worker
+            await self._kill(worker)
         return await self._start()
 
-    async def _start(self) -> Process:
+    async def _start(self) -> Worker:
         """Start a process. It takes about half a second until its first task."""
         process = await asyncio.create_subprocess_exec(
             *self._command, env=self._environment, stdin=PIPE, stdout=PIPE, stderr=DEVNULL,
             start_new_session=True,  # Ctrl-C is for the service, which then ends its workers
         )  # fmt: skip
-        self._tasks_done[process] = 0
-        return process
+        worker = Worker(process)
+        self._workers.add(worker)
+        self._memory.workers.add(worker)
+        return worker
 
-    async def _kill(self, process: Process) -> None:
-        self._tasks_done.pop(process, None)
-        with contextlib.suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
+    async def _kill(self, worker: Worker) -> None:
+        self._workers.discard(worker)
+        self._memory.workers.discard(worker)
+        worker.kill()
+        await worker.process.wait()
 
     async def close(self) -> None:
         """End all processes."""
         self._idle.clear()
-        for process in list(self._tasks_done):
-            await self._kill(process)
+        for worker in list(self._workers):
+            await self._kill(worker)
 
 
 async def _exchange(process: Process, call: Call, on_progress: Callable[[Any], None] | None) -> Done | Failed:
