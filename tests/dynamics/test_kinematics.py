@@ -153,6 +153,17 @@ def test_batches_are_their_single_states(robot: tl.Robot, state: tuple) -> None:
                 assert np.array_equal(pick(whole)[i // 2, i % 2], pick(single[i]))
 
 
+def test_the_jacobian_of_one_joint_has_one_column() -> None:
+    """Pinocchio returns a matrix of one column without its second axis."""
+    robot = tl.load_robot("friction_pendulum")
+    link = robot.frame_names[-1]
+    q, v = robot.random_state(3)
+    jacobian = robot.frame_jacobian(q, link)
+    assert jacobian.shape == (3, 6, 1)
+    assert robot.frame_jacobian(q[0], link, axes="local").shape == (6, 1)
+    close((jacobian @ v[..., None])[..., 0], robot.frame_velocity(q, v, link))
+
+
 def test_answers_are_copies() -> None:
     """Pinocchio returns views of its data; the next call must not change an earlier answer."""
     robot = ROBOTS["panda"]

@@ -192,7 +192,8 @@ def _frame_velocity(
 
 
 def _frame_jacobian(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
-    return np.asarray(pin.computeFrameJacobian(model, data, q, index, axes))
+    # Pinocchio returns a matrix of one column as (6,).
+    return np.asarray(pin.computeFrameJacobian(model, data, q, index, axes)).reshape(6, model.nv)
 
 
 def _energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:

@@ -13,7 +13,8 @@ _NOT_DYNAMICS = ("visual", "collision", "material")
 
 def canonical(tree: Tree) -> str:
     """The tree as URDF text: links with their inertias, and joints, in the order of the file."""
-    return _reduced(Element("robot", {"name": tree.name or "robot"}, 0, tree.element.children)).to_xml()
+    named = tree.element.attributes | {"name": tree.name or "robot"}
+    return _reduced(Element("robot", named, 0, tree.element.children)).to_xml()
 
 
 def _reduced(element: Element) -> Element:

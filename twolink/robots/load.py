@@ -9,13 +9,14 @@ from typing import Literal, TypeVar
 
 import pinocchio as pin
 
-from twolink.errors import RobotError, nearest, require_known
+from twolink.errors import RobotError, require_known
 from twolink.robots import load_report
 from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
 from twolink.robots.load_options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
+from twolink.robots.mimic import check_lock, check_mimic
 from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.physical_checks import check_bodies, check_invertible
 from twolink.robots.pinocchio_check import check_agreement
@@ -68,7 +69,8 @@ def load_model(
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
     if mimic:
-        _check_mimic(tree)
+        check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
+        check_lock(tree, lock or {})
     full = _build(tree, urdf.label, root, mimic)
     check_agreement(full, tree, urdf.label, root)
     locked, reference = lock_configuration(full, lock or {})
@@ -117,18 +119,9 @@ def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
     try:
         return build.result()
     except Exception as error:  # Pinocchio raises errors of any type
-        what, remedy = f"Pinocchio refuses it: {error}", "the messages of its parser are on stderr"
+        what = f"Pinocchio refuses it: {' '.join(str(error).split())}"
+        remedy = "the messages of its parser are on stderr"
         raise RobotError(what, where=label, remedy=remedy, code="pinocchio") from None
-
-
-def _check_mimic(tree: Tree) -> None:
-    """Require that mimic joints follow another joint of the robot."""
-    names = [j.name for j in tree.joints]
-    for joint in tree.joints:
-        if joint.mimic is not None and (joint.mimic not in names or joint.mimic == joint.name):
-            what = f"it mimics {joint.mimic!r}, which is not another joint"
-            remedy = nearest(joint.mimic, [name for name in names if name != joint.name])
-            raise RobotError(what, where=joint.where, remedy=remedy)
 
 
 def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:

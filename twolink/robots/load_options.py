@@ -81,5 +81,5 @@ def without_joints(model: pin.Model, locked: Sequence[int], reference: np.ndarra
     try:
         return pin.buildReducedModel(model, list(locked), reference)
     except Exception as error:
-        what = f"Pinocchio cannot lock these joints: {error}"
-        raise RobotError(what, argument="lock", remedy="load it with mimic=False") from None
+        what = f"Pinocchio cannot lock these joints: {' '.join(str(error).split())}"
+        raise RobotError(what, argument="lock", remedy="load it without lock=", code="pinocchio") from None

@@ -1,7 +1,7 @@
 """The load report: what was read, ignored, repaired and assumed when a robot was loaded, and all of its wording."""
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -9,22 +9,20 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import nearest
 from twolink.io.listing import facts_html
+from twolink.robots.foreign import Foreign
 from twolink.robots.tree import Tree
-from twolink.robots.urdf_elements import URDF_ELEMENTS, UrdfElement
 from twolink.robots.xml import Element
 
 Kind = Literal["read", "ignored", "repaired", "assumed"]
 KINDS: tuple[Kind, ...] = ("read", "ignored", "repaired", "assumed")
 
-# Common elements of other programs, which do not belong to rigid-body dynamics.
+# Elements of other programs in words; the others by their tags.
 _FOREIGN = {
     "transmission": "transmissions (rotor inertia and gearing are not modelled from them)",
     "gazebo": "<gazebo> blocks (their damping, friction and contact values too)",
-    "ros2_control": "<ros2_control> blocks",
     "sensor": "sensors",
-    "safety_controller": "safety controllers",
+    "safety_controller": "safety controllers (they limit velocity and effort)",
     "calibration": "calibrations",
     "contact": "contact coefficients",
     "contact_coefficients": "contact coefficients",
@@ -126,7 +124,7 @@ def content_findings(
     the bodies they belong to were checked. missing_meshes: the meshes without a file.
     """
     moving, links = tree.moving, tree.links.values()
-    mimics = [j for j in moving if j.mimic is not None]
+    mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
     joint_names = {j.name for j in tree.joints}
     sound = " (the bodies they are fixed to are sound)" if unphysical == "refuse" else ""
     not_applied = "forward and inverse dynamics do not apply it"
@@ -136,8 +134,11 @@ def content_findings(
         "joint limits (in robot.model; forward and inverse dynamics do not enforce them)": [
             j.name for j in moving if j.limits is not None
         ],
-        "mimic (these joints move independently; mimic=True couples them)": [j.name for j in mimics if not mimic],
-        "mimic of a joint that does not exist": [j.name for j in mimics if j.mimic not in joint_names],
+        "mimic (these joints move independently; mimic=True couples them)": () if mimic else mimics,
+        "mimic of a joint that does not exist": [name for name, target in mimics.items() if target not in joint_names],
+        "limits of acceleration, deceleration and jerk (not in robot.model either)": [
+            j.name for j in moving if j.rate_limits
+        ],
         "collision shapes (there is no contact)": [k.name for k in links if k.element.first("collision")],
         "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)": missing_meshes,
     }
@@ -164,7 +165,7 @@ def content_findings(
     }
     return [
         *findings("ignored", ignored),
-        *_unknown_content(tree.element),
+        *_foreign_findings(tree.foreign),
         *findings("repaired", repaired),
         *findings("assumed", assumed),
     ]
@@ -196,33 +197,15 @@ def choice_findings(
     return statements
 
 
-def _unknown_content(robot: Element) -> list[Finding]:
-    """Elements, attributes and text that are not URDF's, because of another program or a typing error."""
-    foreign: Counter[str] = Counter()
-    unknown: dict[str, dict[str, None]] = defaultdict(dict)
-
-    def look(element: Element) -> None:
-        tag, line = element.tag, element.line
-        entry = URDF_ELEMENTS.get(tag, UrdfElement())
-        attributes, children = entry.attributes, entry.children
-        if attributes is not None:
-            for key in element.attributes:
-                if key not in attributes and not key.startswith("xmlns"):
-                    unknown["unknown attributes"][f"{key}= in <{tag}>, line {line} ({nearest(key, attributes)})"] = None
-            if element.has_text:
-                unknown["text"][f"in <{tag}>, line {line}"] = None
-        seen: set[str] = set()
-        for child in element.children:
-            if child.tag in _FOREIGN:
-                foreign[_FOREIGN[child.tag]] += 1
-            elif children is not None and child.tag not in children:
-                unknown["unknown elements"][f"<{child.tag}> in <{tag}> ({nearest(child.tag, children)})"] = None
-            else:
-                if children is not None and child.tag in seen and not URDF_ELEMENTS[child.tag].repeatable:
-                    place = f"<{child.tag}> in <{tag}>, line {child.line}"
-                    unknown["repeated elements"][f"{place}: the first one counts"] = None
-                seen.add(child.tag)
-                look(child)
-
-    look(robot)
-    return [Finding("ignored", f"{count} x {what}") for what, count in foreign.items()] + findings("ignored", unknown)
+def _foreign_findings(foreign: Foreign) -> list[Finding]:
+    """What belongs to other programs."""
+    elements: Counter[str] = Counter()
+    for tag, count in foreign.elements.items():
+        elements[_FOREIGN.get(tag, f"<{tag}>")] += count
+    named = {
+        "values of other programs that change the motion there (effects of a scene can model them)": foreign.motion,
+        "attributes of other programs": foreign.attributes,
+        "text": foreign.text,
+    }
+    counted = {what: [f"{count} x {name}" for name, count in names.items()] for what, names in named.items()}
+    return [Finding("ignored", f"{count} x {what}") for what, count in elements.items()] + findings("ignored", counted)

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 from twolink.errors import RobotError, nearest
+from twolink.robots.foreign import Foreign, foreign_content
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
 from twolink.robots.xml import Element, Reader
 
 # Pinocchio recurses over the tree while reading: 5,000 chained links overflow an 8 MiB stack and end the process.
 MAX_JOINTS = 5_000
 MAX_DEPTH = 1_000
+VERSIONS = {"1.0": (1, 0), "1.1": (1, 1), "1.2": (1, 2)}
 # A pin.Data holds tensors of nv^3 numbers (second derivatives): 0.9 GB at nv = 300, 32 GB at nv = 1,000.
 MAX_MOVING = 300
 
@@ -25,6 +27,7 @@ class Tree:
     links: dict[str, UrdfLink]
     joints: tuple[UrdfJoint, ...]
     root: str
+    foreign: Foreign
 
     @property
     def moving(self) -> tuple[UrdfJoint, ...]:
@@ -38,7 +41,7 @@ def read_tree(element: Element, source: str) -> Tree:
     Parameters
     ----------
     element : Element
-        The element. The quaternions of its origins are replaced by angles.
+        The element. The quaternions of its origins are replaced by angles, and its version by one that Pinocchio reads.
     source : str
         The name of the file for errors.
 
@@ -48,7 +51,10 @@ def read_tree(element: Element, source: str) -> Tree:
         Code "urdf"; it names the link or joint at fault.
     """
     _require_robot(element, source)
-    reader = Reader(source)
+    version = _version(element, source)
+    element.attributes["version"] = "1.2" if version == (1, 2) else "1.1"  # 1.1 differs from 1.0 in shapes only
+    reader = Reader(source, version)
+    foreign = foreign_content(reader, element)
     links = [read_link(reader, e) for e in element.all("link")]
     if not links:
         raise _error("it has no <link>", source, "a robot needs at least one link")
@@ -69,7 +75,7 @@ def read_tree(element: Element, source: str) -> Tree:
                 raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
     ordered = _ordered(by_name, joints, source)
     root = ordered[0].parent if ordered else links[0].name
-    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root)
+    return Tree(element.attributes.get("name", ""), element, by_name, ordered, root, foreign)
 
 
 def _error(what: str, where: str, remedy: str) -> RobotError:
@@ -92,6 +98,15 @@ def _require_robot(root: Element, source: str) -> None:
         # Gazebo's and the controllers' blocks hold $(...) of their own; they are ignored as a whole.
         tags = ("link", "joint")
         stack += [c for c in element.children if element is not root or c.tag in tags or c.tag.startswith("xacro:")]
+
+
+def _version(robot: Element, source: str) -> tuple[int, int]:
+    """The version of the format, (1, 0) where the file does not say."""
+    text = robot.attributes.get("version", "1.0")
+    if text not in VERSIONS:
+        what = f'<robot version="{text[:20]}">: known are {", ".join(VERSIONS)}'
+        raise _error(what, f"{source}:{robot.line}", "write the version of the URDF format, or leave it out")
+    return VERSIONS[text]
 
 
 def _require_unique(items: Sequence[UrdfLink] | Sequence[UrdfJoint]) -> None:

@@ -6,6 +6,7 @@ Pinocchio sees the file. Python's float() reads a decimal point whatever the loc
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,7 @@ from twolink.robots.xml import Element, Reader, Vector
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 UNIT_TOLERANCE = 1e-3  # files write quaternions with few digits
 _LIMITED = ("revolute", "prismatic")
+_RATES = ("acceleration", "deceleration", "jerk")
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 
 
@@ -31,9 +33,20 @@ class UrdfLink:
     inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
 
+class Mimic(NamedTuple):
+    """What a joint follows: its configuration is multiplier * (the other joint's) + offset, rad or m."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: the links it connects, its axis as written (None: not in the file) and its limits, rad or m."""
+    """A joint: the links it connects, its axis as written (None: not in the file) and its limits, rad or m.
+
+    rate_limits: those of acceleration, deceleration and jerk that it has (URDF 1.2).
+    """
 
     name: str
     where: str
@@ -45,7 +58,8 @@ class UrdfJoint:
     limits: tuple[float, float] | None
     damping: float
     friction: float
-    mimic: str | None
+    rate_limits: tuple[str, ...]
+    mimic: Mimic | None
 
 
 def read_link(reader: Reader, element: Element) -> UrdfLink:
@@ -90,16 +104,10 @@ def read_joint(reader: Reader, element: Element) -> UrdfJoint:
     dynamics = element.first("dynamics")
     if dynamics is not None:
         damping, friction = (reader.number(dynamics, key, owner, 0.0) for key in ("damping", "friction"))
-    mimic = element.first("mimic")
-    if mimic is not None:
-        if not mimic.attributes.get("joint"):
-            raise reader.error(mimic, owner, "<mimic> has no joint", 'add joint="..."')
-        reader.number(mimic, "multiplier", owner, 1.0)
-        reader.number(mimic, "offset", owner, 0.0)
-    target = None if mimic is None else mimic.attributes["joint"]
     limits = _limits(reader, element, owner, kind)
+    rates, mimic = _rate_limits(reader, element, owner), _mimic(reader, element, owner)
     where = reader.where(element, owner)
-    return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, target)
+    return UrdfJoint(name, where, element, kind, parent, child, axis, limits, damping, friction, rates, mimic)
 
 
 def roll_pitch_yaw(quaternion: np.ndarray) -> list[float]:
@@ -113,12 +121,15 @@ def quaternions_to_angles(reader: Reader, owner: Element, name: str) -> None:
     Raises
     ------
     RobotError
-        The origin has rpy as well, or the quaternion's length is not 1.
+        The origin has rpy as well, the quaternion's length is not 1, or the file is of a version that has none.
     """
     for element in owner.children:
         if element.tag != "origin":
             quaternions_to_angles(reader, element, name)
         elif "quat_xyzw" in element.attributes:
+            if reader.version < (1, 1):
+                what = "quat_xyzw came with URDF 1.1; by this file's version, other programs ignore it"
+                raise reader.error(element, name, what, 'write <robot version="1.1">')
             if "rpy" in element.attributes:
                 raise reader.error(element, name, "<origin> has both rpy and quat_xyzw", "keep one")
             quaternion = reader.numbers(element, "quat_xyzw", name, 4)
@@ -175,13 +186,42 @@ def _limits(reader: Reader, joint: Element, owner: str, kind: str) -> tuple[floa
             remedy += ', or use type="continuous"' if kind == "revolute" else ""
             raise reader.error(joint, owner, f"a {kind} joint needs <limit>", remedy)
         return None
-    lower, upper = (reader.number(element, key, owner, 0.0) for key in ("lower", "upper"))
+    optional = 0.0 if reader.version < (1, 2) or kind not in _LIMITED else None
+    lower, upper = (reader.number(element, key, owner, optional) for key in ("lower", "upper"))
     for key in ("effort", "velocity"):
-        value = reader.number(element, key, owner)
-        if value < 0:
-            raise reader.error(element, owner, f"{key} limit {value} is negative", "give its magnitude")
+        _magnitude(reader, element, key, owner, None if reader.version < (1, 2) else math.inf)
     if kind not in _LIMITED:
         return None
     if lower > upper:
         raise reader.error(element, owner, f"lower limit {lower} is above upper limit {upper}", "swap them")
     return lower, upper
+
+
+def _magnitude(reader: Reader, limit: Element, key: str, owner: str, default: float | None = None) -> None:
+    """Require that a limit is 0 or more."""
+    value = reader.number(limit, key, owner, default)
+    if value < 0:
+        raise reader.error(limit, owner, f"{key} limit {value} is negative", "give its magnitude")
+
+
+def _rate_limits(reader: Reader, joint: Element, owner: str) -> tuple[str, ...]:
+    """The limits of acceleration, deceleration and jerk of a joint; Pinocchio 4.1 cannot hold them."""
+    limit = joint.first("limit")
+    if limit is None:
+        return ()
+    found = tuple(key for key in _RATES if key in limit.attributes)
+    for key in found:
+        _magnitude(reader, limit, key, owner)
+        del limit.attributes[key]
+    return found
+
+
+def _mimic(reader: Reader, joint: Element, owner: str) -> Mimic | None:
+    """What a joint follows."""
+    element = joint.first("mimic")
+    if element is None:
+        return None
+    name = element.attributes.get("joint", "")
+    if not name:
+        raise reader.error(element, owner, "<mimic> has no joint", 'add joint="..."')
+    return Mimic(name, reader.number(element, "multiplier", owner, 1.0), reader.number(element, "offset", owner, 0.0))

@@ -123,9 +123,13 @@ def parse_xml(data: bytes, source: str, encoding: str | None = None) -> Element:
 
 @dataclass(frozen=True)
 class Reader:
-    """Reads names and numbers from elements; errors name the file, line, link or joint, and attribute."""
+    """Reads names and numbers from elements; errors name the file, line, link or joint, and attribute.
+
+    version: of the URDF format; versions 1.1 and 1.2 give some attributes a meaning.
+    """
 
     source: str
+    version: tuple[int, int] = (1, 0)
 
     def where(self, element: Element, owner: str = "") -> str:
         """The place of an element, for errors. `owner` is the link or joint it belongs to."""

@@ -1,0 +1,115 @@
+"""Mimic joints: what can be coupled moves as the robot without mimic joints moves along the coupling; the rest is
+refused in our own words."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import RobotError
+
+LIMIT = '<limit lower="-9" upper="9" effort="1" velocity="1"/>'
+INERTIAL = """<inertial><origin xyz="0.1 0.2 0.3"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.12" izz="0.15" ixy="0.01" ixz="0" iyz="0"/></inertial>"""
+
+
+def mimic(joint: str, multiplier: float = 1.0, offset: float = 0.0) -> str:
+    return f'<mimic joint="{joint}" multiplier="{multiplier}" offset="{offset}"/>'
+
+
+def chain(*joints: tuple[str, str], axis: str = "0.6 0 0.8") -> str:
+    """A chain of links l0, l1, ...; each joint j1, j2, ... has a type and its <mimic>."""
+    links = "".join(f'<link name="l{i}">{INERTIAL}</link>' for i in range(len(joints) + 1))
+    parts = [
+        f'<joint name="j{i + 1}" type="{kind}"><origin xyz="0.1 0 0.2"/><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<axis xyz="{"0 0 1" if kind == "planar" else axis}"/>{LIMIT}{more}</joint>'
+        for i, (kind, more) in enumerate(joints)
+    ]
+    return f'<robot name="r">{links}{"".join(parts)}</robot>'
+
+
+COUPLED = {
+    "revolute": ("revolute", "revolute", 2.0, 0.3),
+    "prismatic follows revolute": ("revolute", "prismatic", -0.5, 0.1),
+    "revolute follows prismatic": ("prismatic", "revolute", 3.0, 0.0),
+    "continuous": ("continuous", "continuous", 2.0, 0.3),
+    "multiplier 0": ("revolute", "revolute", 0.0, 0.7),
+}
+
+
+@pytest.mark.parametrize("case", COUPLED)
+def test_coupled_joints_move_as_the_free_robot_along_the_coupling(case: str) -> None:
+    """M = G^T M_free G, tau = G^T tau_free and J = J_free G for q_free = G q + c."""
+    leader, follower, multiplier, offset = COUPLED[case]
+    text = chain((leader, ""), ("revolute", ""), (follower, mimic("j1", multiplier, offset)))
+    coupled, free = tl.load_robot(text, mimic=True), tl.load_robot(text)
+    y, v, a = np.random.default_rng(5).uniform(-1, 1, (3, 2))
+    G = np.array([[1, 0], [0, 1], [multiplier, 0]])
+    full = G @ y + [0, 0, offset]
+
+    def configuration(robot: tl.Robot, values: np.ndarray) -> np.ndarray:
+        joints = [j for j in robot.joints if j.q.stop > j.q.start]
+        return np.concatenate([j.configuration(value) for j, value in zip(joints, values, strict=True)])
+
+    q, q_free = configuration(coupled, y), configuration(free, full)
+    exact = {"rtol": 0, "atol": 1e-12}
+    np.testing.assert_allclose(coupled.frame_pose(q, "l3")[1], free.frame_pose(q_free, "l3")[1], **exact)
+    np.testing.assert_allclose(coupled.mass_matrix(q), G.T @ free.mass_matrix(q_free) @ G, **exact)
+    expected = G.T @ free.inverse_dynamics(q_free, G @ v, G @ a)
+    np.testing.assert_allclose(coupled.inverse_dynamics(q, v, a), expected, **exact)
+    np.testing.assert_allclose(coupled.forward_dynamics(q, v, expected, method="crba"), a, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(coupled.frame_jacobian(q, "l3"), free.frame_jacobian(q_free, "l3") @ G, **exact)
+    np.testing.assert_allclose(coupled.energy(q, v), free.energy(q_free, G @ v), **exact)
+
+
+def test_a_joint_beside_the_coupled_ones_can_be_locked() -> None:
+    text = chain(("revolute", ""), ("revolute", ""), ("revolute", mimic("j1", 2.0, 0.3)))
+    locked, whole = tl.load_robot(text, mimic=True, lock={"j2": 0.4}), tl.load_robot(text, mimic=True)
+    np.testing.assert_allclose(locked.mass_matrix([0.2]), whole.mass_matrix([0.2, 0.4])[:1, :1], rtol=0, atol=1e-12)
+
+
+REFUSED = {
+    "itself": ([("revolute", mimic("j1"))], ["'j1', which is not another joint"]),
+    "chain": (
+        [("revolute", ""), ("revolute", mimic("j1", 2.0, 0.5)), ("revolute", mimic("j2", 3.0, 0.25))],
+        ["joint 'j3'", '<mimic joint="j1" multiplier="6.0" offset="1.75"/>'],
+    ),
+    "circle": ([("revolute", mimic("j2")), ("revolute", mimic("j1"))], ["in a circle: 'j1', 'j2'"]),
+    "fixed": ([("fixed", ""), ("revolute", mimic("j1")), ("revolute", "")], ["mimics 'j1', which is fixed"]),
+    "floating": ([("floating", ""), ("revolute", mimic("j1"))], ["cannot mimic the floating joint 'j1'"]),
+    "planar": ([("planar", ""), ("revolute", mimic("j1"))], ["cannot mimic the planar joint 'j1'"]),
+    "floating follower": ([("revolute", ""), ("floating", mimic("j1"))], ["a floating joint cannot mimic"]),
+    "planar follower": ([("revolute", ""), ("planar", mimic("j1"))], ["a planar joint cannot mimic"]),
+    "continuous follower": ([("revolute", ""), ("continuous", mimic("j1"))], ["make both continuous"]),
+    "continuous": ([("continuous", ""), ("prismatic", mimic("j1"))], ["cannot mimic the continuous joint"]),
+    "a later joint": ([("revolute", mimic("j2")), ("revolute", "")], ["comes after it", "let 'j2' mimic 'j1'"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_coupled_is_refused_and_loads_uncoupled(case: str) -> None:
+    joints, parts = REFUSED[case]
+    text = chain(*joints)
+    with pytest.raises(RobotError) as caught:
+        tl.load_robot(text, mimic=True)
+    assert caught.value.code == "mimic-joints"
+    for part in parts:
+        assert part in str(caught.value)
+    assert tl.load_robot(text).nv > 0
+
+
+@pytest.mark.parametrize("name", ["j1", "j2"])
+def test_coupled_joints_cannot_be_locked(name: str) -> None:
+    text = chain(("revolute", ""), ("revolute", mimic("j1")), ("revolute", ""))
+    with pytest.raises(RobotError, match="mimics 'j1', and one of them is locked") as caught:
+        tl.load_robot(text, mimic=True, lock={name: 0.5})
+    assert caught.value.code == "mimic-joints"
+    assert tl.load_robot(text, lock={"j1": 0.5, "j2": 0.5}).nv == 1
+
+
+def test_the_remedy_for_a_chain_gives_the_motion_of_the_chain() -> None:
+    joints = [("revolute", ""), ("revolute", mimic("j1", 2.0, 0.5)), ("revolute", mimic("j2", 3.0, 0.25))]
+    coupled = tl.load_robot(chain(*joints[:2], ("revolute", mimic("j1", 6.0, 1.75))), mimic=True)
+    free = tl.load_robot(chain(*joints))
+    q1, q2 = 0.3, 2 * 0.3 + 0.5
+    pose, expected = coupled.frame_pose([q1], "l3")[1], free.frame_pose([q1, q2, 3 * q2 + 0.25], "l3")[1]
+    np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-14)
