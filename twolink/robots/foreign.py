@@ -85,7 +85,7 @@ def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
 
 def _remedy(name: str, known: tuple[str, ...]) -> str:
     """What to do about an unknown name."""
-    return f"{nearest(name.lower(), known)} (Otherwise remove it, or mark it as another program's by a prefix: program:{name})"
+    return f"{nearest(name.lower(), known)} (Else remove it, or give it its program's prefix)"
 
 
 def _is_prefixed(tag: str) -> bool:
