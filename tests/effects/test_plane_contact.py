@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
@@ -101,6 +102,22 @@ def test_a_sliding_ball_begins_to_roll(accuracy: float) -> None:
     assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
     assert times(run, "roll") == pytest.approx([rolls], abs=accuracy)
     assert run.v[-1, 4] == pytest.approx(5 / 7 * v0 / R, abs=100 * accuracy)
+
+
+@pytest.mark.parametrize("duration", [0.8, 0.9, 1.2])
+def test_a_ball_whose_sliding_turns_begins_to_roll_whatever_the_steps(duration: float) -> None:
+    """Drag turns the direction of sliding: it ends beside no sliding, by the error of a step, and goes on from there.
+
+    Once it has ended, the sliding cannot become faster again.
+    """
+    contact = E.PlaneContact("ball", radius=R, friction=0.2, restitution=0.3)
+    effects = [E.Gravity(), E.AirDrag("ball", 0.03), contact]
+    scene = tl.Scene(ball(), [0, 0, 0.3, 0, 0, 0, 1], [3, 1, 0, 5, -20, 7], effects)
+    run = tl.simulate(scene, duration, tolerance=1e-9, method="dop853", verify=False)
+    assert times(run, "roll")[-1] == pytest.approx(0.75434026768, abs=1e-5)
+    turn = pin.Quaternion(*run.q[-1, [6, 3, 4, 5]]).toRotationMatrix()
+    slip = turn @ run.v[-1, :3] + np.cross(turn @ run.v[-1, 3:], [0, 0, -R])
+    assert np.abs(slip).max() < 1e-9
 
 
 @pytest.mark.parametrize("share", [0.95, 1.05])

@@ -8,6 +8,7 @@ import twolink as tl
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loop import Loop
 from twolink.errors import SceneError
+from twolink.hard.four_bars import hanging_four_bars, row_of_four_bars
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.pinocchio_rate import constrained_acceleration
@@ -195,3 +196,27 @@ def test_accelerations_and_multipliers_solve_the_whole_system(name: str) -> None
             assert np.abs(np.array(ours, dtype=float) - theirs).max() < 1e-9 * (1 + np.abs(theirs).max())
         reference = constrained_acceleration(loops, q, v, tau - h, mass, np.ones(model.nv), loops.loops)
         assert np.abs(reference - expected[: model.nv]).max() < 1e-9 * (1 + np.abs(expected[: model.nv]).max())
+
+
+@pytest.mark.parametrize(
+    "scene", [row_of_four_bars(3, 1.2), hanging_four_bars(3, right_length=0.7)], ids=["row", "hang"]
+)
+def test_loops_cost_what_they_cost_alone(scene: tl.Scene) -> None:
+    """Rows depend on the joints of their own loop only, and accelerations are those of Pinocchio's whole system."""
+    equations = equations_of(scene)
+    loops, model = equations.constraints, scene.robot.model
+    assert loops is not None
+    assert all(len(support) == 3 for row, support in enumerate(loops.supports) if row in loops.kept)
+    assert len(loops._column_groups) <= 4
+    x = equations.start
+    q, v = x[: model.nq], 0.3 * np.random.default_rng(1).standard_normal(model.nv)
+    jacobian = loops.jacobian_at(q, loops.kept)
+    v = v - np.linalg.lstsq(jacobian, jacobian @ v, rcond=None)[0]
+    jacobian, terms = point_rows(scene, q, v)
+    data = model.createData()
+    mass, h = pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, v)
+    whole = np.block([[mass, -jacobian.T], [jacobian, np.zeros((len(terms), len(terms)))]])
+    expected = np.linalg.lstsq(whole, np.concatenate([-h, -terms]), rcond=1e-12)[0][: model.nv]
+    args = loops.mech, np.concatenate([q, v]), [0.0] * model.nv, {}, Numbers, np.ones(model.nv), loops.loops
+    a = np.array(loops.accelerations(*args)[0], dtype=float)
+    assert np.abs(a - expected).max() < 1e-10 * (1.0 + np.abs(expected).max())

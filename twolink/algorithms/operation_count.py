@@ -68,6 +68,17 @@ class Tape:
             self.made[key] = self._new(what, tuple(k for k in keys if not isinstance(k, float)))
         return self.made[key]
 
+    def inputs(self, output: Any) -> set[int]:
+        """The numbers of the operations and variables that an output depends on, itself included."""
+        found: set[int] = set()
+        open_keys = [output.key] if isinstance(output, Symbol) else []
+        while open_keys:
+            key = open_keys.pop()
+            if key not in found:
+                found.add(key)
+                open_keys += self.operands[key][1]
+        return found
+
     def _new(self, what: str, operands: tuple[int, ...]) -> Symbol:
         self.operands.append((what, operands))
         return Symbol(self, len(self.operands) - 1)

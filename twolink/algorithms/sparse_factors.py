@@ -7,7 +7,7 @@ same places. parents: the parent of each degree of freedom, -1 at a root (`Mecha
 from collections.abc import Sequence
 from typing import Any
 
-from twolink.algorithms.spatial import Matrix, Scalar, Scalars, minus, reciprocal, times
+from twolink.algorithms.spatial import Matrix, Scalar, Scalars, constant, minus, reciprocal, times
 
 
 def ldlt_solve(matrix: Matrix, parents: Sequence[int], b: Scalars, xp: Any = None) -> list[Scalar]:
@@ -21,20 +21,55 @@ def ldlt(matrix: Matrix, parents: Sequence[int], xp: Any = None) -> tuple[Matrix
     h, inverse = [list(row) for row in matrix], [0.0 for _ in matrix]
     for k in reversed(range(len(matrix))):
         inverse[k] = reciprocal(h[k][k], xp)
-        for i in _ancestors(parents, k):
+        coupled = [i for i in _ancestors(parents, k) if not is_zero(h[k][i])]
+        for n, i in enumerate(coupled):
             ratio = times(h[k][i], inverse[k])
-            for j in (i, *_ancestors(parents, i)):
+            for j in coupled[n:]:
                 h[i][j] = minus(h[i][j], times(ratio, h[k][j]))
             h[k][i] = ratio
     return h, inverse
 
 
+def elimination_order(matrix: Matrix) -> list[int]:
+    """An order of the rows for which L of a symmetric matrix gets few entries where the matrix has the constant 0.
+
+    `ldlt` eliminates the last row first: that is the one coupled to the fewest others, then again the one of those
+    left, with the couplings that the first has caused (minimum degree: Tinney, Walker: Proc. IEEE 55, 1967).
+    """
+    coupled = {i: {j for j, entry in enumerate(row) if j != i and not is_zero(entry)} for i, row in enumerate(matrix)}
+    order: list[int] = []
+    while coupled:
+        i = min(coupled, key=lambda i: (len(coupled[i]), -i))
+        around = coupled.pop(i)
+        for j in around:
+            coupled[j] = (coupled[j] | around) - {i, j}
+        order.append(i)
+    return order[::-1]
+
+
+def is_zero(entry: Scalar) -> bool:
+    """Whether an entry is the constant 0, which leaves no operation."""
+    return constant(entry) and entry == 0.0
+
+
 def ldlt_apply(lower: Matrix, inverse: Scalars, parents: Sequence[int], b: Scalars) -> list[Scalar]:
     """x of L^T D L x = b, Featherstone table 6.4."""
+    return ldlt_outward(lower, inverse, parents, ldlt_inward(lower, parents, b))
+
+
+def ldlt_inward(lower: Matrix, parents: Sequence[int], b: Scalars) -> list[Scalar]:
+    """L^-T b: 0 wherever b has 0 there and in all that is carried."""
     x = list(b)
     for k in reversed(range(len(x))):
-        for i in _ancestors(parents, k):
-            x[i] = minus(x[i], times(lower[k][i], x[k]))
+        if not is_zero(x[k]):
+            for i in _ancestors(parents, k):
+                x[i] = minus(x[i], times(lower[k][i], x[k]))
+    return x
+
+
+def ldlt_outward(lower: Matrix, inverse: Scalars, parents: Sequence[int], b: Scalars) -> list[Scalar]:
+    """L^-1 D^-1 b."""
+    x = list(b)
     for k in range(len(x)):
         x[k] = times(x[k], inverse[k])
         for i in _ancestors(parents, k):

@@ -26,7 +26,7 @@ def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -
 
 
 def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
-    """x_a - x_b of two frames' points, along the world's axes, m."""
+    """x_a - x_b of two frames' points, along the axes that the motion is seen in, m."""
     ends = motion.position(a, point_a), motion.position(b, point_b)
     return [minus(x, y) for x, y in zip(*ends, strict=True)]
 

@@ -35,8 +35,13 @@ class HingeLoop(Loop, frozen=True):
         unit(self.axis_a, "axis_a")
         unit(self.axis_b, "axis_b")
 
+    def carrier(self, motion: Motion) -> int:
+        """The nearest body that carries a and b."""
+        return motion.carrier(self.a, self.b)
+
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and the parts of b's axis along two directions across a's."""
+        motion = motion.seen_from(self.carrier(motion))
         axis = motion.direction(self.b, unit(self.axis_b, "axis_b"))
         ways = [motion.direction(self.a, way) for way in across(unit(self.axis_a, "axis_a"))]
         return [*apart(motion, self.a, self.point_a, self.b, self.point_b), *(dot(way, axis) for way in ways)]

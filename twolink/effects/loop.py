@@ -15,6 +15,15 @@ class Loop(Effect, frozen=True):
 
     max_rows: ClassVar[int] = 0  # the number of rows in the mode that has most; 0 where it has no modes
 
+    def carrier(self, motion: Motion) -> int:
+        """The body along whose axes the rows are, where they are differences of points; 0 is the ground.
+
+        Seen from the nearest body that carries both places, the rows do not depend on the joints that carry it: a loop
+        that hangs on a long chain costs what it costs alone.
+        """
+        del motion
+        return 0
+
     def rows(self, motion: Motion) -> list[Scalar]:
         """g(q), m and (of directions) 1: what stays 0."""
         raise NotImplementedError

@@ -47,6 +47,19 @@ class Motion:
         ground = frame == GROUND and not self.model.existBodyName(GROUND)
         return (0, AT_PARENT) if ground else frame_pose(self.model, frame)
 
+    def carrier(self, *frames: str) -> int:
+        """The nearest body that carries all of these frames; 0 is the ground."""
+        supports = [[*self.mech.support(self.frame(frame)[0]), 0] for frame in frames]
+        return next(i for i in supports[0] if all(i in support for support in supports))
+
+    def seen_from(self, body: int) -> "Motion":
+        """The same motion as that body and what it carries see it, which its own joints do not change."""
+        if body == 0:
+            return self
+        seen = Motion(self.model, self.mech, self.q, self.v, self.t, self.xp)
+        seen._own, seen._world, seen._velocity = self.own(), {body: AT_PARENT}, {body: STILL}
+        return seen
+
     def own(self) -> list[Pose]:
         """Each body's pose in its parent."""
         if self._own is None:

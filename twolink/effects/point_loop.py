@@ -28,6 +28,10 @@ class PointLoop(Loop, frozen=True):
         check_frame(self.a, robot, "a", ground=True)
         check_frame(self.b, robot, "b", ground=True)
 
+    def carrier(self, motion: Motion) -> int:
+        """The nearest body that carries a and b."""
+        return motion.carrier(self.a, self.b)
+
     def rows(self, motion: Motion) -> list[Scalar]:
-        """x_a - x_b along the world's axes."""
-        return apart(motion, self.a, self.point_a, self.b, self.point_b)
+        """x_a - x_b along the carrier's axes."""
+        return apart(motion.seen_from(self.carrier(motion)), self.a, self.point_a, self.b, self.point_b)

@@ -35,8 +35,13 @@ class WeldLoop(Loop, frozen=True):
         check_frame(self.a, robot, "a", ground=True)
         check_frame(self.b, robot, "b", ground=True)
 
+    def carrier(self, motion: Motion) -> int:
+        """The nearest body that carries a and b."""
+        return motion.carrier(self.a, self.b)
+
     def rows(self, motion: Motion) -> list[Scalar]:
         """x_a - x_b, and for axes a_i of a and b_i of b: a_2 . b_3, a_3 . b_1, a_1 . b_2."""
+        motion = motion.seen_from(self.carrier(motion))
         turned = pin.rpy.rpyToMatrix(*self.rpy).T.tolist()  # its rows: a's axes as b sees them
         theirs = [motion.direction(self.b, tuple(axis)) for axis in turned]
         ours = [motion.direction(self.a, axis) for axis in _AXES]

@@ -2,15 +2,16 @@
 
     M a + h = tau + B lambda,   J a = -J' v       (J v = g', the derivative of the rows; B = J^T but for friction)
 
-With M = L^T D L, X = M^-1 B and A = J X: A lambda = -J' v - J a_free, a = a_free + X lambda. After a step, q goes
-back to g = 0 and v to J v = 0 along X, the direction that changes the motion least in terms of its kinetic energy. J
-and J' v are not derived by hand: g is evaluated on jets of q(t).
+With A = J M^-1 B: A lambda = -J' v - J M^-1 (tau - h). After a step, q goes back to g = 0 and v to J v = 0 along
+M^-1 J^T, the direction that changes the motion least in terms of its kinetic energy. J and J' v are not derived by
+hand: g is evaluated on jets of q(t).
 
 Where a mechanism passes a singular position, A is singular for an instant, while the motion goes on smoothly. Nothing
 is divided near that instant: an evaluation there is NaN, which makes the step try another size, until none of its
 stages falls there (test case: IFToMM benchmark A02). Projection: Eich 1993, SIAM J. Numer. Anal. 30, 1467-1482.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,15 +19,16 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.dense_factors import factored, solved
 from twolink.algorithms.jets import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply
-from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
+from twolink.algorithms.sparse_factors import ldlt
+from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, times
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
+from twolink.integrate.row_solver import RowSolver
 from twolink.integrate.state import Array, StateSpace
 
 SINGULAR = 1e-6  # a pivot of the scaled A: nearer to 0 its rounding, 1e-16 / 1e-6, would be seen
@@ -39,7 +41,8 @@ class Constraints:
     """The rows of a scene's loops and contacts on a robot.
 
     counts: how many rows each loop has. kept: the rows that are not redundant. scales: a factor for each kept row that
-    makes the diagonal of A about 1 away from singular positions.
+    makes the diagonal of A about 1 away from singular positions. supports: of each row, redundant ones too, the degrees
+    of freedom that it depends on.
     """
 
     space: StateSpace
@@ -48,6 +51,7 @@ class Constraints:
     counts: tuple[int, ...]
     kept: tuple[int, ...]
     scales: tuple[float, ...]
+    supports: tuple[frozenset[int], ...]
 
     @property
     def model(self) -> pin.Model:
@@ -69,9 +73,20 @@ class Constraints:
         return rows
 
     def jacobian(self, mech: Mechanism, q: Array, xp: Any, rows: Sequence[int] | None = None) -> Matrix:
-        """J of the kept rows, or of others: its column k is J v with v the k-th unit vector."""
-        columns = [[first for first, _ in self._along(mech, q, unit, xp, 1)] for unit in self._units(q)]
-        return [[column[i] for column in columns] for i in (self.kept if rows is None else rows)]
+        """J of the kept rows, or of others: its column k is J v with v the k-th unit vector.
+
+        Degrees of freedom of which no row depends on two share one v, their sum: a chain of loops of any length takes
+        as many as a short one (Curtis, Powell, Reid: J. Inst. Math. Appl. 13, 1974, 117-119).
+        """
+        chosen = self.kept if rows is None else rows
+        matrix: Matrix = [[0.0] * self.space.nv for _ in chosen]
+        units = self._units(q)
+        for group in self._column_groups:
+            along = [first for first, _ in self._along(mech, q, np.sum([units[k] for k in group], axis=0), xp, 1)]
+            for row, i in zip(matrix, chosen, strict=True):
+                for k in self.supports[i].intersection(group):
+                    row[k] = along[i]
+        return matrix
 
     def jacobian_at(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J of these rows as numbers at one configuration, (len(rows), nv)."""
@@ -125,15 +140,12 @@ class Constraints:
         h = newton_euler(mech, at, list(v), [0.0] * mech.nv, wrenches)
         factors = ldlt(locked_matrix(composite_bodies(mech, at), free), mech.dof_parents(), xp)
         right = [times(f, minus(t, bias)) for f, t, bias in zip(free, tau, h, strict=True)]
-        a_free = ldlt_apply(*factors, mech.dof_parents(), right)
         jacobian = locked_columns(self.jacobian(mech, q, xp), free)
         forces = self.force_rows(mech, q, v, xp, jacobian, loops)
         if forces is not jacobian:
             forces = locked_columns(forces, free)
-        solver = _RowSolver(jacobian, forces, factors, mech.dof_parents(), self.scales, xp, SINGULAR)
-        second = self.velocity_terms(mech, q, v, xp)
-        change, multipliers = solver([plus(_dot(row, a_free), b) for row, b in zip(jacobian, second, strict=True)])
-        return [minus(a, c) for a, c in zip(a_free, change, strict=True)], [negative(m) for m in multipliers]
+        solver = RowSolver(jacobian, forces, factors, mech.dof_parents(), self.scales, xp, SINGULAR)
+        return solver(right, [negative(b) for b in self.velocity_terms(mech, q, v, xp)])
 
     def projected(self, mech: Mechanism, x: Array, xp: Any, free: Sequence[Scalar]) -> Array:
         """x = (q, v) with q moved back to g = 0 and v to J v = 0, but for what is locked."""
@@ -141,16 +153,33 @@ class Constraints:
         q, v = x[:nq], x[nq:]
         factors = ldlt(locked_matrix(composite_bodies(mech, poses(mech, list(q), xp)), free), mech.dof_parents(), xp)
         jacobian = locked_columns(self.jacobian(mech, q, xp), free)
-        solver = _RowSolver(jacobian, jacobian, factors, mech.dof_parents(), self.scales, xp, LANDING * SINGULAR)
+        solver = RowSolver(jacobian, jacobian, factors, mech.dof_parents(), self.scales, xp, LANDING * SINGULAR)
+        still = [0.0] * self.space.nv
         for _ in range(CORRECTIONS):
             residuals = self.residuals(mech, list(q), xp)
-            change, _ = solver([residuals[i] for i in self.kept])
+            change, _ = solver(still, [residuals[i] for i in self.kept])
             q = q - self.space.rate(q, _array(change, x))
             q = self.space.normalized(np.concatenate([q, v]), xp)[:nq]
         for _ in range(2):
-            change, _ = solver(self.velocities(mech, q, v, xp))
+            change, _ = solver(still, self.velocities(mech, q, v, xp))
             v = v - _array(change, x)
         return np.concatenate([q, v])
+
+    @functools.cached_property
+    def _column_groups(self) -> list[list[int]]:
+        """Degrees of freedom that some row depends on, in groups of which no row depends on two."""
+        groups: list[tuple[list[int], set[int]]] = []
+        for k in range(self.space.nv):
+            rows = {i for i, support in enumerate(self.supports) if k in support}
+            if not rows:
+                continue
+            group = next((group for group in groups if not rows & group[1]), None)
+            if group is None:
+                groups.append(([k], rows))
+            else:
+                group[0].append(k)
+                group[1].update(rows)
+        return [group for group, _ in groups]
 
     def _units(self, q: Array) -> list[Array]:
         """The unit vectors of the velocities."""
@@ -180,10 +209,15 @@ class Constraints:
 
 def all_constraints(space: StateSpace, loops: Sequence[Loop], mech: Mechanism) -> Constraints:
     """All rows of the loops, redundant ones too."""
-    model = space.robot.model
-    motion = Motion(model, mech, list(pin.neutral(model)), [0.0] * space.nv, 0.0, Numbers)
-    counts = tuple(len(loop.rows(motion)) + len(loop.velocity_rows(motion)) for loop in loops)
-    return Constraints(space, mech, tuple(loops), counts, tuple(range(sum(counts))), (1.0,) * sum(counts))
+    tape = Tape()
+    variables = [tape.variable() for _ in range(space.moving)]
+    motion = Motion(space.robot.model, mech, variables[: space.nq], variables[space.nq :], 0.0, tape)
+    rows = [[*loop.rows(motion), *loop.velocity_rows(motion)] for loop in loops]
+    owners = [range(j.v.start, j.v.stop) for j in space.robot.joints for _ in range(j.q.start, j.q.stop)]
+    dofs = dict(enumerate([*owners, *([k] for k in range(space.nv))]))  # of each entry of (q, v)
+    supports = tuple(frozenset(k for i in tape.inputs(row) for k in dofs.get(i, ())) for own in rows for row in own)
+    return Constraints(space, mech, tuple(loops), tuple(map(len, rows)), tuple(range(len(supports))),
+                       (1.0,) * len(supports), supports)  # fmt: skip
 
 
 def locked_matrix(mass: Matrix, free: Sequence[Scalar]) -> Matrix:
@@ -197,60 +231,6 @@ def locked_matrix(mass: Matrix, free: Sequence[Scalar]) -> Matrix:
 def locked_columns(rows: Matrix, free: Sequence[Scalar]) -> Matrix:
     """Rows over degrees of freedom without the columns of locked ones."""
     return [[times(f, entry) for f, entry in zip(free, row, strict=True)] for row in rows]
-
-
-class _RowSolver:
-    """r -> (X A^-1 r, A^-1 r): the change of velocities along X = M^-1 B that takes J v from r to 0.
-
-    J and B are scaled by rows, so that a pivot of A below `singular` means a singular position: NaN there.
-    """
-
-    def __init__(
-        self,
-        jacobian: Matrix,
-        forces: Matrix,
-        factors: tuple[Matrix, list[Scalar]],
-        parents: list[int],
-        scales: Sequence[float],
-        xp: Any,
-        singular: float,
-    ) -> None:
-        rows = _scaled(jacobian, scales)
-        symmetric = forces is jacobian
-        self.scales = scales
-        self.columns = [ldlt_apply(*factors, parents, row) for row in (rows if symmetric else _scaled(forces, scales))]
-        matrix = [[_dot(row, column) for column in self.columns] for row in rows]
-        self._chain = list(range(-1, len(matrix) - 1))  # every row depends on those before: a dense A = L^T D L
-        pivots = _Pivots(xp, singular)
-        self._symmetric = symmetric
-        self._factors = ldlt(matrix, self._chain, pivots) if symmetric else factored(matrix, pivots)
-
-    def __call__(self, right: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-        scaled = [times(s, r) for s, r in zip(self.scales, right, strict=True)]
-        multipliers = (ldlt_apply(*self._factors, self._chain, scaled) if self._symmetric
-                       else solved(*self._factors, scaled))  # fmt: skip
-        count = len(self.columns[0]) if self.columns else 0
-        change = [plus(*(times(c[k], m) for c, m in zip(self.columns, multipliers, strict=True))) for k in range(count)]
-        return change, [times(s, m) for s, m in zip(self.scales, multipliers, strict=True)]
-
-
-class _Pivots:
-    """Reciprocals of pivots: NaN for one that is nearly 0."""
-
-    def __init__(self, xp: Any, singular: float) -> None:
-        self._xp, self._singular = xp, singular
-
-    def reciprocal(self, pivot: Scalar) -> Scalar:
-        """1 / pivot."""
-        return self._xp.where(self._xp.less(self._singular, pivot), 1.0 / pivot, np.nan)
-
-
-def _scaled(rows: Matrix, scales: Sequence[float]) -> Matrix:
-    return [[times(scale, entry) for entry in row] for scale, row in zip(scales, rows, strict=True)]
-
-
-def _dot(row: Sequence[Scalar], column: Sequence[Scalar]) -> Scalar:
-    return plus(*(times(a, b) for a, b in zip(row, column, strict=True)))
 
 
 def _array(values: list[Scalar], like: Array) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.algorithms.spatial import spatial_dot
+from twolink.algorithms.spatial import outward, spatial_dot
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
@@ -136,9 +136,11 @@ def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:
     names = effect_names(scene)
     tables: dict[str, np.ndarray] = {}
     for stretch in _stretches(run, run.t):
-        constraints = stretch.equations.constraints
+        constraints, motion = stretch.equations.constraints, _motion(stretch)
         for i, rows in enumerate(_multipliers(stretch)):
             loop = constraints.loops[i] if constraints is not None else None
+            if loop is not None and (carrier := loop.carrier(motion)):
+                rows[:3] = outward(motion.body(carrier), (rows[0], rows[1], rows[2]))
             width = max(len(rows), loop.max_rows if loop is not None else 0)
             name = names[stretch.equations.places[len(stretch.equations.effects) + i]]
             table = tables.setdefault(name, np.zeros((len(run.t), width)))
@@ -173,10 +175,15 @@ def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
     return np.split(every, np.cumsum(constraints.counts)[:-1])
 
 
+def _motion(stretch: _Stretch) -> Motion:
+    """The moving robot along a stretch."""
+    return motion_of(stretch.equations, stretch.equations.mechanism, stretch.t, stretch.x, Numbers)
+
+
 def _powers(scene: Scene, stretch: _Stretch) -> Iterator[tuple[int, np.ndarray]]:
     """The power of each effect that has one, W, by its place among the scene's effects."""
     equations, numbers = stretch.equations, list(stretch.x[stretch.equations.moving :])
-    motion = motion_of(equations, equations.mechanism, stretch.t, stretch.x, Numbers)
+    motion = _motion(stretch)
     for place, effect in zip(equations.places, equations.effects, strict=False):
         yield place, _power(motion, effect_loads(equations, motion, numbers, [effect]))
     switching = equations_of(scene).switching

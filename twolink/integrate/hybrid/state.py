@@ -47,9 +47,13 @@ class RunState:
     def settle(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""
         before = self.mode if before is None else before
+        directions = self.mode.directions
         _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
+        for i, (last, now) in enumerate(zip(directions, self.mode.directions, strict=True)):
+            if last != now:  # the guard of another direction of sliding is another one: it has not fired
+                self.fired.discard(("roll", i))
         kinds = {"free": "leave", "sliding": "slide", "rolling": "roll"}
         for contact, old, new in zip(self.system.contacts, before.contacts, self.mode.contacts, strict=True):
             if old == new:
