@@ -14,6 +14,7 @@ import pytest
 from tests.service.urdfs import mesh, pendulum, stl, zipped
 from tests.show.pieces import DAE
 from tests.show.test_mesh_files import ENCODED, OBJ, SECRET, textured
+from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 
@@ -69,7 +70,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
         secret.with_suffix(suffix).write_bytes(content)
 
     async def work() -> list[tuple[str, dict[str, Any], str]]:
-        workers, results = Workers(1, 3000, tasks="tests.service.traced_tasks"), []
+        workers, results = Workers(1, WorkerMemory(1000), tasks="tests.service.traced_tasks"), []
         cases = [("control", "urdf", pendulum().encode()), *uploads(secret)]
         try:
             for number, (name, kind, content) in enumerate(cases):
