@@ -1,0 +1,187 @@
+"""Attacks on a service with default quotas, all at once, while its /health is asked and its memory measured.
+
+    python scripts/attack_service.py [--quick] [--seconds 60] [--only NAME ...]
+
+The attacks are those of tests/service/attacks.py, the hostile corpus among them. Each comes from an address of its own
+and from processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms
+on one connection. Memory is the proportional share (PSS) of the service and its worker processes. Exit code 1 when a
+bar is missed: /health p99 under 100 ms, memory under 2 GB, all asked for answered, and the service as before afterwards.
+"""
+
+import argparse
+import contextlib
+import http.client
+import multiprocessing
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the attacks are in the tests
+from tests.service.attacks import ATTACKS, Target, rounds
+from tests.service.serving import Served, serving
+
+MAX_P99, MAX_MEMORY = 0.1, 2000.0  # s, MB
+QUICK = 8.0  # seconds
+_HEALTH_EVERY, _MEMORY_EVERY = 0.02, 0.5  # seconds
+_fork = multiprocessing.get_context("fork")
+
+
+@dataclass
+class Figures:
+    """health: seconds of each answer. failures: answers other than 200. service, workers: the most memory [MB].
+
+    outcomes: of the rounds, by attack. healthy: whether the service works afterwards.
+    """
+
+    health: list[float] = field(default_factory=list)
+    failures: int = 0
+    service: float = 0.0
+    workers: float = 0.0
+    memory: float = 0.0
+    outcomes: dict[str, Counter[str]] = field(default_factory=dict)
+    healthy: bool = False
+
+    @property
+    def p99(self) -> float:
+        """The 99th percentile of the seconds of /health."""
+        return float(np.quantile(self.health, 0.99)) if self.health else float("inf")
+
+    def bars(self) -> dict[str, bool]:
+        """Each bar and whether it is met."""
+        return {
+            f"/health p99 < {1e3 * MAX_P99:g} ms": self.p99 < MAX_P99,
+            "every /health is answered": self.failures == 0,
+            f"memory < {MAX_MEMORY:g} MB": 0 < self.memory < MAX_MEMORY,
+            "no attack gets a 500": not any(outcome.get("500") for outcome in self.outcomes.values()),
+            "works as before afterwards": self.healthy,
+        }
+
+
+def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
+    """Start a service, attack it, and measure."""
+    figures = Figures()
+    with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served:
+        port = int(served.url.rpartition(":")[2])
+        _ask(port, "/v1/robots/panda/bias", b'{"q": [0,0,0,0,0,0,0,0,0]}')  # both robots are loaded
+        _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')
+        queue = _fork.SimpleQueue()
+        end = time.monotonic() + seconds
+        attackers = [
+            _fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
+            for i, name in enumerate(names, start=1)
+        ]
+        watches = [
+            threading.Thread(target=watch, args=(figures, served, end)) for watch in (_watch_health, _watch_memory)
+        ]
+        for one in (*attackers, *watches):
+            one.start()
+        for _ in attackers:
+            name, counts = queue.get()
+            figures.outcomes[name] = Counter(counts)
+        for one in (*attackers, *watches):
+            one.join()
+        figures.healthy = _works(served, port)
+    return figures
+
+
+def _attacker(name: str, target: Target, queue: "multiprocessing.SimpleQueue[tuple[str, dict[str, int]]]") -> None:
+    os.nice(10)
+    counts: dict[str, int] = {}
+    clients = [
+        threading.Thread(target=rounds, args=(name, target, k, counts), daemon=True) for k in range(ATTACKS[name][1])
+    ]
+    for client in clients:
+        client.start()
+    for client in clients:
+        client.join(max(0.0, target.end + 5 - time.monotonic()))
+    queue.put((name, dict(counts)))
+
+
+def _ask(port: int, path: str, body: bytes | None = None) -> int:
+    connection = http.client.HTTPConnection("127.0.0.1", port, 60)
+    with contextlib.closing(connection):
+        connection.request("GET" if body is None else "POST", path, body)
+        return connection.getresponse().status
+
+
+def _works(served: Served, port: int) -> bool:
+    """Whether the service answers as before, and has reported nothing unexpected."""
+    try:
+        answers = [_ask(port, "/health"), _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')]
+    except OSError:
+        return False
+    return served.process.poll() is None and answers == [200, 200] and "unexpected" not in served.log
+
+
+def _watch_health(figures: Figures, served: Served, end: float) -> None:
+    """Ask /health again and again until the end."""
+    port = int(served.url.rpartition(":")[2])
+    connection = http.client.HTTPConnection("127.0.0.1", port, 10)
+    while (start := time.monotonic()) < end:
+        try:
+            connection.request("GET", "/health")
+            answer = connection.getresponse()
+            answer.read()
+            figures.failures += answer.status != 200
+        except OSError:
+            figures.failures += 1
+            connection.close()
+        figures.health.append(time.monotonic() - start)
+        time.sleep(_HEALTH_EVERY)
+    connection.close()
+
+
+def _watch_memory(figures: Figures, served: Served, end: float) -> None:
+    """Measure the memory again and again until the end."""
+    while time.monotonic() < end:
+        service, workers = _pss(served.process.pid), sum(_pss(pid) for pid in served.workers())
+        figures.service, figures.workers = max(figures.service, service), max(figures.workers, workers)
+        figures.memory = max(figures.memory, service + workers)
+        time.sleep(_MEMORY_EVERY)
+
+
+def _pss(pid: int) -> float:
+    """A process' proportional share of memory [MB]: pages that several share count in parts."""
+    with contextlib.suppress(OSError):
+        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                return int(line.split()[1]) / 1024
+    return 0.0
+
+
+def show(figures: Figures) -> None:
+    """Print the figures, and each bar."""
+    for name, outcomes in figures.outcomes.items():
+        print(f"{name:<22}{'  '.join(f'{outcome}: {count}' for outcome, count in sorted(outcomes.items()))}")
+    p50, p99, most = (1e3 * float(np.quantile(figures.health, share)) for share in (0.5, 0.99, 1.0))
+    print(f"/health: {len(figures.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
+          f"{figures.failures} failed")  # fmt: skip
+    print(
+        f"memory: {figures.memory:.0f} MB at most; the service {figures.service:.0f}, its workers {figures.workers:.0f}"
+    )
+    for bar, met in figures.bars().items():
+        print(f"{'met   ' if met else 'MISSED'}  {bar}")
+
+
+def main() -> None:
+    """Attack, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help=f"for {QUICK:g} seconds")
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--only", nargs="+", choices=ATTACKS, metavar="NAME", default=list(ATTACKS))
+    options = parser.parse_args()
+    figures = attack(QUICK if options.quick else options.seconds, options.only)
+    show(figures)
+    sys.exit(not all(figures.bars().values()))
+
+
+if __name__ == "__main__":
+    main()
