@@ -5,7 +5,7 @@
 The attacks are those of tests/service/attacks.py, the hostile corpus among them. Each comes from an address of its own
 and from processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms
 on one connection. Memory is the proportional share (PSS) of the service and its worker processes. Exit code 1 when a
-bar is missed: /health p99 under 100 ms, memory under 2 GB, all asked for answered, and the service as before afterwards.
+bar is missed: /health p99 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
 import argparse

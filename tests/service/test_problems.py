@@ -69,7 +69,7 @@ def test_an_integer_beyond_64_bits_is_a_number_as_any_other(http: httpx.Client, 
         assert answer.json()["effects"][0]["damping"] == {"elbow": 1e20}
     else:
         assert answer.status_code == 422, answer.text
-        assert answer.json()["where"] == "scene.effects[0].damping.elbow"
+        assert answer.json()["where"].startswith("scene.effects[0].damping")
 
 
 def test_events_of_a_run_are_records(http: httpx.Client) -> None:

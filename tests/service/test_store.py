@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from twolink.errors import TwolinkError
 from twolink.service.data_folder import DATABASE
-from twolink.service.job_requests import SimulationRequest
+from twolink.service.job_requests import prepare
 from twolink.service.jobs import Jobs
 from twolink.service.metrics import Metrics
 from twolink.service.problems import problem_of
@@ -36,8 +37,8 @@ def opened(folder: Path) -> Iterator[Store]:
 
 
 def add_done(store: Store, key: str, size: int = 1000, request: Any = None) -> None:
-    store.new_job(key, "simulation", request or {"scene": "arm-swing"})
-    (store.begin_job(key) / "result.npz").write_bytes(bytes(size))
+    store.new_job(key, "simulation", msgspec.json.encode(request or {"scene": "arm-swing"}))
+    (store.begin_job(key)[0] / "result.npz").write_bytes(bytes(size))
     store.end_job(key, math.inf, state="done", ended=1.0, result={})
 
 
@@ -99,7 +100,7 @@ def test_a_start_deletes_what_a_killed_service_left_and_nothing_else(tmp_path: P
 def test_requests_files_and_drawings_count_and_the_oldest_go_first(tmp_path: Path) -> None:
     with opened(tmp_path) as store:
         for key in KEYS[:3]:  # two bytes a letter
-            store.new_job(key, "simulation", {"scene": "é" * 50_000})
+            store.new_job(key, "simulation", msgspec.json.encode({"scene": "é" * 50_000}))
             store.end_job(key, math.inf, state="failed", ended=1.0)
         assert store.kept_bytes >= 300_000
         add_done(store, KEYS[3], 100_000)
@@ -115,7 +116,7 @@ def test_requests_files_and_drawings_count_and_the_oldest_go_first(tmp_path: Pat
 def test_lists_come_in_pages_without_large_requests(tmp_path: Path) -> None:
     with opened(tmp_path) as store:
         for key in KEYS:
-            store.new_job(key, "simulation", {"scene": "x" * (100_000 if key == KEYS[1] else 10)})
+            store.new_job(key, "simulation", b"x" * (100_000 if key == KEYS[1] else 10))
         first = store.jobs("simulation", math.inf, 3)
         assert [job.id for job in first] == KEYS[:0:-1]
         assert [job.id for job in store.jobs("simulation", first[-1].created, 3)] == KEYS[:1]
@@ -142,7 +143,7 @@ def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("twolink.service.jobs._RETRY", 0.01)
-    request = SimulationRequest("arm-swing", wait=0.3)
+    request = prepare(kind="simulation", body=b'{"scene": "arm-swing", "wait": 0.3}')
 
     async def work(store: Store) -> None:
         workers: Any = Workers(lambda: set_limit(store, 1))  # SQLite takes the pages that there are
@@ -150,7 +151,7 @@ def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
         view = await jobs.submit("simulation", request)
         assert view["state"] == "running"
         with pytest.raises(sqlite3.OperationalError) as caught:
-            await jobs.submit("simulation", SimulationRequest("x" * 100_000))
+            await jobs.submit("simulation", prepare(kind="simulation", body=b'{"scene": "%s"}' % (b"x" * 100_000)))
         problem = problem_of(caught.value)
         assert (problem.status, problem.code, problem.retry_after) == (503, "storage-failed", 30)
         set_limit(store, 10**6)

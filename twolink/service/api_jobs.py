@@ -3,12 +3,11 @@
 import math
 from typing import Annotated, Any, Literal
 
-from litestar import MediaType, Response, delete, get, post
+from litestar import MediaType, Request, Response, delete, get, post
 from litestar.params import Parameter
 from litestar.response import File, Stream
 
 from twolink.service.components import Shared
-from twolink.service.job_requests import SimulationRequest, StudyRequest
 from twolink.service.results import MAX_POINTS, MEDIA, result_bytes, result_file, samples_json
 from twolink.service.store import ACTIVE, LISTED_JOBS
 
@@ -30,18 +29,20 @@ def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
 
 
 @post("/v1/simulations", tags=["simulations"], summary="Simulate a scene", status_code=200)
-async def simulate(service: Shared, data: SimulationRequest) -> Response[dict[str, Any]]:
+async def simulate(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
     """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
 
     The same request is answered from the store.
     """
-    return _answered(await service.jobs.submit("simulation", data), "simulations")
+    asked = await service.prepare("simulation", await request.body())
+    return _answered(await service.jobs.submit("simulation", asked), "simulations")
 
 
 @post("/v1/studies", tags=["studies"], summary="Study what accuracy costs", status_code=200)
-async def study(service: Shared, data: StudyRequest) -> Response[dict[str, Any]]:
+async def study(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
     """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
-    return _answered(await service.jobs.submit("study", data), "studies")
+    asked = await service.prepare("study", await request.body())
+    return _answered(await service.jobs.submit("study", asked), "studies")
 
 
 def _shared(path: str, kind: str) -> list[Any]:

@@ -2,14 +2,13 @@
 
 from typing import Any
 
-from litestar import get, post
+from litestar import MediaType, Request, Response, get, post
 
 from twolink.integrate.methods import methods
 from twolink.scenes import bundled_scenes, scenes
 from twolink.scenes.file import bundled_content
 from twolink.scenes.file_format import scene_schema
 from twolink.service.components import Shared
-from twolink.service.job_requests import ExplainRequest, SceneRequest
 from twolink.service.problems import Refusal
 
 
@@ -40,15 +39,16 @@ async def list_methods() -> list[dict[str, Any]]:
 
 
 @post("/v1/scenes/validate", tags=["scenes"], summary="Check a scene", status_code=200)
-async def validate(service: Shared, data: SceneRequest) -> dict[str, Any]:
+async def validate(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """The scene as it is understood: robot, q, v, effects with all their fields. A problem says what is wrong."""
-    return await service.read("validate", request=data)  # type: ignore[no-any-return]
+    return Response(await service.read("validate", body=await request.body()), media_type=MediaType.JSON)
 
 
 @post("/v1/scenes/explain", tags=["scenes"], summary="What a scene costs", status_code=200)
-async def explain(service: Shared, data: ExplainRequest) -> dict[str, Any]:
+async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """Its operations by effect, the formulation, the method and why, and the seconds a run will take."""
-    return await service.read("explain", request=data, quotas=service.settings.quotas)  # type: ignore[no-any-return]
+    content = await service.read("explain", body=await request.body(), quotas=service.settings.quotas)
+    return Response(content, media_type=MediaType.JSON)
 
 
 HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain]

@@ -7,9 +7,11 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any
 
+import msgspec
 from litestar.params import Dependency
 
 from twolink.dynamics.threads import thread_count
+from twolink.service.job_requests import JobRequest, prepare
 from twolink.service.jobs import Jobs
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
@@ -22,6 +24,7 @@ from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 _READERS = 2
+_IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
 
 
 class Service:
@@ -49,6 +52,12 @@ class Service:
         """Run a short task in a worker process."""
         seconds, robots = self.settings.quotas.load_seconds, str(self.store.folder / "robots")
         return await self._readers.run(task, seconds, robots=robots, **arguments)
+
+    async def prepare(self, kind: str, body: bytes) -> JobRequest:
+        """Check the body of a request for a job."""
+        if len(body) <= _IN_LOOP:
+            return prepare(kind=kind, body=body)
+        return msgspec.convert(await self.read("prepare", kind=kind, body=body), JobRequest)
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:
         """Have a task write a file, unless it is there."""

@@ -49,7 +49,28 @@ class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     wait: Wait = 0.0
 
 
-def content_id(prefix: str, request: SimulationRequest | StudyRequest) -> str:
-    """An id that depends on the content of the request alone, without `wait`, and on the version of twolink."""
-    content = msgspec.json.encode(msgspec.structs.replace(request, wait=0.0), order="sorted")
-    return f"{prefix}-{hashlib.sha256(__version__.encode() + content).hexdigest()[:20]}"
+REQUESTS: dict[str, type[SimulationRequest | StudyRequest]] = {
+    "simulation": SimulationRequest,
+    "study": StudyRequest,
+}  # by the kind of the job
+
+
+class JobRequest(msgspec.Struct, frozen=True):
+    """A request for a job as the service keeps it. content: its JSON without `wait`, fields in order.
+
+    key: the id of the job, which depends on the content alone and on the version of twolink.
+    """
+
+    key: str
+    wait: float
+    content: bytes
+
+
+def prepare(*, kind: str, body: bytes) -> JobRequest:
+    """Check the body of a request for a job. Raises msgspec.MsgspecError, whose message has the place."""
+    request = msgspec.json.decode(body, type=REQUESTS[kind])
+    fields = msgspec.to_builtins(request)
+    del fields["wait"]
+    content = msgspec.json.encode(fields, order="sorted")
+    digest = hashlib.sha256(__version__.encode() + content).hexdigest()
+    return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from twolink.service.job_requests import SimulationRequest, StudyRequest, content_id
+from twolink.service.job_requests import JobRequest
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
@@ -23,9 +23,7 @@ from twolink.service.settings import Settings
 from twolink.service.store import ACTIVE, Job, Store
 from twolink.service.worker_pool import Workers
 
-Request = SimulationRequest | StudyRequest
 View = dict[str, Any]
-_REQUESTS: dict[str, type[Request]] = {"simulation": SimulationRequest, "study": StudyRequest}
 _TASKS = {"simulation": "simulate", "study": "study"}
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
@@ -73,24 +71,20 @@ class Jobs:
             end = {"state": "interrupted", "ended": time.time(), "problem": problem}
             await self._store.run(self._store.end_job, job.id, self._disk_bytes, **end)
         for job in await self._store.run(self._store.waiting):
-            try:
-                self._start(job.id, job.kind, msgspec.json.decode(job.request, type=_REQUESTS[job.kind]))
-            except msgspec.MsgspecError as error:  # of another version
-                end = {"state": "failed", "ended": time.time(), "problem": problem_of(error)}
-                await self._store.run(self._store.end_job, job.id, self._disk_bytes, **end)
+            self._start(job.id, job.kind)
 
-    async def submit(self, kind: str, request: Request) -> View:
+    async def submit(self, kind: str, request: JobRequest) -> View:
         """Run what is asked for, or find it; wait up to request.wait seconds for its end.
 
         Raises Refusal (429) when too many jobs wait, and the job's failure when it fails within that time.
         """
-        key = content_id(kind, request)
+        key = request.key
         async with self._locks(key):
             job = None if key in self._running else await self._store.run(self._store.job, key, whole=False)
             if job is not None and job.state == "done":
                 await self._store.run(self._store.use, key)
             elif key not in self._running:
-                await self._begin(key, kind, request)
+                await self._begin(key, kind, request.content)
         await self._wait(key, request.wait)
         job = await self._job(kind, key)
         if job.state == "failed":
@@ -102,31 +96,31 @@ class Jobs:
         async with self._locks(key):
             job = await self._job(kind, key)
             if not (key in self._running or job.state == "done"):
-                await self._begin(key, kind, msgspec.json.decode(job.request, type=_REQUESTS[kind]))
+                await self._begin(key, kind, bytes(job.request))
         return await self.view(kind, key)
 
-    async def _begin(self, key: str, kind: str, request: Request) -> None:
+    async def _begin(self, key: str, kind: str, content: bytes) -> None:
         quotas = self._quotas
         if len(self._running) >= quotas.queue + quotas.jobs:
             what = f"{len(self._running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
-        await self._store.run(self._store.new_job, key, kind, _without(msgspec.to_builtins(request), "wait"))
-        self._start(key, kind, request)
+        await self._store.run(self._store.new_job, key, kind, content)
+        self._start(key, kind)
 
-    def _start(self, key: str, kind: str, request: Request) -> None:
+    def _start(self, key: str, kind: str) -> None:
         if self._closing:
             raise self._ending()
         running = self._running[key] = _Running(kind)
-        running.task = asyncio.create_task(self._run(key, running, request), name=key)
+        running.task = asyncio.create_task(self._run(key, running), name=key)
 
-    async def _run(self, key: str, running: _Running, request: Request) -> None:
-        """Run a job when a worker is free, and store how it ended."""
+    async def _run(self, key: str, running: _Running) -> None:
+        """Run a job when a worker is free, and store how it ended. Its request waits in the store, not in memory."""
         end: dict[str, Any] = {}
         try:
             async with self._free:
                 running.started = time.time()
                 self._metrics.job_wait.observe(running.started - running.created)
-                result = await self._compute(key, running, request)
+                result = await self._compute(key, running)
             end = {"state": "done", "ended": time.time(), "result": result, "progress": {"fraction": 1.0}}
         except asyncio.CancelledError:
             end = (
@@ -140,15 +134,15 @@ class Jobs:
             del self._running[key]
             self._metrics.jobs.labels(running.kind, end["state"]).inc()
 
-    async def _compute(self, key: str, running: _Running, request: Request) -> Any:
-        folder = await self._store.run(self._store.begin_job, key)
+    async def _compute(self, key: str, running: _Running) -> Any:
+        folder, body = await self._store.run(self._store.begin_job, key)
 
         def note(progress: Any) -> None:
             running.progress = progress
 
         return await self._workers.run(
             _TASKS[running.kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
-            request=request, robots=str(self._store.folder / "robots"), quotas=self._quotas,
+            body=body, robots=str(self._store.folder / "robots"), quotas=self._quotas,
         )  # fmt: skip
 
     async def _end(self, key: str, end: dict[str, Any]) -> None:

@@ -8,6 +8,7 @@ from litestar import Litestar
 
 from twolink.service import npz
 from twolink.service.http_io import JSON
+from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
 from twolink.service.problems import MEDIA_TYPE, Problem
 from twolink.service.queries import PREFIX, QUERIES, body_of
 from twolink.service.robot_tasks import RobotOptions
@@ -16,6 +17,12 @@ Json = dict[str, Any]
 _TEXT = {"type": "string"}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _OBJECT = {"schema": {"type": "object"}}
+_BODIES = {
+    "/v1/scenes/validate": SceneRequest,
+    "/v1/scenes/explain": ExplainRequest,
+    "/v1/simulations": SimulationRequest,
+    "/v1/studies": StudyRequest,
+}
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
     "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
@@ -29,11 +36,14 @@ def openapi_document(app: Litestar) -> Json:
     """The document of an application."""
     document = app.openapi_schema.to_schema()
     bodies, components = msgspec.json.schema_components(
-        [*(body_of(what) for what in QUERIES), Problem, RobotOptions], ref_template="#/components/schemas/{name}"
+        [*(body_of(what) for what in QUERIES), *_BODIES.values(), Problem, RobotOptions],
+        ref_template="#/components/schemas/{name}",
     )
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
     for what, body in zip(QUERIES, bodies, strict=False):
         document["paths"][f"{PREFIX}{{robot}}/{what}"] = {"post": _query(what, body)}
+    for path, body in zip(_BODIES, bodies[len(QUERIES) :], strict=False):
+        document["paths"][path]["post"]["requestBody"] = {"required": True, "content": {JSON: {"schema": body}}}
     upload = {"schema": {"$ref": "#/components/schemas/RobotOptions"}}
     content = {JSON: upload, "application/xml": {"schema": _TEXT}, "application/zip": _BINARY}
     document["paths"]["/v1/robots"]["post"]["requestBody"] = {"required": True, "content": content}

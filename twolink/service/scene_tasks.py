@@ -29,24 +29,27 @@ _POSE_BYTES = 80  # of seven numbers as JSON
 _REPORT_EVERY = 0.1  # seconds
 
 
-def validate(*, request: SceneRequest, robots: str) -> dict[str, Any]:
-    """A scene as it is understood. robots: the folder of uploaded robots."""
-    scene = scene_of(request.scene, robots)
-    return {
+def validate(*, body: bytes, robots: str) -> bytes:
+    """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
+    scene = scene_of(msgspec.json.decode(body, type=SceneRequest).scene, robots)
+    content = {
         "title": scene.title,
         "robot": robot_record(scene.robot),
         "duration": scene.duration,
         "q": scene.q.tolist(),
         "v": scene.v.tolist(),
-        "effects": [msgspec.to_builtins(effect) for effect in scene.effects],
+        "effects": scene.effects,
     }
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 
-def explain(*, request: ExplainRequest, robots: str, quotas: Quotas) -> dict[str, Any]:
-    """What a scene computes, and what a run will take."""
+def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
+    """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
+    request = msgspec.json.decode(body, type=ExplainRequest)
     scene, duration = _allowed_scene(request, 1.0, robots, quotas)
     explanation = explain_scene(scene, request.accuracy, duration, method=request.method)
-    return {**dataclasses.asdict(explanation), "text": str(explanation)}
+    content = {**dataclasses.asdict(explanation), "text": str(explanation)}
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 
 def _allowed_scene(
@@ -64,8 +67,12 @@ def _allowed_scene(
     return scene, seconds
 
 
-def simulate(*, request: SimulationRequest, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Simulate, write the samples and the robot into `folder`, and return the record of the run."""
+def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Simulate, write the samples and the robot into `folder`, and return the record of the run.
+
+    body: a SimulationRequest.
+    """
+    request = msgspec.json.decode(body, type=SimulationRequest)
     scene, duration = _allowed_scene(request, request.samples, robots, quotas)
     run = simulate_scene(
         scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
@@ -100,8 +107,9 @@ class _Progress:
             self._report({"fraction": self._fraction, "t": t, "solution": self._done + 1})
 
 
-def study(*, request: StudyRequest, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Study what accuracy costs, write the study into `folder`, and return it."""
+def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
+    request = msgspec.json.decode(body, type=StudyRequest)
     scene, duration = _allowed_scene(request, request.samples, robots, quotas)
 
     def progress(done: int, total: int, label: str) -> None:

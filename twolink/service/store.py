@@ -165,22 +165,23 @@ class Store:
         rows = self._execute(f"SELECT {columns} FROM jobs {condition}", values)
         return [Job(*row[:8], *(msgspec.Raw(text or "null") for text in row[8:])) for row in rows]
 
-    def new_job(self, key: str, kind: str, request: Any) -> None:
-        """Note a job that waits, in place of an earlier attempt at the same."""
+    def new_job(self, key: str, kind: str, content: bytes) -> None:
+        """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON."""
         self._delete_job(key)
-        now, content = time.time(), msgspec.json.encode(request)
+        now = time.time()
         self._execute(
             "INSERT INTO jobs (id, kind, state, created, used, bytes, request) VALUES (?, ?, 'queued', ?, ?, ?, ?)",
             (key, kind, now, now, len(content), content.decode()),
         )
         self._count()
 
-    def begin_job(self, key: str) -> Path:
-        """Note that a job runs. Returns the folder of its result."""
+    def begin_job(self, key: str) -> tuple[Path, bytes]:
+        """Note that a job runs. Returns the folder of its result, and its request."""
         folder = self.result_folder(key)
         folder.mkdir(exist_ok=True, mode=0o700)
         self.update_job(key, state="running", started=time.time())
-        return folder
+        request: str = self._execute("SELECT request FROM jobs WHERE id = ?", (key,))[0][0]
+        return folder, request.encode()
 
     def end_job(self, key: str, limit: float, **values: Any) -> None:
         """Note how a job ended, and keep to the limit of bytes. Only what is done keeps its files."""
@@ -204,7 +205,7 @@ class Store:
 
     def waiting(self) -> list[Job]:
         """The jobs that wait, the oldest first."""
-        return self._jobs("WHERE state = 'queued' ORDER BY created", texts=("request",))
+        return self._jobs("WHERE state = 'queued' ORDER BY created", texts=())
 
     def running(self) -> list[Job]:
         """The jobs that run, as far as the database knows."""

@@ -10,7 +10,6 @@ Messages are msgpack with their length before them (8 bytes): `Call` on stdin; o
 import contextlib
 import ctypes
 import importlib
-import math
 import os
 import re
 import signal
@@ -63,23 +62,8 @@ _TOO_LARGE = Failed(problem_of(Refusal(422, _WHAT, code="too-large", remedy="sen
 
 def packed(message: Call | Progress | Done | Failed) -> bytes:
     """A message as it goes over the pipe. NumPy's scalars become numbers."""
-    try:
-        content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
-    except OverflowError:
-        plain = msgspec.to_builtins(message, builtin_types=(bytes,), enc_hook=np.generic.item)
-        content = msgspec.msgpack.encode(_with_short_integers(plain))
+    content = msgspec.msgpack.encode(message, enc_hook=np.generic.item)
     return len(content).to_bytes(LENGTH, "big") + content
-
-
-def _with_short_integers(value: Any) -> Any:
-    """Plain data with floats for the integers that JSON may have and msgpack has not: those beyond 64 bits."""
-    if isinstance(value, dict):
-        return {key: _with_short_integers(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_with_short_integers(item) for item in value]
-    if isinstance(value, int) and not -(2**63) <= value < 2**64:
-        return float(value) if abs(value) < 2**1023 else math.inf if value > 0 else -math.inf
-    return value
 
 
 def limit_memory(megabytes: float) -> None:
