@@ -70,7 +70,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
         secret.with_suffix(suffix).write_bytes(content)
 
     async def work() -> list[tuple[str, dict[str, Any], str]]:
-        workers, results = Workers(1, WorkerMemory(1000), tasks="tests.service.traced_tasks"), []
+        workers, results = Workers(1, WorkerMemory(1000), tasks="tests.service.traced_tasks", writable=[top]), []
         cases = [("control", "urdf", pendulum().encode()), *uploads(secret)]
         try:
             for number, (name, kind, content) in enumerate(cases):

@@ -35,7 +35,9 @@ def upload(*, folder: str, kind: str, also: str) -> dict[str, Any]:
     if also:
         Path(also).read_bytes()
     outside = [path for path in _opened if not Path(path).is_relative_to(folder)]
+    path_entries = [os.path.realpath(place) for place in sys.path]  # importlib.metadata looks for what is installed
     strange = [path for path in outside if not any(Path(path).is_relative_to(place) for place in _PROGRAM)]
+    strange = [path for path in strange if path not in path_entries]
     return {"opened": strange, "inside": len(_opened) - len(outside), "refused": refused, "report": about["report"]}
 
 

@@ -40,10 +40,11 @@ class Service:
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
+        folders = [self.store.folder / part for part in ("staging", "robots", "results")]
         self._worker_memory = WorkerMemory(quotas.memory_mb)
-        self._readers = Workers(_READERS, self._worker_memory, on_death=died)
+        self._readers = Workers(_READERS, self._worker_memory, writable=folders, on_death=died)
         threads = max(1, thread_count() // quotas.jobs)
-        self._job_workers = Workers(quotas.jobs, self._worker_memory, threads=threads, on_death=died)
+        self._job_workers = Workers(quotas.jobs, self._worker_memory, threads=threads, writable=folders, on_death=died)
         self.robots = RobotPool(settings, self.store, self._readers)
         self.queries = Queries(settings, self.robots, self.metrics)
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)

@@ -15,7 +15,7 @@ import re
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 
 from twolink.service.problems import Problem, Refusal, problem_of
+from twolink.service.sandbox import restrict
 
 LENGTH = 8
 _NEAR = 0.95  # of the limit: large pieces of memory are refused before it is reached
@@ -79,14 +80,15 @@ def limit_memory(megabytes: float) -> None:
             resource.setrlimit(what, (bound, hard))
 
 
-def main(tasks: str, megabytes: float) -> None:
-    """Run tasks until stdin ends. tasks: the module whose TASKS are the functions by name."""
+def main(tasks: str, megabytes: float, writable: Sequence[Path]) -> None:
+    """Run tasks until stdin ends. tasks: the module whose TASKS are the functions by name. writable: see `restrict`."""
     limit_memory(megabytes)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a killed service cannot end its workers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the messages
     functions = importlib.import_module(tasks).TASKS
+    restrict(writable)  # before anything from outside is looked at
 
     def send(message: Progress | Done | Failed) -> None:
         answers.write(packed(message))
@@ -122,4 +124,4 @@ def _has_filled(megabytes: float) -> bool:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]))
+    main(sys.argv[1], float(sys.argv[2]), [Path(folder) for folder in sys.argv[3:]])

@@ -13,11 +13,13 @@ import logging
 import os
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from twolink.dynamics import cache
 from twolink.service.problems import Refusal, error_from
 from twolink.service.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.service.worker_memory import Worker, WorkerMemory
@@ -26,6 +28,11 @@ _log = logging.getLogger("twolink.service")
 _ADDRESSES = 4800  # MB of address space that are not memory: libraries, stacks, what is reserved
 _LARGEST_MESSAGE = 2**30
 _LAST_WORDS = 5.0  # seconds for a process whose pipe has closed to end by itself
+# What workers get of the service's environment, which may hold secrets, such as the service's own tokens.
+_ENVIRONMENT = (
+    "HOME", "USERPROFILE", "PATH", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH",
+    "DYLD_LIBRARY_PATH", "SYSTEMROOT", "TWOLINK_CACHE_MB",
+)  # fmt: skip
 _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(Progress | Done | Failed).decode
 
 
@@ -33,7 +40,8 @@ class Workers:
     """At most `count` worker processes.
 
     memory: the limit that they share with other pools. threads: of each. tasks: the module whose TASKS they run.
-    on_death: called for each process that dies during a task.
+    writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
+    dies during a task.
     """
 
     def __init__(
@@ -43,11 +51,23 @@ class Workers:
         *,
         threads: int = 1,
         tasks: str = "twolink.service.task_table",
+        writable: Sequence[Path] = (),
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
         addresses = str(memory.megabytes + _ADDRESSES)
-        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses)
-        self._environment = {**os.environ, "TWOLINK_THREADS": str(threads), "OPENBLAS_NUM_THREADS": "1"}
+        kernels = cache.location("workers")  # not the service's: who writes kernels decides what their readers run
+        if kernels:
+            with contextlib.suppress(OSError):  # a read-only home: every process compiles for itself
+                Path(kernels).mkdir(mode=0o700, parents=True, exist_ok=True)
+        folders = [*([kernels] if kernels else []), *map(str, writable)]
+        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses, *folders)
+        self._environment = {
+            **{name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
+            **(dict.fromkeys(("MPLCONFIGDIR", "TMPDIR"), folders[0]) if folders else {}),
+            "TWOLINK_CACHE": kernels or "off",
+            "TWOLINK_THREADS": str(threads),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
         self._on_death = on_death
         self._free = asyncio.Semaphore(count)
         self._memory = memory

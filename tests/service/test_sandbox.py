@@ -1,0 +1,129 @@
+"""A worker process that a stranger has taken over: no file of others, no network, no program, no secret."""
+
+import asyncio
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from tests.service import escape_tasks
+from twolink.errors import TwolinkError
+from twolink.service import sandbox, worker_pool
+from twolink.service.worker_memory import WorkerMemory
+from twolink.service.worker_pool import Workers
+
+CAN = sandbox.protection()
+FILES = ("read", "listing", "write", "link", "remove", "give_away", "memory_of_the_service")
+CALLS = ("tcp", "udp", "pair", "program", "execute", "forked", "c_library", "trace", "signal_the_service")
+UNSAFE_HERE = ("execute", "trace", "remove")  # not for a control in this process
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """A file of the host, a server of the host, and what each escape takes."""
+    file = tmp_path_factory.mktemp("host") / "secret"
+    file.write_text("the host's own")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            while True:
+                try:
+                    connection, _ = server.accept()
+                except OSError:
+                    return
+                connection.sendall(b"an answer")
+                connection.close()
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield {"at": str(file), "port": server.getsockname()[1]}
+        server.shutdown(socket.SHUT_RDWR)
+        thread.join(10)
+
+
+def arguments(task: str, place: dict[str, Any]) -> dict[str, Any]:
+    return {name: place[name] for name in getattr(escape_tasks, task).__annotations__ if name in place}
+
+
+@pytest.fixture(scope="module")
+def results(place: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What each task gave, or its failure, in one worker."""
+    own = tmp_path_factory.mktemp("own")
+
+    async def work() -> dict[str, Any]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("TWOLINK_TOKEN", "hush")
+            patch.setenv("OTHER_SECRET", "hush")
+            workers = Workers(1, WorkerMemory(3000), threads=2, tasks="tests.service.escape_tasks", writable=[own])
+        try:
+            found: dict[str, Any] = {}
+            for task in escape_tasks.TASKS:
+                try:
+                    found[task] = await workers.run(task, 60, **arguments(task, place))
+                except TwolinkError as failure:
+                    found[task] = failure
+            return found
+        finally:
+            await workers.close()
+
+    return asyncio.run(work())
+
+
+@pytest.mark.parametrize("task", [task for task in (*FILES, *CALLS) if task not in UNSAFE_HERE])
+def test_outside_a_worker_these_would_succeed(task: str, place: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(tmp_path))
+        escape_tasks.TASKS[task](**arguments(task, place))  # does not raise
+
+
+@pytest.mark.parametrize("task", FILES)
+@pytest.mark.skipif(not CAN.landlock, reason="this kernel has no Landlock")
+def test_a_worker_reaches_no_file_of_others(task: str, results: dict[str, Any], place: dict[str, Any]) -> None:
+    assert isinstance(results[task], TwolinkError), results[task]
+    assert results[task].code == "denied"
+    assert Path(place["at"]).exists()
+
+
+@pytest.mark.parametrize("task", CALLS)
+@pytest.mark.skipif(not CAN.seccomp, reason="this kernel has no seccomp")
+def test_a_worker_reaches_no_network_and_no_process(task: str, results: dict[str, Any]) -> None:
+    assert isinstance(results[task], TwolinkError), results[task]
+    assert results[task].code == "denied"
+
+
+def test_a_worker_knows_no_secret(results: dict[str, Any]) -> None:
+    assert "hush" not in str(results["environment"])
+    assert set(results["environment"]) <= {
+        *worker_pool._ENVIRONMENT, "TWOLINK_CACHE", "TWOLINK_THREADS", "OPENBLAS_NUM_THREADS", "MPLCONFIGDIR", "TMPDIR",
+        "LC_CTYPE",
+    }  # fmt: skip
+
+
+@pytest.mark.skipif(not (CAN.landlock and CAN.seccomp), reason="not on this kernel")
+def test_the_kernel_says_so_too(results: dict[str, Any]) -> None:
+    assert (results["status"]["NoNewPrivs"], results["status"]["Seccomp"]) == ("1", "2")
+    assert results["death_signal"] == 9
+
+
+def test_a_worker_computes_with_threads_and_compiled_code(results: dict[str, Any]) -> None:
+    assert results["compute"]["compiled"] == pytest.approx(np.sin(0.5) * 0.5)
+    assert results["compute"]["batch"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_processor_tables_name_each_call_once() -> None:
+    """A number that stands twice hides a call that is not refused. clone3 and clone have rules of their own."""
+    for column in (0, 1):
+        numbers = [pair[column] for pair in sandbox._REFUSED.values() if pair[column] is not None]
+        assert len(set(numbers)) == len(numbers)
+        assert not {sandbox._CLONE[column], sandbox._CLONE3} & set(numbers)
+
+
+def test_what_is_active_is_said() -> None:
+    assert "NOT limited" in str(sandbox.Protection(0, False))
+    assert "NOT" not in str(sandbox.Protection(7, True))
+    assert msgspec.to_builtins(CAN) == {"landlock": CAN.landlock, "seccomp": CAN.seccomp}

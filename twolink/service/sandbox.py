@@ -1,0 +1,196 @@
+"""What a worker process may do: read the program, write its own folders, compute. Nothing else, where Linux can say so.
+
+Landlock (Linux 5.13 and later) limits the files that a process may open, and from 6.7 and 6.12 on TCP and signals;
+seccomp refuses system calls. Both hold for native code too, and cannot be taken back. They are set with plain system
+calls: the libraries for them (py-landlock, pyseccomp) wrap the same few calls, and one needs a C library that few
+machines have.
+
+Sources: Linux, Documentation/userspace-api/landlock.rst and seccomp_filter.rst; the numbers of the calls are those of
+arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h.
+"""
+
+import ctypes
+import errno
+import os
+import platform
+import struct
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import msgspec
+
+from twolink.errors import TwolinkError
+
+_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER = 38, 22, 2  # of prctl
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # system calls, on all processors
+_ASK_VERSION, _PATH_BENEATH = 1, 1
+# Rights of files: which bits the versions of Landlock know, and those that readers and writers get.
+_RIGHTS = {1: 2**13 - 1, 2: 2**14 - 1, 3: 2**15 - 1, 4: 2**15 - 1, 5: 2**16 - 1}
+_OF_FILES = 0b1100_0000_0000_0111  # execute, write, read a file, truncate, ioctl
+_READ = 0b1100  # a file, a folder
+_WRITE = _READ | 0b0110_0001_1011_0010  # write, remove and make files and folders, rename between folders, truncate
+_TCP, _SIGNALS_AND_SOCKETS = 0b11, 0b11  # what is refused from version 4 on, and from 6 on
+
+_X86_64, _AARCH64 = 0xC000003E, 0xC00000B7  # AUDIT_ARCH_...
+# System calls that no task needs, with their numbers on x86-64 and ARM. None: there is no such call.
+_REFUSED: dict[str, tuple[int | None, int | None]] = {
+    # network
+    "socket": (41, 198), "socketpair": (53, 199), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201),
+    "accept": (43, 202), "accept4": (288, 242), "sendto": (44, 206), "sendmsg": (46, 211), "sendmmsg": (307, 269),
+    "recvfrom": (45, 207), "recvmsg": (47, 212), "recvmmsg": (299, 243),
+    # programs and processes
+    "execve": (59, 221), "execveat": (322, 281), "fork": (57, None), "vfork": (58, None), "kill": (62, 129),
+    "tkill": (200, 130), "rt_sigqueueinfo": (129, 138), "rt_tgsigqueueinfo": (297, 240), "ptrace": (101, 117),
+    "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272), "pidfd_open": (434, 434),
+    "pidfd_getfd": (438, 438), "pidfd_send_signal": (424, 424), "process_madvise": (440, 440),
+    # owners and permissions of files, which Landlock does not limit
+    "chown": (92, None), "lchown": (94, None), "fchown": (93, 55), "fchownat": (260, 54), "setxattr": (188, 5),
+    "lsetxattr": (189, 6), "fsetxattr": (190, 7), "removexattr": (197, 14), "lremovexattr": (198, 15),
+    # parts of the kernel where most of its faults were
+    "io_uring_setup": (425, 425), "io_uring_enter": (426, 426), "io_uring_register": (427, 427), "bpf": (321, 280),
+    "perf_event_open": (298, 241), "userfaultfd": (323, 282), "keyctl": (250, 219), "add_key": (248, 217),
+    "request_key": (249, 218), "mount": (165, 40), "umount2": (166, 39), "pivot_root": (155, 41), "chroot": (161, 51),
+    "unshare": (272, 97), "setns": (308, 268), "open_tree": (428, 428), "move_mount": (429, 429), "fsopen": (430, 430),
+    "fsconfig": (431, 431), "fsmount": (432, 432), "fspick": (433, 433), "mount_setattr": (442, 442),
+    "init_module": (175, 105), "finit_module": (313, 273), "delete_module": (176, 106), "kexec_load": (246, 104),
+    "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225),
+    "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "personality": (135, 92),
+}  # fmt: skip
+_CLONE, _CLONE3, _NEW_THREAD = (56, 220), 435, 0x10000
+_ALLOW, _KILL, _REFUSE = 0x7FFF0000, 0x80000000, 0x00050000  # SECCOMP_RET_ALLOW, KILL_PROCESS, ERRNO | number
+_LOAD, _EQUAL, _NOT_LESS, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # instructions of the filter
+
+
+class Protection(msgspec.Struct, frozen=True):
+    """How worker processes are kept in on this machine. landlock: the version of it; 0: files are not limited."""
+
+    landlock: int
+    seccomp: bool
+
+    def __str__(self) -> str:
+        files = f"limited by Landlock {self.landlock}" if self.landlock else "NOT limited (this system has no Landlock)"
+        calls = "limited by seccomp" if self.seccomp else "NOT limited (no seccomp on this system)"
+        return f"worker processes: files {files}; network, programs and other processes {calls}"
+
+
+def protection() -> Protection:
+    """What this machine can do. Nothing is changed."""
+    if sys.platform != "linux":
+        return Protection(0, False)
+    version = _libc().syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), _ASK_VERSION)
+    return Protection(max(0, version), _processor() is not None and Path("/proc/sys/kernel/seccomp").is_dir())
+
+
+def restrict(writable: Sequence[Path]) -> None:
+    """Limit this process, which must have one thread, for ever: to the program's files, and to writing some folders.
+
+    What the machine cannot do is left out.
+
+    Parameters
+    ----------
+    writable : sequence of Path
+        The folders that may be written.
+
+    Raises
+    ------
+    TwolinkError
+        Code "no-sandbox": the system refuses what it says it can do.
+    """
+    can = protection()
+    if not can.landlock and not can.seccomp:
+        return
+    _check(_libc().prctl(_NO_NEW_PRIVS, *map(ctypes.c_ulong, (1, 0, 0, 0))))
+    if can.landlock:
+        _limit_files(can.landlock, writable)
+    if can.seccomp:
+        _limit_calls()
+
+
+def _program() -> Iterable[str | Path]:
+    """What the interpreter, its libraries and the package read."""
+    import twolink
+    from twolink.robots.catalogue import our_urdfs
+
+    yield from twolink.__path__
+    yield our_urdfs()
+    yield from (sys.prefix, sys.base_prefix)
+    yield from ("/usr", "/lib", "/lib64", "/nix/store", "/etc/ld.so.cache", "/etc/localtime", "/etc/fonts")
+    yield from ("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu", "/sys/fs/cgroup")
+    yield from ("/dev/urandom", "/dev/random", "/dev/zero")
+
+
+def _limit_files(version: int, writable: Sequence[Path]) -> None:
+    rights = _RIGHTS[min(version, max(_RIGHTS))]
+    kinds = (rights, _TCP if version >= 4 else 0, _SIGNALS_AND_SOCKETS if version >= 6 else 0)
+    content = struct.pack(f"{1 + (version >= 4) + (version >= 6)}Q", *(kind for kind in kinds if kind))
+    rules = _check(_libc().syscall(_CREATE_RULESET, content, ctypes.c_size_t(len(content)), 0))
+    try:
+        for path in _program():
+            _allow(rules, path, _READ & rights)
+        for path in (*writable, Path("/dev/null")):
+            _allow(rules, path, _WRITE & rights)
+        _check(_libc().syscall(_RESTRICT_SELF, rules, 0))
+    finally:
+        os.close(rules)
+
+
+def _allow(rules: int, path: str | Path, rights: int) -> None:
+    """Allow `rights` at a path and below it, if it exists."""
+    try:
+        place = os.open(path, os.O_PATH | os.O_CLOEXEC)
+    except OSError:
+        return
+    try:
+        if not os.path.isdir(path):
+            rights &= _OF_FILES
+        _check(_libc().syscall(_ADD_RULE, rules, _PATH_BENEATH, struct.pack("=Qi", rights, place), 0))
+    finally:
+        os.close(place)
+
+
+def _limit_calls() -> None:
+    """Refuse the system calls of _REFUSED with EPERM, new processes included; threads are allowed."""
+    code = _filter(_processor() or 0)
+    content = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *instruction) for instruction in code))
+    program = struct.pack("HxxxxxxP", len(code), ctypes.addressof(content))
+    _check(_libc().prctl(_SET_SECCOMP, _FILTER, program, 0, 0))
+
+
+def _filter(processor: int) -> list[tuple[int, int, int, int]]:
+    """The instructions (code, steps to jump if true, if false, value) that judge a system call."""
+    column = 0 if processor == _X86_64 else 1
+    numbers = [number for pair in _REFUSED.values() if (number := pair[column]) is not None]
+    refused = [(_EQUAL, len(numbers) - k + 2, 0, number) for k, number in enumerate(numbers)]
+    return [
+        (_LOAD, 0, 0, 4),  # the processor's kind: 32-bit calls have other numbers
+        (_EQUAL, 1, 0, processor),
+        (_RETURN, 0, 0, _KILL),
+        (_LOAD, 0, 0, 0),  # the number of the call
+        (_NOT_LESS, len(refused) + 5, 0, 0x40000000),  # x32 has numbers of its own
+        (_EQUAL, 0, 1, _CLONE3),  # its flags are in memory: libc takes clone where there is no clone3
+        (_RETURN, 0, 0, _REFUSE | errno.ENOSYS),
+        *refused,
+        (_EQUAL, 0, 3, _CLONE[column]),
+        (_LOAD, 0, 0, 16),  # its flags
+        (_ANY_BIT, 1, 0, _NEW_THREAD),
+        (_RETURN, 0, 0, _REFUSE | errno.EPERM),
+        (_RETURN, 0, 0, _ALLOW),
+    ]
+
+
+def _processor() -> int | None:
+    """The number of this kind of processor in the kernel, or None for those without a table here."""
+    known = {"x86_64": _X86_64, "aarch64": _AARCH64}
+    return known.get(platform.machine()) if sys.maxsize > 2**32 else None
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _check(result: int) -> int:
+    if result < 0:
+        what = f"the system refuses to limit a worker process: {os.strerror(ctypes.get_errno())}"
+        raise TwolinkError(what, code="no-sandbox", remedy="report it, with the version of Linux")
+    return result
