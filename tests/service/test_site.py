@@ -10,9 +10,11 @@ import sys
 from pathlib import Path
 
 import httpx
+import msgspec
 
 from tests.service.serving import TOP, Served
 from twolink.service.queries import QUERIES
+from twolink.service.sandbox import protection
 
 
 def test_the_description_covers_what_there_is(http: httpx.Client) -> None:
@@ -51,7 +53,9 @@ def test_nothing_outside_the_page_is_served(http: httpx.Client) -> None:
 
 
 def test_health_and_metrics(http: httpx.Client) -> None:
-    assert http.get("/health").json()["status"] == "ok"
+    health = http.get("/health").json()
+    assert health["status"] == "ok"
+    assert health["sandbox"] == msgspec.to_builtins(protection())
     http.post("/v1/robots/two_link/bias", json={"q": [0, 0]})
     text = http.get("/metrics").text
     assert re.search(r'twolink_requests_total\{route="bias",status="200"\} \d+', text)

@@ -22,9 +22,10 @@ _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 @get("/health", tags=["service"], summary="Health of the service")
 async def health(service: Shared) -> dict[str, Any]:
-    """Version, jobs that wait or run, and bytes kept."""
+    """Version, jobs that wait or run, bytes kept, and what keeps worker processes in."""
     jobs = service.jobs.count("queued") + service.jobs.count("running")
-    return {"status": "ok", "version": __version__, "jobs": jobs, "bytes": service.store.kept_bytes}
+    kept, sandbox = service.store.kept_bytes, service.protection
+    return {"status": "ok", "version": __version__, "jobs": jobs, "bytes": kept, "sandbox": sandbox}
 
 
 @get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)

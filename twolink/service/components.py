@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import gc
+import logging
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +12,7 @@ import msgspec
 from litestar.params import Dependency
 
 from twolink.dynamics.threads import thread_count
+from twolink.service.data_folder import PARTS
 from twolink.service.job_requests import JobRequest, prepare
 from twolink.service.jobs import Jobs
 from twolink.service.keyed_locks import KeyedLocks
@@ -18,11 +20,13 @@ from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.queries import Queries
 from twolink.service.robot_pool import RobotPool
+from twolink.service.sandbox import protection
 from twolink.service.settings import Settings
 from twolink.service.store import Store
 from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
+_log = logging.getLogger("twolink.service")
 _READERS = 2
 _IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
 
@@ -30,17 +34,18 @@ _IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millise
 class Service:
     """Settings, store, worker processes, robots, jobs and counters of a service.
 
-    locks: for what must be made once, by the name of what is made.
+    protection: how worker processes are kept in. locks: for what must be made once, by the name of what is made.
     """
 
     def __init__(self, settings: Settings) -> None:
         quotas = settings.quotas
         self.settings = settings
         self.store = Store(Path(settings.data))
+        self.protection = protection()
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
-        folders = [self.store.folder / part for part in ("staging", "robots", "results")]
+        folders = [self.store.folder / part for part in PARTS]
         self._worker_memory = WorkerMemory(quotas.memory_mb)
         self._readers = Workers(_READERS, self._worker_memory, writable=folders, on_death=died)
         threads = max(1, thread_count() // quotas.jobs)
@@ -83,6 +88,7 @@ class Service:
         """The service while it runs."""
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
+        _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
         await self.jobs.resume()
         work = (self._worker_memory.watch(), self._readers.warm(), self._job_workers.warm())
         background = [asyncio.create_task(coroutine) for coroutine in work]

@@ -16,7 +16,7 @@ from twolink.errors import TwolinkError
 
 DATABASE = "twolink.sqlite"
 ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
-_PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)
+PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
 _VERSION = 2
 _NAMES = {ROBOTS: re.compile(r"u-[0-9a-f]{20}"), RESULTS: re.compile(r"(simulation|study|s)-[0-9a-f]{1,20}")}
 _OLD_VISUALS = "visuals-*.json"  # of the catalogue's robots; they can be drawn again
@@ -47,7 +47,7 @@ def open_folder(folder: Path) -> sqlite3.Connection:
                 "the database cannot be read (%s): it is kept with its files in %s, a new one begins", error, place
             )
             database = _open_database(folder / DATABASE)
-        for part in _PARTS:
+        for part in PARTS:
             (folder / part).mkdir(exist_ok=True, mode=0o700)
     except (OSError, sqlite3.Error) as error:
         in_use = "locked" in str(error)
@@ -61,7 +61,7 @@ def _require_own(folder: Path) -> None:
     """Refuse a folder in which a part has files that no service wrote."""
     if (folder / DATABASE).exists():
         return
-    for part in _PARTS:
+    for part in PARTS:
         if (folder / part).exists() and any((folder / part).iterdir()):
             what = f"{part!r} in it has files, and there is no {DATABASE}: it is not a data folder of twolink"
             raise TwolinkError(what, where=str(folder), remedy="give an empty folder as --data", code="data")

@@ -68,6 +68,11 @@ class Protection(msgspec.Struct, frozen=True):
     landlock: int
     seccomp: bool
 
+    @property
+    def complete(self) -> bool:
+        """Whether files and system calls are limited."""
+        return bool(self.landlock and self.seccomp)
+
     def __str__(self) -> str:
         files = f"limited by Landlock {self.landlock}" if self.landlock else "NOT limited (this system has no Landlock)"
         calls = "limited by seccomp" if self.seccomp else "NOT limited (no seccomp on this system)"
