@@ -60,3 +60,24 @@ def test_hard_cases_print_the_cases_that_are_done(
     out, err = capsys.readouterr()
     assert err == "twolink: interrupted; what was done is kept\n"
     assert [case["name"] for case in json.loads(out)["cases"]] == ["massless-links"]
+
+
+def test_an_interrupted_hard_case_is_the_last_row_and_is_not_judged(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("twolink.hard.attempts.simulate", interrupt)
+    assert exit_code(monkeypatch, "hard-cases", "massless-links", "picosecond", "symmetric-rest") == 130
+    out, err = capsys.readouterr()
+    assert err == "twolink: interrupted; what was done is kept\n"
+    rows = [line.split() for line in out.splitlines()]
+    assert [row[0] for row in rows[:3]] == ["case", "massless-links", "picosecond"]
+    assert rows[2][-1] == "interrupted"
+    assert "1 of 2 cases met" in out
+    assert "symmetric-rest" not in out
+
+
+def test_quick_hard_cases_name_what_they_leave_out(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(monkeypatch, "hard-cases", "massless-links", "odd-durations", "--quick") == 0
+    assert "left out as slow: odd-durations" in capsys.readouterr().out

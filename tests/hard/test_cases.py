@@ -14,8 +14,9 @@ from tests.command import call
 from twolink.errors import RobotError, SceneError
 from twolink.hard import ErrorCheck, RefusalCase, SimulationCase, all_cases, attempts, run_case, select_cases
 from twolink.hard.case import SCENES, ErrorFunction
-from twolink.hard.case_result import MET, MISSED, SAID, WRONG
+from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, WRONG
 from twolink.hard.page import page
+from twolink.hard.table import lines, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
@@ -69,9 +70,25 @@ def test_an_error_above_the_error_bar_is_wrong_silently() -> None:
 
 def test_the_truths_own_uncertainty_is_named_where_the_verdict_rests_on_it() -> None:
     (attempt,) = run_case(swinging(error=constant_error(1e-4), uncertainty=1e-3)).ours
-    assert (attempt.verdict, attempt.message) == (MET, "the truth is known to 1e-03")
+    assert (attempt.verdict, attempt.message[:20]) == (MET, "above its error bar ")
+    assert attempt.message.endswith("less than the truth is uncertain, 1e-03")
+    (attempt,) = run_case(swinging(error=constant_error(1e-4), uncertainty=1e-3, bounded=False)).ours
+    assert (attempt.verdict, attempt.message[:16]) == (MET, "above its limit ")
     (attempt,) = run_case(swinging(uncertainty=1e-3)).ours
     assert (attempt.verdict, attempt.message) == (MET, "")
+
+
+def test_an_error_above_the_bar_anywhere_is_named_not_only_at_its_largest() -> None:
+    """The bar differs from sample to sample: an error above it may be below its largest value."""
+    case = swinging(uncertainty=1e-8)
+    run = tl.simulate(case.load(), 1.0, accuracy=1e-6, samples=case.samples)
+    assert run.error is not None
+    between, least = (run.error.min() + run.error.max()) / 2, int(run.error.argmin())
+    error = np.where(np.arange(len(run.t)) == least, between, 0.0)
+    (attempt,) = run_case(replace(case, error=lambda _robot, _track: error)).ours
+    assert attempt.bar is not None
+    assert attempt.error == between < attempt.bar
+    assert (attempt.verdict, attempt.message[:20]) == (MET, "above its error bar ")
 
 
 def test_a_refusal_counts_only_where_it_may_come() -> None:
@@ -90,8 +107,37 @@ def test_an_interrupted_run_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> No
     case = swinging()
     run = tl.simulate(case.load(), 0.1)
     monkeypatch.setattr(attempts, "simulate", lambda *_, **__: replace(run, interrupted=True))
-    with pytest.raises(KeyboardInterrupt):
-        run_case(case)
+    result = run_case(case)
+    (attempt,) = result.ours
+    assert (attempt.setting, attempt.verdict, attempt.error, attempt.bar) == ("1e-06", INTERRUPTED, None, None)
+    assert result.interrupted
+    assert not result.passed
+    assert "interrupted" in "".join(lines(result))
+    assert summary([result]).startswith("0 of 1 cases met")
+    assert "interrupted: symmetric-rest" in summary([result])
+    assert "interrupted" in page([result])
+
+
+def test_attempts_before_the_interruption_are_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = replace(swinging(), settings=({"accuracy": 1e-3}, {"accuracy": 1e-6}, {"accuracy": 1e-9}))
+
+    def until_the_second(*arguments: Any, accuracy: float, **options: Any) -> tl.Trajectory:
+        if accuracy < 1e-3:
+            raise KeyboardInterrupt
+        return tl.simulate(*arguments, accuracy=accuracy, **options)
+
+    monkeypatch.setattr(attempts, "simulate", until_the_second)
+    result = run_case(case)
+    assert [(a.setting, a.verdict) for a in result.ours] == [("1e-03", MET), ("1e-06", INTERRUPTED)]
+    assert result.verdict == INTERRUPTED
+
+
+def test_an_interrupted_call_is_no_accepted_call() -> None:
+    """A solver takes Ctrl-C as the end of its run, and returns."""
+    run = replace(tl.simulate(swinging().load(), 0.1), interrupted=True)
+    checks = {"refused": ErrorCheck(refused, SceneError), "ended": ErrorCheck(lambda: run, SceneError)}
+    result = run_case(RefusalCase(name="x", title="x", group="x", why="x", checks=checks))
+    assert [a.verdict for a in result.ours] == [SAID, INTERRUPTED]
 
 
 def test_calls_that_are_not_refused_are_wrong() -> None:

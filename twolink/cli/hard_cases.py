@@ -21,7 +21,7 @@ def hard_cases(
     as_json: Json = False,
     html: Annotated[Path | None, Option(help="Write the report as a page (.html).")] = None,
     peers: Annotated[bool, Option("--peers", help="Run SciPy, MuJoCo and Drake too, where installed.")] = False,
-    quick: Annotated[bool, Option("--quick", help="Leave out the slow cases.")] = False,
+    quick: Annotated[bool, Option("--quick", help="Leave out the slow cases, and name them.")] = False,
     listed: Annotated[bool, Option("--list", help="List the cases and why each is hard; run none.")] = False,
 ) -> None:
     """Run cases that break simulators.
@@ -48,15 +48,17 @@ def hard_cases(
     results = _run(cases, peers=peers, silent=as_json)
     for path in paths:
         write_page(results, path)
-    text = "\n".join(["", summary(results), *(f"wrote {path}" for path in paths)])
-    show({"cases": [result.to_dict() for result in results], "written": paths}, text, as_json)
-    finish([], len(results) < len(cases))
+    slow = [case.name for case in select_cases(names) if case.slow] if quick else []
+    text = "\n".join(["", summary(results, slow), *(f"wrote {path}" for path in paths)])
+    record = {"cases": [result.to_dict() for result in results], "left_out": slow, "written": paths}
+    show(record, text, as_json)
+    finish([], len(results) < len(cases) or any(result.interrupted for result in results))
     if not all(result.passed for result in results):
         raise typer.Exit(FAILED)
 
 
 def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[CaseResult]:
-    """The results, each printed when its case is done; those so far after Ctrl-C."""
+    """The results, each printed when its case is done; after Ctrl-C those so far, the last one interrupted."""
     from twolink.hard import run_case
     from twolink.hard.table import HEAD, lines
 
@@ -68,6 +70,8 @@ def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[CaseResu
             results.append(run_case(case, peers=peers))
             if not silent:
                 typer.echo("\n".join(lines(results[-1])))
+            if results[-1].interrupted:
+                break
     except KeyboardInterrupt:
         if not results:
             raise

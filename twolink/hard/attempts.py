@@ -1,8 +1,10 @@
 """Running a case: our attempts and their verdicts."""
 
+import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy as np
 from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
-from twolink.hard.case_result import MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
+from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
@@ -33,28 +35,37 @@ def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> 
     Returns
     -------
     CaseResult
-        All attempts with their verdicts.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        After Ctrl-C: an interrupted run is not judged.
+        All attempts with their verdicts. After Ctrl-C those so far; the last one is interrupted and not judged.
     """
+    ours: list[Attempt] = []
+    others: list[tuple[str, Attempt]] = []
+    with contextlib.suppress(KeyboardInterrupt):
+        for label, call in _calls(case, patience):
+            ours.append(Attempt(label, INTERRUPTED))  # until it is done
+            ours[-1] = call()
+        if peers and isinstance(case, SimulationCase):
+            from twolink.hard.peer_attempts import run_peers
+
+            others.append(("peers", Attempt("", INTERRUPTED)))
+            for attempt in run_peers(case, case.load()):
+                others.insert(-1, attempt)
+            others.pop()
+    return CaseResult(case, tuple(ours), tuple(others))
+
+
+def _calls(case: Case, patience: float) -> list[tuple[str, Callable[[], Attempt]]]:
+    """The attempts of a case: the setting in words, and the call that makes one."""
     if isinstance(case, RefusalCase):
-        return CaseResult(case, tuple(_checked(name, check, patience) for name, check in case.checks.items()))
+        return [(name, partial(_checked, name, check, patience)) for name, check in case.checks.items()]
     if not isinstance(case, SimulationCase):
         raise TypeError(f"a {type(case).__name__} is not a case")
-    scene = case.load()
-    ours = tuple(_attempt(case, scene, setting, patience) for setting in case.settings)
-    if not peers:
-        return CaseResult(case, ours)
-    from twolink.hard.peer_attempts import run_peers
-
-    return CaseResult(case, ours, tuple(run_peers(case, scene)))
+    scene = cache(case.load)
+    return [(_label(setting), partial(_attempt, case, scene, setting, patience)) for setting in case.settings]
 
 
-def _attempt(case: SimulationCase, scene: Scene, setting: Mapping[str, Any], patience: float) -> Attempt:
+def _attempt(case: SimulationCase, load: Callable[[], Scene], setting: Mapping[str, Any], patience: float) -> Attempt:
     """One run of ours. An exception that is not a TwolinkError is a defect, and counts as missed."""
+    scene = load()
     start = time.perf_counter()
     label, accuracy = _label(setting), float(setting["accuracy"])
     run, message, verdict = None, "", MISSED
@@ -81,12 +92,14 @@ def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float
     available = np.isfinite(error)
     largest = float(error[available].max())
     bar = None if run.error is None else float(run.error.max())
+    beyond_bar = (error - run.error)[available].max() if case.bounded and run.error is not None else -np.inf
     verdict, message, limit = attempt.verdict, attempt.message, case.limit(accuracy)
-    if case.bounded and run.error is not None and (error > run.error + case.uncertainty)[available].any():
+    if beyond_bar > case.uncertainty:
         verdict = WRONG
     elif not message and largest <= limit + case.uncertainty:
-        excused = largest > min(limit, limit if bar is None or not case.bounded else bar)
-        verdict, message = MET, f"the truth is known to {case.uncertainty:.0e}" if excused else ""
+        above = "its error bar" if beyond_bar > 0 else "its limit" if largest > limit else ""
+        verdict = MET
+        message = f"above {above} by less than the truth is uncertain, {case.uncertainty:.0e}" if above else ""
     elif not message:
         verdict = SAID if bar is not None and bar > accuracy else WRONG
     return replace(attempt, verdict=verdict, error=largest, bar=bar, method=run.cost.method if run.cost else "",
@@ -98,13 +111,15 @@ def _checked(name: str, check: ErrorCheck, patience: float) -> Attempt:
     """One call that must be refused, or must return."""
     start = time.perf_counter()
     try:
-        check.call()
+        outcome = check.call()
     except TwolinkError as error:
         right = check.kind is not None and isinstance(error, check.kind) and check.part in str(error)
         verdict, message = SAID if right else MISSED, f"{type(error).__name__}: {error}"
     except Exception as error:
         verdict, message = MISSED, f"not a TwolinkError: {type(error).__name__}: {error}"
     else:
+        if getattr(outcome, "interrupted", False):  # a solver takes Ctrl-C as the end of its run
+            raise KeyboardInterrupt
         verdict, message = (MET, "") if check.kind is None else (WRONG, "accepted without an error")
     seconds = time.perf_counter() - start
     if seconds > patience:

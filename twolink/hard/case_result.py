@@ -7,9 +7,10 @@ import numpy as np
 
 from twolink.hard.case import Case
 
-MET, SAID, WRONG, MISSED = "met", "said so", "wrong silently", "missed"
+MET, SAID, WRONG, MISSED, INTERRUPTED = "met", "said so", "wrong silently", "missed", "interrupted"
 """Met: the error is within its limit. Said so: it is not, and an error or the error bar says it. Wrong silently: it is
-not, and nothing says it. Missed: a refusal, a crash or a timeout where an answer was due."""
+not, and nothing says it. Missed: a refusal, a crash or a timeout where an answer was due. Interrupted: Ctrl-C ended it,
+it is not judged."""
 UNABLE = "cannot"  # of peers: they lack a feature, or take too long
 
 
@@ -31,7 +32,7 @@ class Attempt:
     setting : str
         The setting in words.
     verdict : str
-        MET, SAID, WRONG, MISSED or UNABLE.
+        MET, SAID, WRONG, MISSED, INTERRUPTED or UNABLE.
     error, bar : float, optional
         The largest true error, and the reported error bar at its largest.
     seconds : float
@@ -77,12 +78,18 @@ class CaseResult:
     @property
     def verdict(self) -> str:
         """The worst of ours."""
-        return min((a.verdict for a in self.ours), key=(WRONG, MISSED, SAID, MET).index, default=MISSED)
+        order = (WRONG, MISSED, INTERRUPTED, SAID, MET)
+        return min((a.verdict for a in self.ours), key=order.index, default=MISSED)
 
     @property
     def passed(self) -> bool:
         """Whether every attempt met its limit, or said that it does not."""
         return self.verdict in (MET, SAID)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the last attempt; those before it are judged."""
+        return any(a.verdict == INTERRUPTED for a in (*self.ours, *(attempt for _, attempt in self.peers)))
 
     @property
     def seconds(self) -> float:

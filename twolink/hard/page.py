@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 
 from twolink.hard.case import SimulationCase
-from twolink.hard.case_result import MET, MISSED, SAID, UNABLE, WRONG, Attempt, CaseResult
+from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, UNABLE, WRONG, Attempt, CaseResult
 from twolink.hard.peers import NAMES
 from twolink.hard.plot import plot
 from twolink.hard.table import number
@@ -17,7 +17,7 @@ from twolink.io.atomic import write_atomic
 
 FOLDER = Path(__file__).parent
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
-STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", UNABLE: "unable"}
+STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", INTERRUPTED: "unable", UNABLE: "unable"}
 
 
 def write_page(results: Sequence[CaseResult], path: Path) -> Path:
@@ -68,7 +68,7 @@ def _table(heads: Sequence[str], rows: Sequence[str], numbers: Sequence[str]) ->
 def _failed(results: Sequence[CaseResult]) -> str:
     """The cases in which twolink failed, by name."""
     items = "".join(f"<li>{_link(r, r.case.title)}: {_verdict(r.verdict)}</li>" for r in results if not r.passed)
-    return f"<p>Cases in which twolink failed:</p><ul>{items}</ul>" if items else ""
+    return f"<p>Cases in which twolink failed, or was interrupted:</p><ul>{items}</ul>" if items else ""
 
 
 def _silent(results: Sequence[CaseResult]) -> str:

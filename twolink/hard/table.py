@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 
 from twolink.hard.case import RefusalCase
-from twolink.hard.case_result import MET, SAID, Attempt, CaseResult
+from twolink.hard.case_result import INTERRUPTED, MET, SAID, Attempt, CaseResult
 
 HEAD = f"{'case':<22}{'setting':<34}{'error':>10}{'bar':>10}{'seconds':>9}  verdict"
 
@@ -14,9 +14,9 @@ def lines(result: CaseResult) -> Iterator[str]:
     name = result.case.name
     if isinstance(result.case, RefusalCase):
         wrong = [a for a in result.ours if a.verdict not in (MET, SAID)]
-        count = f"{len(result.ours) - len(wrong)} of {len(result.ours)} as expected"
+        count = f"{len(result.ours) - len(wrong)} of {len(result.case.checks)} as expected"
         yield f"{name:<22}{count:<54}{result.seconds:>9.2f}  {result.verdict}"
-        yield from (f"{'':<22}{a.setting}: {a.verdict}: {_short(a.message)}" for a in wrong)
+        yield from (f"{'':<22}{a.setting}: {a.verdict}{_note(a)}" for a in wrong)
         return
     for attempt in result.ours:
         yield _line(name, f"{attempt.setting} ({attempt.method or '-'})", attempt)
@@ -30,11 +30,14 @@ def number(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
 
-def summary(results: Sequence[CaseResult]) -> str:
-    """The outcome of all cases in a few lines."""
-    failed = [r.case.name for r in results if not r.passed]
-    text = f"{len(results) - len(failed)} of {len(results)} cases met their bar or said that they do not"
+def summary(results: Sequence[CaseResult], left_out: Sequence[str] = ()) -> str:
+    """The outcome of all cases in a few lines. left_out: the names of the slow cases that were not run."""
+    passed = sum(r.passed for r in results)
+    failed = [r.case.name for r in results if not r.passed and r.verdict != INTERRUPTED]
+    text = f"{passed} of {len(results)} cases met their bar or said that they do not"
     text += f"; not: {', '.join(failed)}" if failed else ""
+    text += f"; interrupted: {results[-1].case.name}" if results and results[-1].interrupted else ""
+    text += f"\nleft out as slow: {', '.join(left_out)}" if left_out else ""
     if any(r.peers for r in results):
         wrong = sorted({r.case.name for r in results if r.wrong_by_default})
         text += f"\na peer at default settings was wrong silently in {len(wrong)}: {', '.join(wrong)}"
@@ -42,11 +45,11 @@ def summary(results: Sequence[CaseResult]) -> str:
 
 
 def _line(name: str, what: str, attempt: Attempt) -> str:
-    note = f": {_short(attempt.message)}" if attempt.message else ""
     text = f"{name:<22}{what:<34}" if len(what) < 34 else f"{name:<22}{what}\n{'':<56}"
-    return f"{text}{number(attempt.error):>10}{number(attempt.bar):>10}{attempt.seconds:>9.2f}  {attempt.verdict}{note}"
+    text += f"{number(attempt.error):>10}{number(attempt.bar):>10}{attempt.seconds:>9.2f}  "
+    return text + attempt.verdict + _note(attempt)
 
 
-def _short(message: str) -> str:
-    """The first words of a message."""
-    return textwrap.shorten(message, 150, placeholder=" ...")
+def _note(attempt: Attempt) -> str:
+    """The first words of an attempt's message."""
+    return f": {textwrap.shorten(attempt.message, 150, placeholder=' ...')}" if attempt.message else ""
