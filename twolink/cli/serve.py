@@ -1,24 +1,30 @@
 """The command that serves the API and the page."""
 
 import os
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from typer import Option
 
-from twolink.cli.failures import Misuse
 from twolink.errors import import_extra
 
 
 def serve(
     host: Annotated[str, Option(help="Address to listen on; 0.0.0.0 is all of this machine's.")] = "127.0.0.1",
     port: Annotated[int, Option(min=0, max=65535, metavar="PORT", help="0 takes a free one.")] = 8000,
-    data: Annotated[Path | None, Option(help="Folder of the results.", show_default="your user data folder")] = None,
+    data: Annotated[
+        str | None, Option(metavar="PATH", help="Folder of the results.", show_default="your user data folder")
+    ] = None,
     token: Annotated[list[str] | None, Option(metavar="TEXT", help="Ask for this bearer token; repeatable.")] = None,
     quota: Annotated[list[str] | None, Option(metavar="NAME=NUMBER", help="A limit; --quota help lists them.")] = None,
     allow_host: Annotated[list[str] | None, Option(metavar="NAME", help="Another name of it; repeatable.")] = None,
     allow_origin: Annotated[list[str] | None, Option(metavar="URL", help="Site that may call it; repeatable.")] = None,
+    log: Annotated[
+        Literal["text", "json", "off"], Option(help="Form of the log; off: without a line a request.")
+    ] = "text",
+    delete_results: Annotated[
+        bool, Option("--delete-results", help="Delete results that are beyond the quota.")
+    ] = False,
 ) -> None:
     """Serve queries, simulations and the page over HTTP.
 
@@ -33,7 +39,7 @@ def serve(
     twolink serve --quota jobs=4 --quota disk_mb=20000
 
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
-    survive a restart; the next start names the jobs that were interrupted. Ctrl-C ends the service.
+    survive a restart, and jobs that were not done are taken up by the next start. Ctrl-C ends the service.
     """
     from twolink.service.settings import Quotas, Settings, default_folder, is_loopback, read_quotas
 
@@ -41,17 +47,17 @@ def serve(
         for name, value in zip(Quotas.__struct_fields__, Quotas.__struct_defaults__, strict=True):
             typer.echo(f"{name}={value}")
         return
-    tokens = [*(token or []), *os.environ.get("TWOLINK_TOKEN", "").split(",")]
-    if any(not part.isascii() for part in tokens):
-        raise Misuse("a token has letters beyond ASCII", where="token", remedy="take plain letters and digits")
+    of_environment = os.environ["TWOLINK_TOKEN"].split(",") if "TWOLINK_TOKEN" in os.environ else ()
     settings = Settings(
-        data=str(data or default_folder()),
+        data=str(default_folder()) if data is None else data,
         host=host,
         port=port,
-        tokens=tuple(text.strip() for text in tokens if text.strip()),
+        tokens=tuple(text.strip() for text in (*(token or ()), *of_environment)),
         hosts=tuple(allow_host or []),
         origins=tuple(allow_origin or []),
         quotas=read_quotas(quota or []),
+        log=log,
+        delete_results=delete_results,
     )
     if not is_loopback(host) and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)

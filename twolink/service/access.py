@@ -18,7 +18,13 @@ SECURITY: tuple[Header, ...] = (
     (b"cross-origin-resource-policy", b"same-origin"),
 )
 DENY_ALL: Header = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-_OPEN_PATHS = ("/health", "/", "/docs", "/docs/")  # what a browser or a monitor asks for before it has a token
+_OPEN_PATHS = (
+    "/health",
+    "/ready",
+    "/",
+    "/docs",
+    "/docs/",
+)  # what a browser or a monitor asks for before it has a token
 _OPEN_PREFIX = "/page/"
 _MAX_HOSTS = 1000  # checked ones that are remembered
 

@@ -20,17 +20,24 @@ _MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
 _HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 
-@get("/health", tags=["service"], summary="Health of the service")
+@get("/health", tags=["service"], summary="Whether the service answers")
 async def health(service: Shared) -> dict[str, Any]:
-    """Version, jobs that wait or run, bytes kept, and what keeps worker processes in."""
+    """Version, jobs that wait or run, bytes kept, and what keeps worker processes in. The disk is asked by /ready."""
     jobs = service.jobs.count("queued") + service.jobs.count("running")
     kept, sandbox = service.store.kept_bytes, service.protection
     return {"status": "ok", "version": __version__, "jobs": jobs, "bytes": kept, "sandbox": sandbox}
 
 
+@get("/ready", tags=["service"], summary="Whether the service can do its work")
+async def ready(service: Shared) -> dict[str, str]:
+    """503 with the reason while it ends, its data folder cannot be written, or the disk has no room for a result."""
+    await service.require_ready()
+    return {"status": "ready", "version": __version__}
+
+
 @get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)
 async def show_metrics(service: Shared) -> Response[bytes]:
-    """Requests by route and status, their seconds, states answered, jobs by end, workers that died."""
+    """Requests, states and jobs; what waits and for how long; memory, and how late the event loop is."""
     return Response(service.metrics.text(), media_type=metrics.MEDIA_TYPE)
 
 
@@ -77,4 +84,4 @@ def _files() -> dict[str, Path]:
     return {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
 
 
-HANDLERS = [health, show_metrics, openapi, docs, index, viewer, page_file]
+HANDLERS = [health, ready, show_metrics, openapi, docs, index, viewer, page_file]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from typing import Any
 
@@ -14,9 +15,12 @@ from twolink.service import api_jobs, api_robots, api_scenes, api_site
 from twolink.service.access import DENY_ALL, SECURITY, AccessControl, Header, cors_headers
 from twolink.service.admission import HOLD, Hold, Shares, client_of_scope, hold
 from twolink.service.components import Service
-from twolink.service.http_io import body_limit, header, media_type, read_body, send_answer, send_body
+from twolink.service.http_io import JSON, UNSPECIFIED, body_limit, header, media_type, read_body, send_answer, send_body
+from twolink.service.json_keys import require_unique_keys
+from twolink.service.logs import AccessLog, Answered, logged_path
 from twolink.service.problems import answer_of
 from twolink.service.queries import PREFIX, QUERIES
+from twolink.service.request_id import REQUEST_ID, request_id
 from twolink.service.settings import Settings
 
 _HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]
@@ -50,15 +54,42 @@ class Shell:
     """The outer application: admission and access control, counters; queries go past Litestar, for speed."""
 
     def __init__(self, service: Service, inner: Litestar) -> None:
+        self.service, self._log = service, AccessLog(service.settings.log)
         self._quotas = service.settings.quotas
         self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
         self._access = AccessControl(service.settings)
         self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
+        service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
             await self._inner(scope, receive, send)
             return
+        sent_id = request_id(header(scope, b"x-request-id"))
+        REQUEST_ID.set(sent_id)
+        client, start = scope["client"], time.perf_counter()
+        entry = Answered(time.time(), sent_id, client[0] if client else "", scope["method"], logged_path(scope))
+
+        async def send_noted(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                entry.status = message["status"]
+                message["headers"] = [*message["headers"], (b"x-request-id", sent_id.encode())]
+            else:
+                entry.bytes += len(message.get("body", b""))
+            await send(message)
+
+        try:
+            await self._admit(scope if scope["method"] != "HEAD" else {**scope, "method": "GET"}, receive, send_noted)
+        except asyncio.CancelledError:  # the service ends, and does not wait for the answer any more
+            if entry.status or not self.service.ending:
+                raise
+            status, headers, body = answer_of(self.service.ending_refusal())
+            await send_answer(send_noted, status, [*headers, DENY_ALL], body)
+        finally:
+            entry.seconds = time.perf_counter() - start
+            self._log.note(entry)
+
+    async def _admit(self, scope: Any, receive: Any, send: Any) -> None:
         mine = Hold(self._memory, client_of_scope(scope))
         HOLD.set(mine)  # uvicorn answers each request in a task of its own
         try:
@@ -90,8 +121,11 @@ class Shell:
             await send_answer(send, 204, cors, b"")
             return
         if scope["method"] in ("POST", "PUT", "PATCH"):
-            limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
-            receive = _replay(await read_body(scope, receive, limit), receive)
+            media = media_type(header(scope, b"content-type"))
+            body = await read_body(scope, receive, body_limit(media, self._quotas))
+            if media == JSON or (media in UNSPECIFIED and body.lstrip().startswith(b"{")):
+                await asyncio.to_thread(require_unique_keys, body)
+            receive = _replay(body, receive)
         status = 500
         start_message: Any = None  # kept until there is room for the body
 

@@ -4,6 +4,8 @@ import asyncio
 import contextlib
 import gc
 import logging
+import math
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +14,7 @@ import msgspec
 from litestar.params import Dependency
 
 from twolink.dynamics.threads import thread_count
+from twolink.errors import TwolinkError
 from twolink.service.data_folder import PARTS
 from twolink.service.job_requests import JobRequest, prepare
 from twolink.service.jobs import Jobs
@@ -29,6 +32,8 @@ from twolink.service.worker_pool import Workers
 _log = logging.getLogger("twolink.service")
 _READERS = 2
 _IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
+_CHECK_EACH = 1.0  # seconds between checks of the store, however often somebody asks
+_LAG_EACH = 0.5  # seconds between measurements of the event loop's lag
 
 
 class Service:
@@ -40,8 +45,11 @@ class Service:
     def __init__(self, settings: Settings) -> None:
         quotas = settings.quotas
         self.settings = settings
+        self.ending = False
+        self._checked = -math.inf  # when the store was found well
         self.store = Store(Path(settings.data))
         self.protection = protection()
+        self._require_room()
         self.metrics = Metrics()
         self.locks = KeyedLocks()
         died = self.metrics.worker_deaths.inc
@@ -53,6 +61,35 @@ class Service:
         self.robots = RobotPool(settings, self.store, self._readers)
         self.queries = Queries(settings, self.robots, self.metrics)
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)
+
+    def _require_room(self) -> None:
+        """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
+        quota, kept = self.settings.quotas.disk_mb, self.store.kept_bytes / 2**20
+        if kept > quota and self.settings.delete_results:
+            _log.warning("%d jobs were deleted, as all is to take %g MB", self.store.shrink(quota * 2**20), quota)
+        elif kept > quota:
+            self.store.close()
+            what = f"results and robots take {kept:.0f} MB, more than disk_mb = {quota:g}"
+            remedy = f"give --quota disk_mb={math.ceil(kept)}, or --delete-results for those not used for longest"
+            raise TwolinkError(what, where=str(self.store.folder), code="over-quota", remedy=remedy)
+
+    async def drain(self) -> None:
+        """Begin to end: jobs go back into the queue, and who waits for one is told."""
+        self.ending = True
+        await self.jobs.close()
+
+    def ending_refusal(self) -> Refusal:
+        """The refusal of all that is asked of a service that ends."""
+        return Refusal(503, "the service is ending", code="ending", remedy="ask again in some seconds", retry_after=5)
+
+    async def require_ready(self) -> None:
+        """Raise Refusal (503) while the service ends, or sqlite3.Error or OSError while its data folder fails."""
+        if self.ending:
+            raise self.ending_refusal()
+        async with self.locks("ready"):
+            if time.monotonic() - self._checked > _CHECK_EACH:
+                await self.store.run(self.store.check, self.settings.quotas.result_mb * 2**20)
+                self._checked = time.monotonic()
 
     async def read(self, task: str, **arguments: Any) -> Any:
         """Run a short task in a worker process."""
@@ -83,14 +120,24 @@ class Service:
             finally:
                 draft.unlink(missing_ok=True)
 
+    def _show_gauges(self) -> None:
+        gauge = self.metrics.gauge
+        gauge("twolink_jobs_waiting", "Jobs that wait", lambda: self.jobs.count("queued"))
+        gauge("twolink_jobs_running", "Jobs that run", lambda: self.jobs.count("running"))
+        gauge("twolink_kept_bytes", "Bytes of results and uploaded robots", lambda: self.store.kept_bytes)
+        workers = self._worker_memory.workers
+        gauge("twolink_worker_bytes", "Memory of all worker processes", lambda: sum(each.memory() for each in workers))
+
     @contextlib.asynccontextmanager
     async def running(self, _: object = None) -> AsyncIterator[None]:
         """The service while it runs."""
         gc.collect()
         gc.freeze()  # what is loaded stays: a collection that looks at it takes 100 ms
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
+        self._show_gauges()
         await self.jobs.resume()
-        work = (self._worker_memory.watch(), self._readers.warm(), self._job_workers.warm())
+        watching = (self._worker_memory.watch(), _measure_lag(self.metrics))
+        work = (*watching, self._readers.warm(), self._job_workers.warm())
         background = [asyncio.create_task(coroutine) for coroutine in work]
         try:
             yield
@@ -98,10 +145,18 @@ class Service:
             for task in background:
                 task.cancel()
             await asyncio.gather(*background, return_exceptions=True)
-            await self.jobs.close()
+            await self.drain()
             await self._readers.close()
             await self._job_workers.close()
             self.store.close()
+
+
+async def _measure_lag(metrics: Metrics) -> None:
+    """Observe how much later than planned the event loop gets to its tasks."""
+    while True:
+        planned = time.perf_counter() + _LAG_EACH
+        await asyncio.sleep(_LAG_EACH)
+        metrics.loop_lag.observe(max(0.0, time.perf_counter() - planned))
 
 
 Shared = Annotated[Service, Dependency(skip_validation=True)]  # what handlers ask for as `service`

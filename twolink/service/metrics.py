@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 MEDIA_TYPE = "text/plain; version=0.0.4"
 _BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.05, 0.2, 1.0, 5.0)
@@ -20,6 +20,10 @@ class Metrics:
             "twolink_job_wait_seconds", "Seconds that jobs waited", buckets=_WAIT_BUCKETS, registry=registry
         )
         self.worker_deaths = Counter("twolink_worker_deaths", "Worker processes that died", registry=registry)
+        self.loop_lag = Histogram(
+            "twolink_loop_lag_seconds", "Seconds by which the event loop is late", buckets=_BUCKETS, registry=registry
+        )
+        ProcessCollector(registry=registry)  # memory, CPU time, open files of the service's own process
         self._requests = Counter("twolink_requests", "Requests answered", ["route", "status"], registry=registry)
         self._seconds = Histogram(
             "twolink_request_seconds", "Seconds to answer", ["route"], buckets=_BUCKETS, registry=registry

@@ -13,6 +13,7 @@ import numpy as np
 from twolink import errors
 from twolink.errors import TwolinkError
 from twolink.io.text import split_path
+from twolink.service.request_id import REQUEST_ID
 
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger("twolink.service")
@@ -32,6 +33,7 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
 
     type: "urn:twolink:" and the class of the error. detail: what went wrong. where: the place in the request. remedy:
     what to do. code, argument, data: for programs, see TwolinkError. retry_after: seconds after which to ask again.
+    request_id: by which the service's log names the request.
     """
 
     type: str
@@ -44,6 +46,7 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     argument: str = ""
     data: dict[str, Any] = {}
     retry_after: float | None = None
+    request_id: str = ""
 
 
 class Refusal(TwolinkError):
@@ -112,7 +115,7 @@ def _refusal_of_litestar(error: BaseException, status: int) -> Refusal:
 
 def answer_of(error: BaseException) -> tuple[int, list[tuple[bytes, bytes]], bytes]:
     """Status, headers and body of the HTTP answer to a failure."""
-    problem = problem_of(error)
+    problem = msgspec.structs.replace(problem_of(error), request_id=REQUEST_ID.get())
     headers = [(b"content-type", MEDIA_TYPE.encode())]
     if problem.retry_after is not None:
         headers.append((b"retry-after", str(max(1, round(problem.retry_after))).encode()))

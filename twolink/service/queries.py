@@ -19,6 +19,7 @@ from twolink.errors import QueryError
 from twolink.service import npz
 from twolink.service.admission import hold
 from twolink.service.http_io import JSON, UNSPECIFIED, body_limit, header, media_type, read_body
+from twolink.service.json_keys import require_unique_keys
 from twolink.service.kinematics import link_poses
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
@@ -122,7 +123,8 @@ class Queries:
             return 0, 0  # the query says what does not fit
         numbers = _numbers_each(what, robot.nv)
         if what == "kinematics":
-            numbers *= len(arguments.get("frames") or ()) or robot.model.nframes
+            frames = arguments.get("frames")
+            numbers *= robot.model.nframes if frames is None else len(frames)
         quotas, size = self._quotas, count * numbers * number_bytes
         if count > quotas.states or size > quotas.answer_mb * 2**20:
             raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
@@ -138,7 +140,10 @@ def _numbers_each(what: str, nv: int) -> int:
 def _ask(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
     if what == "kinematics":
         frames = arguments.get("frames")
-        return {"frames": frames or list(robot.frame_names), "poses": link_poses(robot, arguments["q"], frames)}
+        return {
+            "frames": list(robot.frame_names) if frames is None else frames,
+            "poses": link_poses(robot, arguments["q"], frames),
+        }
     if what == "derivatives":
         what = f"{'inverse' if 'a' in arguments and 'tau' not in arguments else 'forward'}-dynamics-derivatives"
     options = {name: arguments.pop(name) for name in QUERIES[what].options if name in arguments}
@@ -149,12 +154,20 @@ def _from_json(what: str, body: bytes) -> dict[str, Any]:
     """The arguments in a JSON body, as arrays."""
     decoded = _DECODERS[what].decode(body)
     arguments: dict[str, Any] = {}
+    strings = 0
     for name in decoded.__struct_fields__:
         value = getattr(decoded, name)
-        if name == "f_ext" and value is not None:
-            arguments[name] = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
-        elif value is not None:
-            arguments[name] = value if name in _OPTIONS else _array(name, value)
+        if value is None:
+            continue
+        strings += 1
+        if name not in _OPTIONS:
+            arguments[name] = _array(name, value)
+            continue
+        strings += 1 if isinstance(value, str) else len(value)
+        if name == "f_ext":
+            value = {frame: _array(f"f_ext.{frame}", wrench) for frame, wrench in value.items()}
+        arguments[name] = value
+    require_unique_keys(body, strings)
     return arguments
 
 

@@ -7,7 +7,6 @@ reverse proxy.
 
 import contextlib
 import functools
-import logging
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +14,8 @@ from typing import Any
 import uvicorn
 
 from twolink.errors import TwolinkError
+from twolink.service.components import Service
+from twolink.service.logs import configure
 from twolink.service.protocol import Limits, Protocol
 from twolink.service.settings import Settings
 
@@ -38,13 +39,35 @@ def run(settings: Settings, on_start: Callable[[str], None]) -> None:
     """
     from twolink.service.app import build
 
-    logging.basicConfig(level=logging.WARNING, format="twolink: %(message)s")
+    configure(settings.log)
     _allow_many_connections()
-    server = uvicorn.Server(uvicorn.Config(build(settings), **uvicorn_options(settings)))
     with contextlib.suppress(KeyboardInterrupt), _listening(settings) as listening:
         host, port = settings.host, listening.getsockname()[1]
-        on_start(f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/")
+        url = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+        app = build(settings)
+        server = _Server(uvicorn.Config(app, **uvicorn_options(settings)), app.service, lambda: on_start(url))
         server.run(sockets=[listening])
+        if not server.started:
+            raise TwolinkError("the service could not start", where="serve", remedy="its log has the reason")
+
+
+class _Server(uvicorn.Server):
+    """uvicorn's server. on_start: called when requests are answered."""
+
+    def __init__(self, config: uvicorn.Config, service: Service, on_start: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._service, self._on_start = service, on_start
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the application, and listen."""
+        await super().startup(sockets)
+        if self.started:
+            self._on_start()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Answer who waits for a job, then end as uvicorn does."""
+        await self._service.drain()
+        await super().shutdown(sockets)
 
 
 def _listening(settings: Settings) -> socket.socket:

@@ -1,6 +1,7 @@
 """Settings of the service: address, data folder, access, and quotas."""
 
 import ipaddress
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,9 +10,14 @@ import msgspec
 import platformdirs
 
 from twolink.errors import TwolinkError, require_known
+from twolink.io.text import split_path
+from twolink.service.logs import LogForm
 
-Count = Annotated[int, msgspec.Meta(ge=1)]
-Amount = Annotated[float, msgspec.Meta(gt=0)]
+Count = Annotated[int, msgspec.Meta(ge=1, le=10**9)]
+Amount = Annotated[float, msgspec.Meta(gt=0, le=1e9)]  # which leaves out inf and nan
+_HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
+_ORIGIN = re.compile(r"https?://[^/\s?#@A-Z]+")
+_TOKEN = re.compile(r"[!-+\--~]+")  # what a header carries, without the comma that separates tokens
 
 
 class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,7 +34,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     requests that wait to be computed. A client may hold at most as many connections, as much memory in flight and
     as many waiting requests as stay free for others.
 
-    Raises TwolinkError where a body or an answer of the allowed size could never be in memory.
+    Raises TwolinkError where a body or an answer of the allowed size could never be in memory, or a result on disk.
     """
 
     body_mb: Amount = 128
@@ -61,6 +67,12 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             what = f"memory_in_flight_mb = {self.memory_in_flight_mb:g} is less than 4 times the largest body or answer"
             remedy = f"give memory_in_flight_mb={4 * largest:g}, or less body_mb and answer_mb"
             raise TwolinkError(what, argument="quota", remedy=remedy)
+        if self.result_mb > self.disk_mb:
+            what = (
+                f"disk_mb = {self.disk_mb:g} is less than result_mb = {self.result_mb:g}: a result would find no room"
+            )
+            remedy = f"give disk_mb={self.result_mb:g} or more, or less result_mb"
+            raise TwolinkError(what, argument="quota", remedy=remedy)
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -68,6 +80,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
     called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
+    log: the form of its log. delete_results: whether it may start with more results than its quota allows.
     """
 
     data: str
@@ -77,6 +90,25 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     hosts: tuple[str, ...] = ()
     origins: tuple[str, ...] = ()
     quotas: Quotas = Quotas()
+    log: LogForm = "text"
+    delete_results: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.data:
+            raise TwolinkError("expected a folder, got ''", argument="data", remedy="give a path, or leave it out")
+        for argument, names in (("host", (self.host,)), ("allow_host", self.hosts)):
+            for name in names:
+                if not _HOST.fullmatch(name) and (ip_address(name) is None or name.startswith("[")):
+                    remedy = "give a name or an address alone; a port is given with --port"
+                    raise TwolinkError(f"{name!r} is not the name of a host", argument=argument, remedy=remedy)
+        for origin in self.origins:
+            if not _ORIGIN.fullmatch(origin):
+                remedy = "give scheme and host as browsers send them, such as https://lab.example"
+                raise TwolinkError(f"{origin!r} is not the origin of a page", argument="allow_origin", remedy=remedy)
+        for token in self.tokens:
+            if not _TOKEN.fullmatch(token):  # the message does not show it
+                what = "a token is empty, or has spaces, commas or letters beyond ASCII"
+                raise TwolinkError(what, argument="token", remedy="take plain letters and digits")
 
 
 def default_folder() -> Path:
@@ -104,8 +136,11 @@ def read_quotas(texts: Sequence[str]) -> Quotas:
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         require_known(name, Quotas.__struct_fields__, TwolinkError, argument="quota")
+        if name in values:
+            raise TwolinkError(f"{name} is given twice", argument="quota", remedy="give it once")
         values[name] = value
     try:
         return msgspec.convert(values, Quotas, strict=False)
     except msgspec.ValidationError as error:
-        raise TwolinkError(str(error), argument="quota", remedy="give numbers, such as jobs=4") from None
+        what, name = split_path(str(error))
+        raise TwolinkError(f"{name}: {what}", argument="quota", remedy="give numbers, such as jobs=4") from None
