@@ -78,7 +78,7 @@ def test_requests_too_large_or_too_slow_are_ended(tmp_path: Path) -> None:
 
 
 def test_settings() -> None:
-    assert read_quotas(["jobs=4", "disk_mb=1.5"]) == Quotas(jobs=4, disk_mb=1.5)
+    assert read_quotas(["jobs=4", "disk_mb=1500.5"]) == Quotas(jobs=4, disk_mb=1500.5)
     for wrong in ("jobs", "jbos=1", "jobs=x", "jobs=0", "disk_mb=-1", "jobs=1.5"):
         with pytest.raises(TwolinkError):
             read_quotas([wrong])
