@@ -18,6 +18,7 @@ from tests.command import call, one_line
 from tests.service.serving import serving, wait_until
 from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
+from tests.service.urdfs import pendulum
 from twolink.service.logs import AccessLog, Answered
 
 BIAS = "/v1/robots/two_link/bias"
@@ -175,12 +176,24 @@ def test_head_answers_as_get_without_a_body(http: httpx.Client) -> None:
     (BIAS, '{"q": [0, 0], "\\u0071": [1, 1]}', "q"),
     ("/v1/scenes/validate", '{"scene": "a", "scene": "arm-swing"}', "scene"),
     ("/v1/scenes/validate", '{"scene": {"robot": "arm", "title": "\\u0022", "q": {"elbow": 1, "elbow": 2}}}', "elbow"),
+    ("/v1/simulations", '{"scene": "arm-swing", "accuracy": 1e-3, "accuracy": 1e-6}', "accuracy"),
+    ("/v1/robots", '{"source": "arm", "root": "free", "root": "fixed"}', "root"),
     ("/v1/robots/two_link/inverse-dynamics",
      '{"q": [0, 0], "f_ext": {"tip": [0, 0, 0, 0, 0, 0], "tip": [1, 0, 0, 0, 0, 0]}}', "tip"),
 ])  # fmt: skip
 def test_a_key_that_is_given_twice_is_refused(http: httpx.Client, path: str, body: str, key: str) -> None:
     answer = http.post(path, content=body)
     assert (answer.status_code, answer.json()["detail"]) == (400, f"the key '{key}' is given twice")
+
+
+@pytest.mark.parametrize(("query", "status", "part"), [
+    ("root=fixed&root=free", 400, "root is given twice"), ("lock=hinge:1&lock=hinge:2", 400, "'hinge' is given twice"),
+    ("roott=free", 422, "'roott' is unknown"),
+])  # fmt: skip
+def test_an_option_of_an_upload_is_not_dropped(http: httpx.Client, query: str, status: int, part: str) -> None:
+    answer = http.post(f"/v1/robots?{query}", content=pendulum(), headers={"Content-Type": "application/xml"})
+    assert answer.status_code == status
+    assert part in answer.json()["detail"]
 
 
 def test_keys_that_look_alike_are_none(http: httpx.Client) -> None:

@@ -11,12 +11,16 @@ from litestar.datastructures import MultiDict
 
 from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
+from twolink.errors import TwolinkError, require_known
 from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
 from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, body_limit, media_type, too_large
+from twolink.service.json_keys import decode_unique
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
 from twolink.service.robot_tasks import ReceivedRobot, RobotOptions
+
+_PARAMETERS = ("root", "mimic", "unphysical", "urdf", "gravity", "lock")  # of uploads whose body is not JSON
 
 
 @get("/v1/robots", tags=["robots"], summary="List robots")
@@ -84,7 +88,7 @@ def _sniffed(body: bytes) -> str:
 
 def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
     """What is uploaded ("source" or "urdf"), how to load it, and its content."""
-    upload = msgspec.json.decode(body, type=RobotOptions)
+    upload = decode_unique(body, RobotOptions)
     if bool(upload.source) == bool(upload.text):
         raise Refusal(400, "expected source or text", where="body", remedy='such as {"source": "panda"}')
     kind = "source" if upload.source else "urdf"
@@ -92,8 +96,14 @@ def _from_json(body: bytes) -> tuple[str, RobotOptions, bytes]:
 
 
 def _options(query: MultiDict[str]) -> RobotOptions:
-    """The options in a query string."""
-    plain: dict[str, Any] = {name: query[name] for name in ("root", "mimic", "unphysical", "urdf") if name in query}
+    """The options in a query string. Raises Refusal where one is unknown, or is given twice."""
+    names = [name if name != "lock" else f"lock {value.rpartition(':')[0]!r}" for name, value in query.multi_items()]
+    for name in names:
+        if names.count(name) > 1:
+            raise Refusal(400, f"{name[:80]} is given twice", where="query", remedy="give it once")
+    for name in query:
+        require_known(name, _PARAMETERS, TwolinkError, where="query")
+    plain: dict[str, Any] = {name: query[name] for name in _PARAMETERS[:4] if name in query}
     if "gravity" in query:
         plain["gravity"] = query["gravity"].split(",")
     if "lock" in query:

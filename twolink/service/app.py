@@ -15,8 +15,7 @@ from twolink.service import api_jobs, api_robots, api_scenes, api_site
 from twolink.service.access import DENY_ALL, SECURITY, AccessControl, Header, cors_headers
 from twolink.service.admission import HOLD, Hold, Shares, client_of_scope, hold
 from twolink.service.components import Service
-from twolink.service.http_io import JSON, UNSPECIFIED, body_limit, header, media_type, read_body, send_answer, send_body
-from twolink.service.json_keys import require_unique_keys
+from twolink.service.http_io import body_limit, header, media_type, read_body, send_answer, send_body
 from twolink.service.logs import AccessLog, Answered, logged_path
 from twolink.service.problems import answer_of
 from twolink.service.queries import PREFIX, QUERIES
@@ -121,11 +120,8 @@ class Shell:
             await send_answer(send, 204, cors, b"")
             return
         if scope["method"] in ("POST", "PUT", "PATCH"):
-            media = media_type(header(scope, b"content-type"))
-            body = await read_body(scope, receive, body_limit(media, self._quotas))
-            if media == JSON or (media in UNSPECIFIED and body.lstrip().startswith(b"{")):
-                await asyncio.to_thread(require_unique_keys, body)
-            receive = _replay(body, receive)
+            limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
+            receive = _replay(await read_body(scope, receive, limit), receive)
         status = 500
         start_message: Any = None  # kept until there is room for the body
 

@@ -7,6 +7,7 @@ import msgspec
 
 from twolink._version import __version__
 from twolink.scenes.file_format import SceneFile
+from twolink.service.json_keys import decode_unique
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
@@ -67,8 +68,8 @@ class JobRequest(msgspec.Struct, frozen=True):
 
 
 def prepare(*, kind: str, body: bytes) -> JobRequest:
-    """Check the body of a request for a job. Raises msgspec.MsgspecError, whose message has the place."""
-    request = msgspec.json.decode(body, type=REQUESTS[kind])
+    """Check the body of a request for a job. Raises what `decode_unique` raises."""
+    request = decode_unique(body, REQUESTS[kind])
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")

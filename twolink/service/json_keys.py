@@ -1,11 +1,20 @@
 """JSON objects that name a key twice are refused: of two values, decoders take the last one without a word."""
 
 import json
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from twolink.service.problems import Refusal
+
+T = TypeVar("T")
+
+
+def decode_unique(body: bytes, kind: type[T]) -> T:
+    """Decode JSON. Raises msgspec.MsgspecError, whose message has the place, and Refusal where a key comes twice."""
+    decoded = msgspec.json.decode(body, type=kind)
+    require_unique_keys(body)
+    return decoded
 
 
 def require_unique_keys(body: bytes, strings: int | None = None) -> None:

@@ -14,6 +14,7 @@ from twolink.dynamics.robot_record import robot_record
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
+from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
@@ -31,7 +32,7 @@ _REPORT_EVERY = 0.1  # seconds
 
 def validate(*, body: bytes, robots: str) -> bytes:
     """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
-    scene = scene_of(msgspec.json.decode(body, type=SceneRequest).scene, robots)
+    scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
     content = {
         "title": scene.title,
         "robot": robot_record(scene.robot),
@@ -45,7 +46,7 @@ def validate(*, body: bytes, robots: str) -> bytes:
 
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
-    request = msgspec.json.decode(body, type=ExplainRequest)
+    request = decode_unique(body, ExplainRequest)
     scene, duration = _allowed_scene(request, 1.0, robots, quotas)
     explanation = explain_scene(scene, request.accuracy, duration, method=request.method)
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
