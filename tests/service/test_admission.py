@@ -7,6 +7,8 @@ import contextlib
 import json
 import socket
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
 
 import httpx
 import numpy as np
@@ -15,9 +17,13 @@ import pytest
 from tests.service.serving import Served, serving, wait_until
 from tests.service.test_queries import packed
 from twolink.errors import TwolinkError
-from twolink.service.admission import HOLD, SMALL, Hold, Shares, client_of
+from twolink.service.admission import HOLD, SMALL, Hold, Shares, client_of, hold
+from twolink.service.job_requests import prepare
+from twolink.service.jobs import Jobs
+from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
-from twolink.service.settings import read_quotas
+from twolink.service.settings import Quotas, Settings, read_quotas
+from twolink.service.store import Store
 from twolink.service.turns import Turns
 
 BIAS = "/v1/robots/two_link/bias"
@@ -83,6 +89,49 @@ def test_clients_have_turns_round_robin() -> None:
 
     asyncio.run(work())
     assert done[:6] == ["a1", "a2", "b1", "c1", "a4", "b2"]
+
+
+class Workers:
+    """Do a job when told to, and note whose it was."""
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+        self.go = asyncio.Event()
+
+    async def run(self, *_: object, **__: object) -> dict[str, object]:
+        await self.go.wait()
+        self.done.append(hold().client)
+        return {}
+
+
+def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -> None:
+    async def work(store: Store) -> None:
+        workers = Workers()
+        jobs = Jobs(Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3)), store, cast(Any, workers), Metrics())
+
+        async def submit(client: str, number: int) -> None:
+            HOLD.set(Hold(Shares(1), client))
+            body = b'{"scene": "arm-swing", "wait": 0, "samples": %d}' % (1000 * ord(client) + number)
+            await jobs.submit("simulation", prepare(kind="simulation", body=body))
+
+        for number in range(4):
+            await asyncio.create_task(submit("a", number))
+        with pytest.raises(Refusal) as refused:
+            await asyncio.create_task(submit("a", 4))
+        assert refused.value.status == 429
+        await asyncio.create_task(submit("b", 0))
+        workers.go.set()
+        while len(workers.done) < 5:
+            await asyncio.sleep(0.01)
+        assert workers.done == ["a", "a", "b", "a", "a"]
+        while jobs.count("queued") + jobs.count("running"):
+            await asyncio.sleep(0.01)
+        await asyncio.create_task(submit("a", 5))
+        await jobs.close()
+
+    store = Store(tmp_path)
+    asyncio.run(work(store))
+    store.close()
 
 
 def test_limits_that_no_request_could_meet_are_refused() -> None:

@@ -1,5 +1,6 @@
 """What the handlers share of HTTP: reading a body within limits, sending an answer, media types."""
 
+import asyncio
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ ZIP = ("application/zip", "application/x-zip-compressed")
 OCTETS = "application/octet-stream"
 _LARGE = (*XML, *ZIP, OCTETS, npz.MEDIA_TYPE)
 SLICE = 256 * 1024  # bytes of an answer that are handed on at once: the next when the client has read most of them
+_JOIN = 2**22  # bytes that are put together in the event loop, in some milliseconds
 UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
 
 
@@ -60,6 +62,8 @@ async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
             reserve(2 * size)
             held += size
         more = message.get("more_body", False)
+    if size > _JOIN:
+        return await asyncio.to_thread(b"".join, parts)
     return parts[0] if len(parts) == 1 else b"".join(parts)
 
 

@@ -7,6 +7,7 @@ queue for its next start. A job that ran when the service was killed is interrup
 
 import asyncio
 import logging
+import math
 import sqlite3
 import time
 from collections.abc import AsyncIterator
@@ -15,12 +16,14 @@ from typing import Any
 
 import msgspec
 
+from twolink.service.admission import Shares, hold
 from twolink.service.job_requests import JobRequest
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
 from twolink.service.store import ACTIVE, Job, Store
+from twolink.service.turns import Turns
 from twolink.service.worker_pool import Workers
 
 View = dict[str, Any]
@@ -33,9 +36,13 @@ _log = logging.getLogger("twolink.service")
 
 @dataclass
 class _Running:
-    """A job that waits or runs. progress: what its worker has reported last. ending: only its end is left to store."""
+    """A job that waits or runs. client: who asked for it, unless an earlier service has left it.
+
+    progress: what its worker has reported last. ending: only its end is left to store.
+    """
 
     kind: str
+    client: str | None
     task: asyncio.Task[None] = field(init=False)
     created: float = field(default_factory=time.time)
     started: float | None = None
@@ -55,7 +62,8 @@ class Jobs:
         self._disk_bytes = settings.quotas.disk_mb * 2**20
         self._running: dict[str, _Running] = {}
         self._locks = KeyedLocks()
-        self._free = asyncio.Semaphore(settings.quotas.jobs)
+        self._turns = Turns(settings.quotas.jobs, math.inf)
+        self._queue = Shares(2 * (settings.quotas.queue + settings.quotas.jobs))  # of which one client may have half
         self._closing = False
 
     def count(self, state: str) -> int:
@@ -100,24 +108,28 @@ class Jobs:
         return await self.view(kind, key)
 
     async def _begin(self, key: str, kind: str, content: bytes) -> None:
-        quotas = self._quotas
-        if len(self._running) >= quotas.queue + quotas.jobs:
+        client = hold().client
+        if not self._queue.take(client):
             what = f"{len(self._running)} jobs wait already"
             raise Refusal(429, what, where="request", remedy="wait until some are done", retry_after=10)
-        await self._store.run(self._store.new_job, key, kind, content)
-        self._start(key, kind)
+        try:
+            await self._store.run(self._store.new_job, key, kind, content)
+            self._start(key, kind, client)
+        except BaseException:
+            self._queue.give(client)
+            raise
 
-    def _start(self, key: str, kind: str) -> None:
+    def _start(self, key: str, kind: str, client: str | None = None) -> None:
         if self._closing:
             raise self._ending()
-        running = self._running[key] = _Running(kind)
+        running = self._running[key] = _Running(kind, client)
         running.task = asyncio.create_task(self._run(key, running), name=key)
 
     async def _run(self, key: str, running: _Running) -> None:
         """Run a job when a worker is free, and store how it ended. Its request waits in the store, not in memory."""
         end: dict[str, Any] = {}
         try:
-            async with self._free:
+            async with self._turns.turn():
                 running.started = time.time()
                 self._metrics.job_wait.observe(running.started - running.created)
                 result = await self._compute(key, running)
@@ -132,6 +144,8 @@ class Jobs:
             running.ending = True
             await self._end(key, end)
             del self._running[key]
+            if running.client is not None:
+                self._queue.give(running.client)
             self._metrics.jobs.labels(running.kind, end["state"]).inc()
 
     async def _compute(self, key: str, running: _Running) -> Any:
