@@ -1,6 +1,5 @@
 """Results as text for a terminal."""
 
-import textwrap
 from collections.abc import Iterator, Sequence
 
 from twolink.hard.case import RefusalCase
@@ -51,5 +50,5 @@ def _line(name: str, what: str, attempt: Attempt) -> str:
 
 
 def _note(attempt: Attempt) -> str:
-    """The first words of an attempt's message."""
-    return f": {textwrap.shorten(attempt.message, 150, placeholder=' ...')}" if attempt.message else ""
+    """An attempt's message in one line."""
+    return f": {' '.join(attempt.message.split())}" if attempt.message else ""
