@@ -9,6 +9,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loop import Loop
 from twolink.errors import SceneError
 from twolink.hard.four_bars import hanging_four_bars, row_of_four_bars
+from twolink.integrate import compile_time
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.pinocchio_rate import constrained_acceleration
@@ -220,3 +221,28 @@ def test_loops_cost_what_they_cost_alone(scene: tl.Scene) -> None:
     args = loops.mech, np.concatenate([q, v]), [0.0] * model.nv, {}, Numbers, np.ones(model.nv), loops.loops
     a = np.array(loops.accelerations(*args)[0], dtype=float)
     assert np.abs(a - expected).max() < 1e-10 * (1.0 + np.abs(expected).max())
+
+
+def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A row of four-bars moves as one pendulum: exact by a robot of one joint. MAX_COMPILING stands for 40 loops."""
+    monkeypatch.setattr(compile_time, "MAX_COMPILING", 1.0)
+    monkeypatch.setattr(compile_time, "WORTH_A_WARNING", 0.0)
+    monkeypatch.setenv("TWOLINK_CACHE", "off")
+    number, angle = 4, -1.1
+    scene = row_of_four_bars(number, angle, 0.5)
+    run = tl.simulate(scene, 1.0, 1e-8)
+    assert any(r.levelname == "WARNING" and "compiling the motion of row_of_four_bars, about" in r.message
+               for r in caplog.records)  # fmt: skip
+    assert run.cost.compiled
+    inertia, arm = (number + 1) / 3 + number, ((number + 1) / 2 + number) / (2 * number + 1)
+    rod = f"""<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="{arm!r} 0 0"/>
+<mass value="{2 * number + 1}"/><inertia ixx="1" iyy="1" izz="{inertia - (2 * number + 1) * arm**2!r}" ixy="0" ixz="0"
+iyz="0"/></inertial></link>{joint("j", "revolute", "base", "rod", "0 0 1")}</robot>"""
+    gravity = [E.Gravity((0.0, -9.81, 0.0))]
+    exact = tl.simulate(tl.Scene(tl.load_robot(rod), [angle], [0.5], effects=gravity), 1.0, 1e-11)
+    signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
+    assert run.error is not None
+    assert np.all(np.abs(run.q - exact.q * signs).max(axis=1) <= run.error + 1e-11)
+    assert run.error[-1] <= 1e-8

@@ -1,8 +1,51 @@
-"""How long compiling takes, estimated from the number of operations, and what is too long to do unasked."""
+"""How long compiling takes, estimated from the number of operations, what is too long to do unasked, and saying so."""
 
-MAX_COMPILING = 20.0  # s: code that takes longer to compile is not compiled unasked
+import contextlib
+import logging
+import time
+from collections.abc import Iterator
+
+from twolink.integrate.equations import Equations
+from twolink.integrate.methods import Method
+
+MAX_COMPILING = 15.0  # s: code that takes longer to compile is not compiled unasked
+MAX_IN_PARTS = 300.0  # s: of a scene with constraints or events, whose steps would take as long uncompiled
+WORTH_A_WARNING = 5.0  # s
+PROJECTED = 5.0  # evaluations that compile as slowly as the projection in a step
+PROJECTION = 1.3  # the same of the projection alone
+log = logging.getLogger("twolink")
 
 
 def compiling_seconds(operations: float) -> float:
-    """Seconds to compile so many operations, roughly: measured on UR5 (8,000: 2 s), ANYmal (44,000) and Talos."""
+    """Seconds to compile so many operations, roughly.
+
+    Processor seconds and their estimates, for steps of DOP853: UR5 3.0 and 2.7, Panda 12.8 and 11.3, squeezer 7.0 and
+    4.8, bricard 10.9 and 10.3; for the rates of rows of 16 and 40 four-bars 0.8 and 0.9, 2.3 and 2.8.
+    """
     return operations / 4_000 * (1.0 + operations / 20_000)
+
+
+def step_seconds(equations: Equations, method: Method) -> float:
+    """Seconds to compile a whole step."""
+    projected = PROJECTED if equations.constraints is not None else 0.0
+    return compiling_seconds(equations.operations * (method.evaluations + projected))
+
+
+def in_parts(equations: Equations, method: Method) -> bool:
+    """Whether the rate and the projection are compiled alone, since a whole step would take too long to compile."""
+    return step_seconds(equations, method) > MAX_COMPILING
+
+
+def parts_seconds(equations: Equations) -> float:
+    """Seconds to compile the rate and, of constraints, the projection."""
+    projection = PROJECTION if equations.constraints is not None else 0.0
+    return compiling_seconds(equations.operations) + compiling_seconds(projection * equations.operations)
+
+
+@contextlib.contextmanager
+def announced(what: str, expected: float) -> Iterator[None]:
+    """Log what is compiled and how long it is expected to take [s]: as a warning where somebody waits for it."""
+    level, start = logging.WARNING if expected > WORTH_A_WARNING else logging.INFO, time.perf_counter()
+    log.log(level, "compiling %s, about %.0f s, once: then it is in the cache", what, expected)
+    yield
+    log.log(level, "compiled and certified in %.1f s", time.perf_counter() - start)

@@ -15,7 +15,7 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor
-from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
+from twolink.integrate.compile_time import MAX_COMPILING, MAX_IN_PARTS, in_parts, parts_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
@@ -73,8 +73,9 @@ def choose(
 
     Notes
     -----
-    "auto" takes SciPy's DOP853 without heyoka and where compiling would take long, ESDIRK43 for stiff scenes, the
-    fastest method that a study of this scene measured, or else the cheapest by the built-in calibration.
+    "auto" takes ESDIRK43 for stiff scenes, the fastest method that a study of this scene measured, or else the
+    cheapest by the built-in calibration. Without heyoka, and where compiling would take long, it takes SciPy's DOP853,
+    or ours for scenes with constraints or events.
     """
     if precision == "quad":
         if name not in ("auto", "taylor"):
@@ -86,8 +87,7 @@ def choose(
         method = method_named(name)
         return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")
     if heyoka() is None:
-        method = METHODS["scipy-dop853"]
-        return MethodChoice(method, first_setting(equations, method, accuracy), "heyoka is not installed")
+        return _without_whole_steps(equations, accuracy, "heyoka is not installed")
     decay = _decay(equations)
     if decay * duration > STIFF:
         method = METHODS["esdirk43"]
@@ -96,18 +96,33 @@ def choose(
     entry = calibration.cheapest(equations, duration, accuracy)
     if entry is not None:
         return MethodChoice(METHODS[entry.method], entry.setting, "measured on this scene by an accuracy study")
+    if in_parts(equations, METHODS["dop853"]):
+        why = (
+            f"compiling steps of {equations.operations:,} operations an evaluation would take over {MAX_COMPILING:g} s"
+        )
+        return _without_whole_steps(equations, accuracy, why)
     return _by_calibration(
         equations.operations, equations.space.nv >= taylor.COMPACT_FROM, equations.analytic, accuracy
     )
 
 
+def _without_whole_steps(equations: Equations, accuracy: float, why: str) -> MethodChoice:
+    """DOP853 where whole steps are not compiled: SciPy's on Pinocchio's forward dynamics, which compiles nothing.
+
+    It neither locates events nor keeps to constraints. For those it is ours, compiled in parts where that can be.
+    """
+    bound = equations.constraints is not None or equations.has_events
+    method = METHODS["dop853" if bound else "scipy-dop853"]
+    if bound and heyoka() is not None:
+        seconds = parts_seconds(equations)
+        why += (f"; the rate alone takes about {seconds:.0f} s, once" if seconds <= MAX_IN_PARTS
+                else ", so that nothing is compiled: an evaluation takes a large part of a second")  # fmt: skip
+    return MethodChoice(method, first_setting(equations, method, accuracy), why)
+
+
 @functools.lru_cache(1024)
 def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: float) -> MethodChoice:
     """The cheapest method for equations of so many operations an evaluation."""
-    if compiling_seconds(operations * METHODS["dop853"].evaluations) > MAX_COMPILING:
-        method = METHODS["scipy-dop853"]
-        why = f"compiling steps of {operations:,} operations an evaluation would take over {MAX_COMPILING:.0f} s"
-        return MethodChoice(method, first_tolerance(method, accuracy), why)
     tolerances = {
         name: first_tolerance(METHODS[name], accuracy) for name in ((*ATTEMPTS, "taylor") if analytic else ATTEMPTS)
     }

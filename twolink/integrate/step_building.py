@@ -1,5 +1,10 @@
-"""Building step maps: the portable one on Pinocchio's rates, and the compiled one."""
+"""Building step maps: the portable one on Pinocchio's rates, the compiled one, and the one compiled in parts.
 
+In parts, the rate and the projection are compiled, and NumPy makes steps of them: a step takes some 0.3 ms more, and
+compiling a tenth of the time.
+"""
+
+import contextlib
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -17,22 +22,70 @@ from twolink.integrate.state import Array
 from twolink.integrate.step_control import ROWS, Problem, Step, adaptive_advance, fixed_advance
 from twolink.integrate.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
 
-Jacobian = Callable[[Any, Array], list[list[Any]]]
+Map = Callable[..., None]  # (state, out)
+Solver = Callable[[float, Array], Array]
 
 
-def portable_map(equations: Equations, method: Method) -> Callable[[Array, Array], None]:
+def portable_map(equations: Equations, method: Method) -> Map:
     """The map on Pinocchio's rates; run-time parameters are the robot's own there."""
 
     def rate(t: Any, x: Array) -> Array:
         return rate_by_pinocchio(equations, t, x)
 
-    step = _step(equations, method, rate, _differences(rate))
+    def project(x: Array) -> Array:
+        return projected(equations, x, Numbers)
+
+    step = _numeric_step(equations, method, rate)
 
     def call(state: Array, out: Array) -> None:
         with np.errstate(all="ignore"):
-            out[:] = _advance(equations, method, step, state, Numbers)
+            out[:] = _advance(equations, method, step, project, state, Numbers)
 
     return call
+
+
+def map_in_parts(equations: Equations, method: Method, rate_code: Any, projection_code: Any) -> Map:
+    """The map on a compiled rate, and on a compiled projection where there are constraints."""
+    size = equations.space.size
+
+    def call(state: Array, out: Array, *, batch_parallel: bool = False) -> None:
+        values, worlds = state[size + ROWS :], state.shape[1]
+
+        def rate(t: Any, x: Array) -> Array:
+            width = x.shape[1]
+            rows = np.empty((1 + size + len(values), width))
+            rows[0], rows[1 : 1 + size], rows[1 + size :] = t, x, np.tile(values, width // worlds)
+            return np.asarray(rate_code(rows, batch_parallel=batch_parallel))
+
+        def project(x: Array) -> Array:
+            if equations.constraints is None:
+                return projected(equations, x, Numbers)
+            return np.asarray(projection_code(np.concatenate([x, values]), batch_parallel=batch_parallel))
+
+        with np.errstate(all="ignore"):
+            step = _numeric_step(equations, method, rate)
+            out[:] = _advance(equations, method, step, project, state, Numbers)
+
+    return call
+
+
+def compiled_rate(equations: Equations) -> Any:
+    """heyoka's function of the rows t, x and the run-time parameters: x' (size,)."""
+    module = heyoka()
+    xp, first = Expressions(module), 1 + equations.space.size
+    rows = np.array([module.expression(f"x{i}") for i in range(first + len(equations.parameters))], dtype=object)
+    constants = dict(zip(equations.parameters, rows[first:], strict=True))
+    out = traced_rate(equations, rows[0], rows[1:first], xp, constants)
+    return module.cfunc([xp.lift(e) for e in out], vars=list(rows))
+
+
+def compiled_projection(equations: Equations) -> Any:
+    """heyoka's function of the rows x and the run-time parameters: x (size,) on its manifold."""
+    module = heyoka()
+    xp, size = Expressions(module), equations.space.size
+    rows = np.array([module.expression(f"x{i}") for i in range(size + len(equations.parameters))], dtype=object)
+    out = projected(equations, rows[:size], xp, dict(zip(equations.parameters, rows[size:], strict=True)))
+    return module.cfunc([xp.lift(e) for e in out], vars=list(rows))
 
 
 def compiled_map(equations: Equations, method: Method) -> Any:
@@ -57,38 +110,8 @@ def compiled_map(equations: Equations, method: Method) -> Any:
         folded = [0.0 if e == zero else 1.0 if e == one else e for e in entries]
         return [folded[i * len(x) : (i + 1) * len(x)] for i in range(len(x))]
 
-    step = _step(equations, method, rate, jacobian)
-
-    def within_reach(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], Array | None]:
-        new, errors, change = step(t, x, h)
-        return xp.within_reach(new), [xp.within_reach(e) for e in errors], change
-
-    out = _advance(equations, method, within_reach, state, xp)
-    return module.cfunc([xp.lift(e) for e in out], vars=list(state))
-
-
-def _advance(equations: Equations, method: Method, step: Step, state: Array, xp: Any) -> Array:
-    """The state array after one attempted step."""
-    space = equations.space
-    constants = dict(zip(equations.parameters, state[space.size + ROWS :], strict=True))
-
-    def project(x: Array) -> Array:
-        return projected(equations, x, xp, constants)
-
-    problem = Problem(step, space.size, space.absolute, project, method.error_order)
-    return (adaptive_advance if method.adaptive else fixed_advance)(problem, state, xp)
-
-
-def _step(equations: Equations, method: Method, rate: Rate, jacobian: Jacobian) -> Step:
-    """The method's step (t, x, h) -> (x_new, error estimates, last change of an iteration)."""
-    space, tableau = equations.space, method.tableau
-    if tableau is None:
-        return functools.partial(semi_implicit_step, space.nq, space.rate, rate)
-    if method.kind == "explicit":
-        return functools.partial(explicit_step, tableau, rate)
-
-    def implicit(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], Array]:
-        matrix = jacobian(t + h * 0.5, x + rate(t, x) * (h * 0.5))
+    def solver(t: Any, x: Array, h: Any) -> Solver:
+        matrix = jacobian(t, x)
         factors: dict[float, tuple[list[list[Any]], list[Any]]] = {}
 
         def solve(d: float, right: Array) -> Array:
@@ -98,6 +121,43 @@ def _step(equations: Equations, method: Method, rate: Rate, jacobian: Jacobian) 
             answer[:] = solved(*factors[d], list(right))
             return answer
 
+        return solve
+
+    def project(x: Array) -> Array:
+        return projected(equations, x, xp, constants)
+
+    step = _step(equations, method, rate, solver)
+
+    def within_reach(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], Array | None]:
+        new, errors, change = step(t, x, h)
+        return xp.within_reach(new), [xp.within_reach(e) for e in errors], change
+
+    out = _advance(equations, method, within_reach, project, state, xp)
+    return module.cfunc([xp.lift(e) for e in out], vars=list(state))
+
+
+def _advance(
+    equations: Equations, method: Method, step: Step, project: Callable[[Array], Array], state: Array, xp: Any
+) -> Array:
+    """The state array after one attempted step."""
+    space = equations.space
+    problem = Problem(step, space.size, space.absolute, project, method.error_order)
+    return (adaptive_advance if method.adaptive else fixed_advance)(problem, state, xp)
+
+
+def _step(equations: Equations, method: Method, rate: Rate, solver: Callable[[Any, Array, Any], Solver]) -> Step:
+    """The method's step (t, x, h) -> (x_new, error estimates, last change of an iteration).
+
+    solver: (t, x, h) -> the solver (d, r) -> (1 - h d J)^-1 r with J = df/dx at (t, x).
+    """
+    space, tableau = equations.space, method.tableau
+    if tableau is None:
+        return functools.partial(semi_implicit_step, space.nq, space.rate, rate)
+    if method.kind == "explicit":
+        return functools.partial(explicit_step, tableau, rate)
+
+    def implicit(t: Any, x: Array, h: Any) -> tuple[Array, list[Array], Array]:
+        solve = solver(t + h * 0.5, x + rate(t, x) * (h * 0.5), h)
         return diagonally_implicit_step(tableau, rate, solve, t, x, h)
 
     return implicit
@@ -112,17 +172,33 @@ def _one_minus(h: Any, matrix: list[list[Any]]) -> list[list[Any]]:
     ]
 
 
-def _differences(rate: Rate) -> Jacobian:
-    """df/dx by central differences, for the portable map."""
+def _numeric_step(equations: Equations, method: Method, rate: Rate) -> Step:
+    """The step over numbers: the Jacobian by central differences, all of them in one call, and LAPACK."""
 
-    def jacobian(t: Any, x: Array) -> list[list[Any]]:
-        columns = []
-        for j in range(len(x)):
-            step = 6e-6 * (1.0 + np.abs(x[j]))
-            ahead, behind = x.copy(), x.copy()
-            ahead[j] += step
-            behind[j] -= step
-            columns.append((rate(t, ahead) - rate(t, behind)) / (2.0 * step))
-        return [[column[i] for column in columns] for i in range(len(x))]
+    def solver(t: Any, x: Array, h: Any) -> Solver:
+        size, worlds = x.shape
+        steps = 6e-6 * (1.0 + np.abs(x))
+        shifts = np.eye(size)[:, :, None] * steps  # (rows, which is shifted, worlds)
+        ahead, behind = ((x[:, None] + sign * shifts).reshape(size, size * worlds) for sign in (1.0, -1.0))
+        t = np.tile(np.broadcast_to(t, worlds), size)
+        matrix = (rate(t, ahead) - rate(t, behind)).reshape(size, size, worlds) / (2.0 * steps)
+        inverses: dict[float, Array] = {}
 
-    return jacobian
+        def solve(d: float, right: Array) -> Array:
+            if d not in inverses:
+                system = np.moveaxis(np.eye(size)[:, :, None] - h * d * matrix, -1, 0)
+                inverses[d] = _inverse(system)
+            return np.asarray(np.einsum("nij,jn->in", inverses[d], right))
+
+        return solve
+
+    return _step(equations, method, rate, solver)
+
+
+def _inverse(matrices: Array) -> Array:
+    """Inverses (n, size, size); NaN of what is singular or not finite."""
+    out = np.full_like(matrices, np.nan)
+    for matrix, inverse in zip(matrices, out, strict=True):
+        with contextlib.suppress(np.linalg.LinAlgError):
+            inverse[:] = np.linalg.inv(matrix)
+    return out

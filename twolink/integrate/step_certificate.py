@@ -1,6 +1,7 @@
 """The certificate of a compiled step: it agrees with the portable one on Pinocchio's rates."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import projected
 from twolink.integrate.methods import Method
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
@@ -17,6 +19,7 @@ from twolink.integrate.stiffness import fastest
 
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared
+AROUND = 0.1  # rad, m, and per second: of states beside closed loops
 Map = Callable[[Array, Array], None]
 
 
@@ -62,19 +65,57 @@ def certify(equations: Equations, method: Method, portable: Map, compiled: Map) 
     _lock_some(equations, x)
     change = np.abs(rate_by_pinocchio(equations, 0.0, x)).max(axis=0, initial=0.0)
     h = 0.05 / (1.0 + np.maximum(change, fastest(equations, x)[0]))
-    values = [nominal(equations.robot.model, name) for name in equations.parameters]
-    state = initial_state(x, 0.0, h, h, np.inf, parameters=np.array(values)[:, None] if values else None)
+    values = _parameters(equations)
+    state = initial_state(x, 0.0, h, h, np.inf, parameters=values if len(values) else None)
     ours, theirs = np.empty_like(state), np.empty_like(state)
     compiled(state, ours)
     portable(state, theirs)
     scale = 1.0 + np.abs(x).max(axis=0) + np.abs(theirs[:size] - x).max(axis=0)
-    error = np.abs(ours[:size] - theirs[:size]).max(axis=0) / scale
-    if equations.constraints is not None:  # a compiled step gives no number beside a singular position: that is meant
-        error[np.isnan(ours[:size]).any(axis=0) & (np.arange(STATES) > 0)] = 0.0
+    _require_agreement(equations, f"step of {method.name}", x, ours[:size], theirs[:size], scale)
+
+
+def certify_rate(equations: Equations, compiled: Any) -> None:
+    """Compare a compiled rate with Pinocchio's at the start and at states around it, beside closed loops too."""
+    x = _around(equations)
+    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
+    ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
+    theirs = rate_by_pinocchio(equations, 0.0, x)
+    _require_agreement(equations, "rate", x, ours, theirs, 1.0 + np.abs(theirs).max(axis=0))
+
+
+def certify_projection(equations: Equations, compiled: Any) -> None:
+    """Compare a compiled projection with NumPy's."""
+    x = _around(equations)
+    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
+    with np.errstate(all="ignore"):
+        theirs = projected(equations, x, Numbers)
+    scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=0)
+    _require_agreement(equations, "projection", x, compiled(np.concatenate([x, values])), theirs, scale)
+
+
+def _around(equations: Equations) -> Array:
+    """The start, and random states around it, (size, STATES)."""
+    x = np.repeat(equations.start[:, None], STATES, axis=1)
+    x[: equations.moving, 1:] += np.random.default_rng(1).uniform(-AROUND, AROUND, (equations.moving, STATES - 1))
+    x = equations.space.normalized(x, Numbers)
+    _lock_some(equations, x)
+    return x
+
+
+def _parameters(equations: Equations) -> Array:
+    """The robot's own values of the run-time parameters, (p, 1)."""
+    return np.array([[nominal(equations.robot.model, name)] for name in equations.parameters]).reshape(-1, 1)
+
+
+def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:
+    """Require that results (size, STATES) agree. Raises CertificationError with the worst state."""
+    error = np.abs(ours - theirs).max(axis=0) / scale
+    if equations.constraints is not None:  # beside a singular position there is no number: that is meant
+        error[np.isnan(ours).any(axis=0) & (np.arange(STATES) > 0)] = 0.0
     if not error.max() <= AGREEMENT:
         worst = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
         raise CertificationError(
-            f"the compiled step of {method.name} differs from Pinocchio's by {error[worst]:.1e}",
-            where=f"x = {x[:, worst].tolist()}, h = {h[worst]:.3g}",
+            f"the compiled {what} differs from Pinocchio's by {error[worst]:.1e}",
+            where=f"x = {x[:, worst].tolist()}",
             remedy='report it with the URDF; method="scipy-dop853" does without compiled steps',
         )

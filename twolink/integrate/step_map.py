@@ -2,34 +2,38 @@
 
 A state array (rows, n) has the rows of x, then those of `step_control.Control`, then the run-time parameters.
 
-The portable map runs on Pinocchio's rates. The compiled one is a single heyoka function of the same text; the two are
-compared before the compiled one is first used. A map called with an infinite tolerance and an end within a step takes
+The portable map runs on Pinocchio's rates. The compiled one is a single heyoka function of the same text; where that
+would take long to compile, the rate and the projection are compiled alone. What is compiled is compared with Pinocchio
+before it is first used. A map called with an infinite tolerance and an end within a step takes
 exactly that part of the step: samples and events are computed so, with the order of the method.
 """
 
 import functools
-import logging
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from twolink.dynamics.kernels import heyoka, pays_threads
-from twolink.integrate.compile_time import compiling_seconds
+from twolink.integrate.compile_time import MAX_IN_PARTS, announced, in_parts, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
-from twolink.integrate.step_building import compiled_map, portable_map
-from twolink.integrate.step_certificate import certify
+from twolink.integrate.step_building import (
+    compiled_map,
+    compiled_projection,
+    compiled_rate,
+    map_in_parts,
+    portable_map,
+)
+from twolink.integrate.step_certificate import certify, certify_projection, certify_rate
 from twolink.integrate.step_control import Control, control_rows
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
 Map = Callable[..., None]  # (state, out)
-log = logging.getLogger("twolink")
 
 
 class StepMap:
@@ -119,10 +123,13 @@ class StepMap:
 def step_map(equations: Equations, method: Method, *, portable: bool = False) -> StepMap:
     """The step map of a method, compiled where heyoka is installed; kept for the life of the process.
 
-    Raises CertificationError when the compiled map disagrees with Pinocchio's.
+    Raises CertificationError when what is compiled disagrees with Pinocchio's.
     """
-    if portable or heyoka() is None:
+    parts = in_parts(equations, method)
+    if portable or heyoka() is None or (parts and parts_seconds(equations) > MAX_IN_PARTS):
         return StepMap(equations, method, portable_map(equations, method), False, 0.0)
+    if parts:
+        return _in_parts(equations, method)
     name = equations.key("step", method.name)
     compiled, seconds = compiled_function(name, lambda: _compiled(equations, method))
     return StepMap(equations, method, compiled, True, seconds)
@@ -130,10 +137,29 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False) ->
 
 def _compiled(equations: Equations, method: Method) -> Any:
     """The map, compiled, compared with the portable one."""
-    start = time.perf_counter()
-    expected = compiling_seconds(equations.operations * method.evaluations)
-    log.info("compiling steps of %s for %s, about %.1f s", method.name, equations.robot.name, expected)
-    compiled = compiled_map(equations, method)
-    certify(equations, method, portable_map(equations, method), compiled)
-    log.info("compiled and certified in %.1f s", time.perf_counter() - start)
+    with announced(f"steps of {method.name} for {equations.robot.name}", step_seconds(equations, method)):
+        compiled = compiled_map(equations, method)
+        certify(equations, method, portable_map(equations, method), compiled)
     return compiled
+
+
+def _in_parts(equations: Equations, method: Method) -> StepMap:
+    """The map on a compiled rate and a compiled projection."""
+
+    def rate_code() -> Any:
+        with announced(f"the motion of {equations.robot.name}", parts_seconds(equations)):
+            code = compiled_rate(equations)
+            certify_rate(equations, code)
+        return code
+
+    def projection_code() -> Any:
+        code = compiled_projection(equations)
+        certify_projection(equations, code)
+        return code
+
+    rate, seconds = compiled_function(equations.key("rate"), rate_code)
+    projection = None
+    if equations.constraints is not None:
+        projection, more = compiled_function(equations.key("projection"), projection_code)
+        seconds += more
+    return StepMap(equations, method, map_in_parts(equations, method, rate, projection), True, seconds)
