@@ -154,6 +154,22 @@ def test_files_of_others_in_the_folder_are_never_deleted(folder: Path, monkeypat
     assert cache.load("k7") is not None
 
 
+def test_what_a_killed_process_left_is_deleted_and_copies_of_the_user_are_not(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TWOLINK_CACHE_MB", "1")
+    cache.store("k0", np.zeros(50_000))
+    content = (folder / "k0.kernel").read_bytes()
+    left, copy = folder / ".k1.kernel.x2_3abc", folder / "k0.kernel.copy"
+    for path in (left, copy):
+        path.write_bytes(content[:-5])
+        os.utime(path, (1, 1))
+    for i in range(3):
+        cache.store(f"k{i}", np.zeros(50_000))
+    assert not left.exists()
+    assert copy.exists()
+
+
 def test_the_default_folder_is_the_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TWOLINK_CACHE")
     assert os.path.basename(cache.location()) == "twolink"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
 import resource
 import signal
 import threading
@@ -151,6 +152,24 @@ def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: 
     assert "Traceback" not in served.log
     with serving(tmp_path / "data") as second, second.client() as http:
         assert ended(http, f"/v1/simulations/{key}")["state"] == "done"
+
+
+def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
+    answers: list[httpx.Response] = []
+    with serving(tmp_path / "data") as served, served.client() as http:
+        assert http.post("/v1/robots", content=pendulum()).status_code == 201
+        stopped = served.workers()
+        for process in stopped:
+            os.kill(process, signal.SIGSTOP)
+        waiter = threading.Thread(target=lambda: answers.append(http.post("/v1/scenes/validate", json={"scene": "x"})))
+        waiter.start()
+        wait_until(lambda: "twolink_requests_under_way 2.0" in http.get("/metrics").text)
+        served.process.send_signal(signal.SIGTERM)
+        waiter.join(30)
+        served.process.wait(30)
+    assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
+    assert "Traceback" not in served.log
+    wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in stopped))
 
 
 def test_metrics_show_queue_memory_lag_and_waiting(http: httpx.Client) -> None:

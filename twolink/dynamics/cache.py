@@ -99,10 +99,14 @@ def _head(name: str, payload: bytes) -> bytes:
 
 
 def _shrink(place: Path) -> None:
-    """Delete the least recently used kernels until all together are below the limit. Other files do not count."""
+    """Delete the least recently used kernels until all together are below the limit. Other files do not count.
+
+    Kernels that a killed process has begun to write, under names of their own, are among them.
+    """
     setting = os.environ.get("TWOLINK_CACHE_MB", "512")
     limit = (int(setting) if setting.isdigit() else 512) * 2**20
-    written = [(path, path.stat()) for path in place.glob(f"*{SUFFIX}") if _is_kernel(path)]
+    candidates = (*place.glob(f"*{SUFFIX}"), *place.glob(f".*{SUFFIX}.*"))
+    written = [(path, path.stat()) for path in candidates if _is_kernel(path)]
     kernels = [(info.st_mtime, info.st_size, path) for path, info in written]
     total = sum(size for _, size, _ in kernels)
     for _, size, path in sorted(kernels):

@@ -58,6 +58,8 @@ class Shell:
         self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
         self._access = AccessControl(service.settings)
         self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
+        self._under_way = 0
+        service.metrics.gauge("twolink_requests_under_way", "Requests that are answered", lambda: self._under_way)
         service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -77,6 +79,7 @@ class Shell:
                 entry.bytes += len(message.get("body", b""))
             await send(message)
 
+        self._under_way += 1
         try:
             await self._admit(scope if scope["method"] != "HEAD" else {**scope, "method": "GET"}, receive, send_noted)
         except asyncio.CancelledError:  # the service ends, and does not wait for the answer any more
@@ -85,6 +88,7 @@ class Shell:
             status, headers, body = answer_of(self.service.ending_refusal())
             await send_answer(send_noted, status, [*headers, DENY_ALL], body)
         finally:
+            self._under_way -= 1
             entry.seconds = time.perf_counter() - start
             self._log.note(entry)
 

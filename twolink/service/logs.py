@@ -1,6 +1,7 @@
 """What the service writes to stderr: a line for each request, and what its operator must know; as text or as JSON."""
 
 import asyncio
+import functools
 import logging
 import sys
 import time
@@ -33,7 +34,12 @@ class Answered(msgspec.Struct):
 
 def _stamp(seconds: float) -> str:
     """A time in UTC, as RFC 3339 writes it."""
-    return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(seconds))}.{int(seconds % 1 * 1000):03d}Z"
+    return f"{_whole_seconds(int(seconds))}.{int(seconds % 1 * 1000):03d}Z"
+
+
+@functools.lru_cache(4)
+def _whole_seconds(seconds: int) -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
 
 
 class _Text(logging.Formatter):

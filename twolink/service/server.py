@@ -5,6 +5,7 @@ batched ones a second and core; jobs and uploads run in the pool. Whoever needs 
 reverse proxy.
 """
 
+import asyncio
 import contextlib
 import functools
 import socket
@@ -65,8 +66,17 @@ class _Server(uvicorn.Server):
             self._on_start()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Answer who waits for a job, then end as uvicorn does."""
+        """Let answers under way be finished, cancel what takes longer, and end when all that is undone."""
+        for server in self.servers:
+            server.close()
         await self._service.drain()
+        late = set(self.server_state.tasks)
+        if late:
+            _, late = await asyncio.wait(late, timeout=_GRACE)
+        for task in late:
+            task.cancel()
+        if late:
+            await asyncio.wait(late, timeout=_GRACE)  # uvicorn itself would end the application at once
         await super().shutdown(sockets)
 
 
@@ -86,6 +96,7 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
         "http": functools.partial(Protocol, Limits.of(settings.quotas)),
         "ws": "none",
         "log_level": "error",  # a warning for each malformed request would fill the log
+        "log_config": None,  # its messages go where ours go
         "access_log": False,
         "server_header": False,
         "lifespan": "on",

@@ -100,7 +100,7 @@ export async function listPast(onOpen) {
 }
 
 function pastRow(job, onOpen) {
-  const { scene, accuracy } = job.request;
+  const { scene, accuracy } = job.request ?? { scene: { title: "a large scene" } }; // lists leave large ones out
   const title = typeof scene === "string" ? scene : scene.title || scene.robot?.source || scene.robot;
   const when = new Date(job.created * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
   const open = el(
