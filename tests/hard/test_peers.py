@@ -77,6 +77,16 @@ def test_what_peers_are_not_given_is_named() -> None:
         task_of(tl.Scene(tl.load_robot(tree("planar", "revolute").replace('"0 0.6 0.8"', '"0 0 1"'))), TIMES)
 
 
+def test_a_loop_is_found_on_links_that_have_the_names_of_joints() -> None:
+    text = tree("revolute", "revolute", "revolute")
+    loops = [
+        task_of(tl.Scene(tl.load_robot(named), effects=[fx.PointLoop("l1", point_b=(0.4, 0.2, 0.3))]), TIMES).loops
+        for named in (text, text.replace('joint name="j', 'joint name="'))
+    ]
+    for there, here in zip(loops[0][0], loops[1][0], strict=True):
+        np.testing.assert_array_equal(there, here)
+
+
 @pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")
 def test_drake_gets_no_torques_in_time() -> None:
     from twolink.hard.peers import drake_peer

@@ -91,6 +91,8 @@ BAD = {
     "limit NaN": (swapped('upper="1"', 'upper="nan"'), ["joint 'hinge'", "not finite"]),
     "no limit": (swapped('<limit lower="-1" upper="1" effort="1" velocity="1"/>', ""), ["needs <limit>", "continuous"]),
     "negative effort": (swapped('effort="1"', 'effort="-1"'), ["effort limit -1.0 is negative"]),
+    "link named as the ground": (
+        GOOD.replace('"arm"', '"universe"'), ["link 'universe'", "the ground is called 'universe'", "rename the link"]),
     "no joint type": (swapped('type="revolute"', ""), ["joint 'hinge'", "type '' is unknown"]),
     "joint type misspelt": (swapped('"revolute"', '"revolut"'), ["joint 'hinge'", "did you mean 'revolute'"]),
     "ball joint": (swapped('"revolute"', '"ball"'), ["type 'ball' is unknown"]),

@@ -160,6 +160,26 @@ def test_free_root_and_locked_joints() -> None:
     assert (angle.nq, angle.nv) == (7, 5)
 
 
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_joints_that_have_the_names_of_links_can_be_locked(name: str) -> None:
+    part = """<inertial><origin xyz="0.1 0 0.3"/><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><sphere radius="1"/></geometry></visual>"""
+    text = f"""<robot name="r"><link name="base"/><link name="a">{part}</link><link name="b">{part}</link>
+    <joint name="a" type="continuous"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/></joint>
+    <joint name="b" type="continuous"><origin xyz="0 0 1"/><parent link="a"/><child link="b"/>
+    <axis xyz="0 1 0"/></joint></robot>"""
+    same = tl.load_robot(text, lock={name: 0.5})
+    other = tl.load_robot(text.replace('joint name="', 'joint name="turn_'), lock={f"turn_{name}": 0.5})
+    q = [np.cos(0.3), np.sin(0.3)]
+    assert same.frame_names == other.frame_names == ("base", "a", "b")
+    for query in ("mass_matrix", "gravity_torque"):
+        np.testing.assert_array_equal(getattr(same, query)(q), getattr(other, query)(q))
+    np.testing.assert_array_equal(same.frame_pose(q, "b")[1], other.frame_pose(q, "b")[1])
+    placements = [[g.placement.homogeneous for g in r.visual_model().geometryObjects] for r in (same, other)]
+    np.testing.assert_array_equal(*placements)
+
+
 def test_visuals_are_there_with_colours_and_without_missing_meshes() -> None:
     arm = tl.load_robot("two_link").visual_model()
     assert {tuple(np.round(g.meshColor, 2)) for g in arm.geometryObjects} >= {(0.13, 0.4, 0.68, 1.0)}

@@ -109,6 +109,9 @@ def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
         if reserved in names:
             what = f"Pinocchio keeps the joint name {reserved!r} for itself"
             raise RobotError(what, where=label, remedy="rename the joint")
+    if "universe" in tree.links and (tree.root != "universe" or root == "free"):
+        what = "the ground is called 'universe', and this link is not the ground"
+        raise RobotError(what, where=tree.links["universe"].where, remedy="rename the link")
     arguments = [canonical(tree), *([pin.JointModelFreeFlyer()] if root == "free" else []), mimic]
     with ThreadPoolExecutor(1, "twolink-load") as pool, _stack_size_lock:
         before = threading.stack_size(_STACK_BYTES)

@@ -11,6 +11,7 @@ from twolink.robots.joint_layout import joint_layouts
 
 Lock = Mapping[str, float | Sequence[float]]
 UNIT_TOLERANCE = 1e-8
+_LINK = "link\0"  # no name in XML holds a NUL
 
 
 def _numbers(value: Any) -> np.ndarray:
@@ -79,7 +80,31 @@ def without_joints(model: pin.Model, locked: Sequence[int], reference: np.ndarra
     if not locked:
         return model.copy()
     try:
-        return pin.buildReducedModel(model, list(locked), reference)
+        reduced = pin.buildReducedModel(_with_marked_links(model), list(locked), reference)
     except Exception as error:
         what = f"Pinocchio cannot lock these joints: {' '.join(str(error).split())}"
         raise RobotError(what, argument="lock", remedy="load it without lock=", code="pinocchio") from None
+    for frame in _links(reduced):
+        frame.name = frame.name.removeprefix(_LINK)
+    return reduced
+
+
+def shapes_without_joints(
+    model: pin.Model, shapes: pin.GeometryModel, locked: Sequence[int], reference: np.ndarray
+) -> pin.GeometryModel:
+    """The shapes of a model, for the model of `without_joints`."""
+    if not locked:
+        return shapes
+    return pin.buildReducedModel(_with_marked_links(model), shapes, list(locked), reference)[1]
+
+
+def _with_marked_links(model: pin.Model) -> pin.Model:
+    """A copy in which no link has a joint's name: buildReducedModel finds the joints' frames by their names alone."""
+    marked = model.copy()
+    for frame in _links(marked):
+        frame.name = _LINK + frame.name
+    return marked
+
+
+def _links(model: pin.Model) -> list[pin.Frame]:
+    return [frame for frame in model.frames if frame.type == pin.FrameType.BODY]

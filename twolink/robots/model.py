@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from twolink.errors import QueryError, ShowError
 from twolink.robots.joint_layout import JointLayout, joint_layouts
-from twolink.robots.load_options import gravity_field
+from twolink.robots.load_options import gravity_field, shapes_without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.mesh_shapes import set_mesh
 from twolink.robots.meshes import MeshFile
@@ -151,9 +151,7 @@ class RobotModel:
         for item in geometry.geometryObjects:
             if item.name in visuals.meshes:
                 set_mesh(item, visuals.meshes[item.name])
-        if visuals.locked:
-            _, geometry = pin.buildReducedModel(visuals.model, geometry, list(visuals.locked), visuals.reference)
-        return geometry
+        return shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.name, self.model, self.report, self.visuals)

@@ -143,7 +143,7 @@ def _carrier(robot: Robot, link: str) -> tuple[int, pin.SE3]:
     """The joint that carries a link, and the link's place in its frame."""
     if link == "universe":
         return 0, pin.SE3.Identity()
-    frame = robot.model.frames[robot.model.getFrameId(link)]
+    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
     return int(frame.parentJoint), frame.placement
 
 
