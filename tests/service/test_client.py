@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -62,7 +61,7 @@ def test_errors_are_those_of_a_local_robot(client: Client) -> None:
     robot = client.robot("two_link")
     with pytest.raises(QueryError, match=r"expected shape \(..., 2\)"):
         robot.bias([0, 0, 0], [0, 0])
-    with pytest.raises(QueryError, match="array of numbers"):
+    with pytest.raises(QueryError, match="expected real numbers"):
         robot.bias(["a", "b"], [0, 0])
     with pytest.raises(TwolinkError, match="did you mean 'two_link'"):
         client.robot("two_lnk")
@@ -77,7 +76,10 @@ def test_errors_are_those_of_a_local_robot(client: Client) -> None:
 
 
 def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:
-    run, local = client.simulate("arm-swing", 1.0, 1e-8), tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8)
+    run, local = (
+        client.simulate("arm-swing", np.float64(1.0), np.float64(1e-8)),
+        tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8),
+    )
     np.testing.assert_allclose(run.q, local.q, atol=2e-8)
     scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
     run = client.simulate(scene)
@@ -90,9 +92,3 @@ def test_many_threads_share_a_client(client: Client) -> None:
         answers = list(pool.map(lambda x: robot.bias([x, 0.0], [1.0, 1.0]), np.linspace(0, 1, 100)))
     here = tl.load_robot("two_link")
     np.testing.assert_allclose(answers, [here.bias([x, 0.0], [1.0, 1.0]) for x in np.linspace(0, 1, 100)], rtol=1e-12)
-
-
-def test_a_connection_that_the_service_has_closed_is_opened_again(client: Client) -> None:
-    before = client.robots()
-    client._idle[-1].sock.shutdown(socket.SHUT_RDWR)
-    assert client.robots() == before

@@ -23,6 +23,7 @@ _TYPES = {
     if isinstance(kind, type) and issubclass(kind, TwolinkError)
 }
 _CLASSES = {name: kind for kind, name in _TYPES.items()}
+_NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of their own
 _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _SEE_DOCS = "see the API's description: /docs"
@@ -128,8 +129,8 @@ def error_from(problem: Problem) -> TwolinkError:
     """The failure that a problem describes, such that `problem_of` gives the same problem again."""
     kind = _CLASSES.get(problem.type.rpartition(":")[2])
     parts: dict[str, Any] = {
+        **{key: value for key, value in problem.data.items() if key not in _NOT_DATA},
         "where": problem.where, "remedy": problem.remedy, "code": problem.code, "argument": problem.argument,
-        **problem.data,
     }  # fmt: skip
     if kind is not None:
         return kind(problem.detail, **parts)
