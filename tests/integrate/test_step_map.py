@@ -43,7 +43,7 @@ def test_compiled_is_portable(robot: str, method: Method) -> None:
     scene = Scene(ROBOTS[robot](), effects=GRAVITY)
     equations = equations_of(scene)
     x = random_states(scene.robot, 16, seed=5)
-    compiled, portable = step_map(equations, method), step_map(equations, method, portable=True)
+    compiled, portable = step_map(equations, method, whole=True), step_map(equations, method, portable=True)
     assert compiled.compiled
     assert not portable.compiled
     ours, theirs = (advance(m, x, 0.02, 1.0, np.inf) for m in (compiled, portable))

@@ -60,6 +60,11 @@ def _is_private(info: os.stat_result, right_kind: Any) -> bool:
     return bool(is_users and right_kind(info.st_mode) and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
+def has(name: str) -> bool:
+    """Whether there is a file for this name; `load` tells whether it can be used."""
+    return os.path.exists(location(f"{name}{SUFFIX}"))
+
+
 def load(name: str) -> Any:
     """The content stored under this name, or None: absent, damaged, another kernel's, or not the user's own."""
     path = kernel_path(name)

@@ -13,6 +13,11 @@ _kept: dict[str, Any] = {}
 _lock = threading.RLock()
 
 
+def is_at_hand(name: str) -> bool:
+    """Whether the function of this name is in this process, or in the disk cache."""
+    return name in _kept or cache.has(name)
+
+
 def compiled_function(name: str, build: Callable[[], Any]) -> tuple[Any, float]:
     """heyoka's function of this name, and the seconds of loading or building it: 0 where it was at hand."""
     with _lock:

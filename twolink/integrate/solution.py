@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
+Code = Literal["steps", "parts", ""]  # what of a solver is compiled
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Solution:
         Steps taken, evaluations of the equations, attempts in vain.
     compile_seconds : float
         Of compiling or loading, which is not part of the solving.
-    compiled : bool
-        Whether the steps were compiled ones.
+    compiled : {"steps", "parts", ""}
+        What was compiled at the end: whole steps, the rate and the projection in them, or nothing.
     interrupted : bool
         Ctrl-C ended it.
     precise : ndarray (n, size) or None
@@ -64,7 +65,7 @@ class Solution:
     evaluations: int
     rejected: int = 0
     compile_seconds: float = 0.0
-    compiled: bool = False
+    compiled: Code = ""
     interrupted: bool = False
     precise: Any = None
     events: tuple[Event, ...] = ()
@@ -83,7 +84,7 @@ def joined(parts: Sequence[Solution]) -> Solution:
         sum(part.evaluations for part in parts),
         sum(part.rejected for part in parts),
         sum(part.compile_seconds for part in parts),
-        parts[0].compiled,
+        parts[-1].compiled,
         parts[-1].interrupted,
         None if parts[0].precise is None else np.concatenate([part.precise for part in parts]),
         pieces=tuple(piece for part in parts for piece in part.pieces),

@@ -2,25 +2,27 @@
 
 A state array (rows, n) has the rows of x, then those of `step_control.Control`, then the run-time parameters.
 
-The portable map runs on Pinocchio's rates. The compiled one is a single heyoka function of the same text; where that
-would take long to compile, the rate and the projection are compiled alone. What is compiled is compared with Pinocchio
-before it is first used. A map called with an infinite tolerance and an end within a step takes
-exactly that part of the step: samples and events are computed so, with the order of the method.
+The portable map runs on Pinocchio's rates. The compiled one is a single heyoka function of the same text. Where that
+would take long to compile, the rate and the projection are compiled alone, for good or for the first steps. What is
+compiled is compared with Pinocchio before it is first used. A map called with an infinite tolerance and an end within a
+step takes exactly that part of the step: samples and events are computed so, with the order of the method.
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.compile_time import MAX_IN_PARTS, announced, in_parts, parts_seconds, step_seconds
-from twolink.integrate.compiled_functions import compiled_function
+from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
+from twolink.integrate.first_steps import FirstSteps, pays
 from twolink.integrate.methods import Method
+from twolink.integrate.solution import Code
 from twolink.integrate.state import Array
 from twolink.integrate.step_building import (
+    Map,
     compiled_map,
     compiled_projection,
     compiled_rate,
@@ -33,17 +35,17 @@ from twolink.integrate.step_control import Control, control_rows
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
-Map = Callable[..., None]  # (state, out)
 
 
 class StepMap:
     """A method on equations. Calling it attempts one step of each world and writes the states into `out`.
 
-    rows: the indices of the control's rows. compiled: whether it is heyoka's. compile_seconds: what compiling or
-    loading took, 0 where it was at hand.
+    rows: the indices of the control's rows. compiled: "steps" where whole steps are heyoka's; "parts" where the rate
+    and the projection are, perhaps until whole steps pay; else "". compile_seconds: what compiling or loading took, 0
+    where it was at hand.
     """
 
-    def __init__(self, equations: Equations, method: Method, call: Map, compiled: bool, compile_seconds: float) -> None:
+    def __init__(self, equations: Equations, method: Method, call: Map, compiled: Code, compile_seconds: float) -> None:
         self.equations = equations
         self.method = method
         self.compiled = compiled
@@ -56,7 +58,11 @@ class StepMap:
 
         heyoka's own choice takes threads from a few dozen worlds on, which is slower and keeps a second core busy.
         """
-        if worlds == 1 or not self.compiled:  # naming the option takes 0.5 µs, a quarter of a small step
+        if isinstance(self._call, FirstSteps) and self._call.used_up:
+            self._call, seconds = _whole(self.equations, self.method)
+            self.compiled, self.compile_seconds = "steps", self.compile_seconds + seconds
+        # Naming the option takes 0.5 µs, a quarter of a small step.
+        if worlds == 1 or not self.compiled or isinstance(self._call, FirstSteps):
             return self._call
         parallel = pays_threads(worlds, self.equations.operations * self.method.evaluations)
         return functools.partial(self._call, batch_parallel=parallel)
@@ -120,19 +126,34 @@ class StepMap:
         return new
 
 
-def step_map(equations: Equations, method: Method, *, portable: bool = False) -> StepMap:
+def step_map(equations: Equations, method: Method, *, portable: bool = False, whole: bool = False) -> StepMap:
     """The step map of a method, compiled where heyoka is installed; kept for the life of the process.
 
-    Raises CertificationError when what is compiled disagrees with Pinocchio's.
+    whole: whole steps are compiled before the first one, where that does not take too long. Raises CertificationError
+    when what is compiled disagrees with Pinocchio's.
     """
     parts = in_parts(equations, method)
     if portable or heyoka() is None or (parts and parts_seconds(equations) > MAX_IN_PARTS):
-        return StepMap(equations, method, portable_map(equations, method), False, 0.0)
-    if parts:
-        return _in_parts(equations, method)
-    name = equations.key("step", method.name)
-    compiled, seconds = compiled_function(name, lambda: _compiled(equations, method))
-    return StepMap(equations, method, compiled, True, seconds)
+        return StepMap(equations, method, portable_map(equations, method), "", 0.0)
+    name = _name(equations, method)
+    first = not (parts or whole) and pays(equations, method, name) and not is_at_hand(name)
+    if parts or first:
+        call, seconds = _in_parts(equations, method)
+        return StepMap(
+            equations, method, FirstSteps(equations, method, name, call) if first else call, "parts", seconds
+        )
+    call, seconds = _whole(equations, method)
+    return StepMap(equations, method, call, "steps", seconds)
+
+
+def _name(equations: Equations, method: Method) -> str:
+    """The name of whole compiled steps."""
+    return equations.key("step", method.name)
+
+
+def _whole(equations: Equations, method: Method) -> tuple[Map, float]:
+    """Whole compiled steps, and the seconds of compiling or loading them."""
+    return compiled_function(_name(equations, method), lambda: _compiled(equations, method))
 
 
 def _compiled(equations: Equations, method: Method) -> Any:
@@ -143,8 +164,8 @@ def _compiled(equations: Equations, method: Method) -> Any:
     return compiled
 
 
-def _in_parts(equations: Equations, method: Method) -> StepMap:
-    """The map on a compiled rate and a compiled projection."""
+def _in_parts(equations: Equations, method: Method) -> tuple[Map, float]:
+    """The map on a compiled rate and a compiled projection, and the seconds of compiling or loading them."""
 
     def rate_code() -> Any:
         with announced(f"the motion of {equations.robot.name}", parts_seconds(equations)):
@@ -162,4 +183,4 @@ def _in_parts(equations: Equations, method: Method) -> StepMap:
     if equations.constraints is not None:
         projection, more = compiled_function(equations.key("projection"), projection_code)
         seconds += more
-    return StepMap(equations, method, map_in_parts(equations, method, rate, projection), True, seconds)
+    return map_in_parts(equations, method, rate, projection), seconds

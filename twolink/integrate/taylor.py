@@ -194,7 +194,7 @@ def _propagate(
         interrupted = True
     double = out[:done].astype(float, copy=False).T
     precise = None if precision == "double" else out[:done]
-    return Solution(times[:done], double, steps, 0, compiled=True, interrupted=interrupted, precise=precise)
+    return Solution(times[:done], double, steps, 0, compiled="steps", interrupted=interrupted, precise=precise)
 
 
 def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from twolink.integrate.solution import Code
 from twolink.simulation.text import ShownAsText
 
 
@@ -19,8 +20,8 @@ class Cost(ShownAsText):
         Steps taken, evaluations of the dynamics, and steps that were tried in vain.
     seconds, verify_seconds, compile_seconds : float
         Of solving, of the more accurate solutions behind the error bar, and of compiling or loading.
-    compiled : bool
-        Whether the steps were compiled ones.
+    compiled : {"steps", "parts", ""}
+        What was compiled at the end: whole steps, the rate and the projection in them, or nothing.
     why : str
         The reason for the method.
     step : float or None
@@ -35,7 +36,7 @@ class Cost(ShownAsText):
     verify_seconds: float = 0.0
     compile_seconds: float = 0.0
     rejected: int = 0
-    compiled: bool = False
+    compiled: Code = ""
     why: str = ""
     step: float | None = None
 
@@ -46,7 +47,7 @@ class Cost(ShownAsText):
 
     def __repr__(self) -> str:
         setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
-        kind = "compiled" if self.compiled else "not compiled"
+        kind = {"steps": "compiled", "parts": "compiled in parts", "": "not compiled"}[self.compiled]
         seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, compiling {self.compile_seconds:.3g} s"
         return (
             f"{self.method}, {setting} ({self.why or 'as asked'})\n"

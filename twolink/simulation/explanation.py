@@ -161,7 +161,7 @@ def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, flo
     method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
     if choice.method.kind == "scipy":
         return None
-    compiled = step_map(equations, method)
+    compiled = step_map(equations, method, whole=True)
     if not compiled.compiled:
         return None
     nanoseconds = []

@@ -173,7 +173,7 @@ def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
         raise SceneError("worlds of a batch do not locate events yet", where="effects", code="worlds-with-events",
                          remedy="simulate them one by one: tl.simulate")  # fmt: skip
     equations.require(0.0, end)
-    return step_map(equations, METHODS["dop853"])
+    return step_map(equations, METHODS["dop853"], whole=True)
 
 
 def _verify(
