@@ -57,7 +57,7 @@ def serve_bare() -> None:
     from twolink.service.server import uvicorn_options
     from twolink.service.settings import Settings
 
-    config = uvicorn.Config(bare, port=0, **uvicorn_options(Settings(data="")))
+    config = uvicorn.Config(bare, port=0, **uvicorn_options(Settings(data="unused")))
     socket = config.bind_socket()
     print(f"serves http://127.0.0.1:{socket.getsockname()[1]}/", flush=True)
     uvicorn.Server(config).run(sockets=[socket])

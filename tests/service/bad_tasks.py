@@ -6,7 +6,7 @@ import mmap
 import os
 import sys
 import time
-from typing import Any
+from typing import Any, BinaryIO
 
 from twolink.errors import RobotError
 
@@ -61,6 +61,14 @@ def large() -> bytes:
     return bytes(20_000_000)
 
 
+def reverse(*, exchange: BinaryIO) -> int:
+    content = exchange.read()
+    exchange.seek(0)
+    exchange.truncate()
+    exchange.write(content[::-1])
+    return len(content)
+
+
 def refuse() -> None:
     raise RobotError("it broke", where="there", remedy="mend it")
 
@@ -69,4 +77,5 @@ def fail() -> None:
     raise KeyError("secret detail")
 
 
-TASKS = {f.__name__: f for f in (crash, leave, sleep, hoard, hoard_in_llvm, grow, chatter, large, refuse, fail)}
+_ALL = (crash, leave, sleep, hoard, hoard_in_llvm, grow, chatter, large, reverse, refuse, fail)
+TASKS = {f.__name__: f for f in _ALL}

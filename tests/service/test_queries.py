@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -11,9 +13,14 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.robots.test_bad_urdf import chain
+from tests.service.serving import Served
+from twolink.dynamics.engine import compiled_from
 from twolink.dynamics.named_queries import QUERIES, answer_query
+from twolink.service.queries import STATES_IN_LOOP
 
 NPZ = {"Content-Type": "application/x-npz"}
+DYNAMICS = "/v1/robots/two_link/forward-dynamics"
 ROBOTS = ["two_link", "ur5", "kinova"]  # kinova has continuous joints
 RNG = np.random.default_rng(5)
 
@@ -52,8 +59,7 @@ def test_answers_are_those_of_the_robot(http: httpx.Client, name: str, what: str
         assert answer.headers["content-type"] == "application/x-npz"
         loaded = np.load(io.BytesIO(answer.content))
         for key, value in expected.items():
-            np.testing.assert_allclose(loaded[key], value, rtol=1e-9, atol=1e-9)
-            assert loaded[key].shape == value.shape
+            assert np.array_equal(loaded[key], value), key
 
 
 def test_arguments_left_out_are_zero_and_leading_axes_broadcast(http: httpx.Client) -> None:
@@ -156,3 +162,47 @@ def test_batches_too_large_are_refused_before_they_are_computed(http: httpx.Clie
     assert "4000000 states" in answer.json()["detail"]
     many = {"q": [[0, 0]] * 1000, "frames": ["tip"] * 10_000}
     assert http.post("/v1/robots/two_link/kinematics", json=many).status_code == 413
+
+
+@pytest.mark.parametrize(("count", "engine"), [(100, "pinocchio"), (50_000, "compiled")])
+def test_the_same_batch_has_the_same_bits_every_time(http: httpx.Client, count: int, engine: Any) -> None:
+    robot = tl.load_robot("two_link")
+    taken = {key: value for key, value in states(robot, count).items() if key != "a"}
+    answers = set()
+    for _ in range(4):  # before the function is compiled, and after; in different worker processes
+        with ThreadPoolExecutor(2) as threads:
+            sent = [threads.submit(http.post, DYNAMICS, content=packed(**taken), headers=NPZ) for _ in range(2)]
+        answers |= {answer.result().content for answer in sent}
+    (answer,) = answers
+    a = np.load(io.BytesIO(answer))["a"]
+    assert np.array_equal(a, robot.forward_dynamics(**taken, engine=engine))
+    if count == 100:
+        by_json = http.post(DYNAMICS, json={key: value.tolist() for key, value in taken.items()})
+        assert np.array_equal(by_json.json()["a"], a)
+
+
+def test_nothing_is_compiled_for_batches_that_the_event_loop_answers() -> None:
+    least = min(compiled_from(what.replace("-", "_"), nv) for what in QUERIES for nv in range(1, 101))
+    assert least > STATES_IN_LOOP
+
+
+def test_the_service_answers_while_it_computes_and_its_own_process_never_compiles(
+    served: Served, http: httpx.Client
+) -> None:
+    http.post(DYNAMICS, content=packed(q=np.zeros((50_000, 2))), headers=NPZ)
+    robot = http.post("/v1/robots", content=chain(100, "revolute"), headers={"Content-Type": "application/xml"}).json()
+    body = io.BytesIO()
+    np.savez_compressed(body, q=np.zeros((20_000, 100)))  # 20 kB
+    path = f"/v1/robots/{robot['id']}/forward-dynamics"
+    with served.client() as other, ThreadPoolExecutor(1) as thread:
+        batch = thread.submit(other.post, path, content=body.getvalue(), headers=NPZ)
+        answered = 0
+        while not batch.done():
+            assert http.get("/health").status_code == 200
+            assert http.post(DYNAMICS, json={"q": [0, 0]}).status_code == 200
+            answered += 1
+    assert batch.result().status_code == 200, batch.result().text
+    assert answered >= 20  # a second or more, in which an event loop that waits answers once or twice
+    libraries = Path(f"/proc/{served.process.pid}/maps").read_text()
+    assert "pinocchio" in libraries
+    assert "heyoka" not in libraries

@@ -13,7 +13,7 @@ import httpx
 import msgspec
 
 from tests.service.serving import TOP, Served
-from twolink.service.queries import QUERIES
+from twolink.service.query_answers import QUERIES
 from twolink.service.sandbox import protection
 
 

@@ -10,16 +10,18 @@ from typing import Any
 
 import pytest
 
-from twolink.errors import TwolinkError
+from twolink.errors import RobotError, TwolinkError
+from twolink.service.http_io import while_connected
 from twolink.service.problems import Refusal, problem_of
 from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 
-def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000) -> Any:
+def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000, waiting: int = 100) -> Any:
     async def whole() -> Any:
         memory = WorkerMemory(megabytes)
-        workers, watch = Workers(count, memory, tasks="tests.service.bad_tasks"), asyncio.create_task(memory.watch())
+        workers = Workers(count, memory, waiting=waiting, tasks="tests.service.bad_tasks")
+        watch = asyncio.create_task(memory.watch())
         try:
             return await work(workers)
         finally:
@@ -89,6 +91,53 @@ def test_cancelling_ends_the_process() -> None:
             await task
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
+
+    run(work)
+
+
+def test_what_a_client_asked_for_ends_when_it_goes() -> None:
+    async def work(workers: Workers) -> None:
+        seen: asyncio.Queue[int] = asyncio.Queue()
+        gone = asyncio.Event()
+
+        async def receive() -> dict[str, str]:
+            await gone.wait()
+            return {"type": "http.disconnect"}
+
+        nap = workers.run("sleep", 60, on_progress=seen.put_nowait, nap=1000)
+        task = asyncio.create_task(while_connected(receive, nap))
+        process = await seen.get()
+        gone.set()
+        with pytest.raises(Refusal, match="gone"):
+            await task
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+    run(work)
+
+
+def test_only_so_many_tasks_wait() -> None:
+    async def work(workers: Workers) -> None:
+        begun: asyncio.Queue[int] = asyncio.Queue()
+        first = asyncio.create_task(workers.run("sleep", 60, on_progress=begun.put_nowait, nap=0.5))
+        await begun.get()
+        others = [asyncio.create_task(workers.run("chatter", 60)) for _ in range(4)]
+        ends = await asyncio.gather(first, *others, return_exceptions=True)
+        refused = [end for end in ends if isinstance(end, Refusal)]
+        assert [(end.status, end.code) for end in refused] == [(503, "busy")] * 2  # one client may hold half of 4
+        assert all(end.retry_after for end in refused)
+        assert ends.count("heard") == 2
+
+    run(work, waiting=4)
+
+
+def test_large_contents_go_through_memory_that_both_have_open() -> None:
+    async def work(workers: Workers) -> None:
+        for content in (bytes(range(256)) * 100_000, b"small", b"", b"x" * 10_000_000):
+            assert await workers.exchange("reverse", 60, content) == (len(content), content[::-1])
+        with pytest.raises(RobotError):
+            await workers.exchange("refuse", 60, b"something")
+        assert await workers.exchange("reverse", 60, b"after it") == (8, b"ti retfa")
 
     run(work)
 

@@ -15,10 +15,11 @@ from twolink.service import api_jobs, api_robots, api_scenes, api_site
 from twolink.service.access import DENY_ALL, SECURITY, AccessControl, Header, cors_headers
 from twolink.service.admission import HOLD, Hold, Shares, client_of_scope, hold
 from twolink.service.components import Service
-from twolink.service.http_io import body_limit, header, media_type, read_body, send_answer, send_body
+from twolink.service.http_io import body_limit, header, media_type, read_body, send_answer, send_body, while_connected
 from twolink.service.logs import AccessLog, Answered, logged_path
 from twolink.service.problems import answer_of
-from twolink.service.queries import PREFIX, QUERIES
+from twolink.service.queries import PREFIX
+from twolink.service.query_answers import QUERIES
 from twolink.service.request_id import REQUEST_ID, request_id
 from twolink.service.settings import Settings
 
@@ -123,14 +124,16 @@ class Shell:
         if cors and scope["method"] == "OPTIONS":
             await send_answer(send, 204, cors, b"")
             return
+        body = b""
         if scope["method"] in ("POST", "PUT", "PATCH"):
             limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
-            receive = _replay(await read_body(scope, receive, limit), receive)
+            body = await read_body(scope, receive, limit)
         status = 500
         start_message: Any = None  # kept until there is room for the body
+        complete = False
 
         async def send_secured(message: Any) -> None:
-            nonlocal status, start_message
+            nonlocal status, start_message, complete
             if message["type"] == "http.response.start":
                 status, start_message = message["status"], message
                 return
@@ -141,10 +144,17 @@ class Shell:
                 added = [*SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
                 await send({**start_message, "headers": [*start_message["headers"], *added]})
                 start_message = None
+            complete = not more
             await send_body(send, body, more)
 
+        async def receive_end() -> Any:
+            message = await receive()
+            if complete:  # uvicorn says then, too, that the client has gone
+                await asyncio.Future()
+            return message
+
         try:
-            await self._inner(scope, receive, send_secured)
+            await while_connected(receive_end, self._inner(scope, _replay(body, receive), send_secured))
         finally:
             self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import gc
 import logging
 import math
@@ -30,7 +31,7 @@ from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 _log = logging.getLogger("twolink.service")
-_READERS = 2
+_READERS, _COMPUTERS = 2, 2  # processes: for uploads, scenes and files; and for batches of states
 _IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
 _CHECK_EACH = 1.0  # seconds between checks of the store, however often somebody asks
 _LAG_EACH = 0.5  # seconds between measurements of the event loop's lag
@@ -55,11 +56,18 @@ class Service:
         died = self.metrics.worker_deaths.inc
         folders = [self.store.folder / part for part in PARTS]
         self._worker_memory = WorkerMemory(quotas.memory_mb)
-        self._readers = Workers(_READERS, self._worker_memory, writable=folders, on_death=died)
+        pool = functools.partial(Workers, memory=self._worker_memory, waiting=quotas.waiting, on_death=died)
+        self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
-        self._job_workers = Workers(quotas.jobs, self._worker_memory, threads=threads, writable=folders, on_death=died)
-        self.robots = RobotPool(settings, self.store, self._readers)
-        self.queries = Queries(settings, self.robots, self.metrics)
+        self._job_workers = pool(quotas.jobs, threads=threads, writable=folders)
+        self._computers = pool(
+            _COMPUTERS,
+            threads=thread_count(),
+            tasks="twolink.service.query_tasks",
+            writable=[self.store.folder / "robots"],
+        )
+        self.robots = RobotPool(settings, self.store, self._computers)
+        self.queries = Queries(settings, self.robots, self._computers, self.metrics)
         self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)
 
     def _require_room(self) -> None:
@@ -136,8 +144,9 @@ class Service:
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
         self._show_gauges()
         await self.jobs.resume()
+        pools = (self._readers, self._computers, self._job_workers)
         watching = (self._worker_memory.watch(), _measure_lag(self.metrics))
-        work = (*watching, self._readers.warm(), self._job_workers.warm())
+        work = (*watching, *(workers.warm() for workers in pools))
         background = [asyncio.create_task(coroutine) for coroutine in work]
         try:
             yield
@@ -146,8 +155,8 @@ class Service:
                 task.cancel()
             await asyncio.gather(*background, return_exceptions=True)
             await self.drain()
-            await self._readers.close()
-            await self._job_workers.close()
+            for workers in pools:
+                await workers.close()
             self.store.close()
 
 

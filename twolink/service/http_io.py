@@ -1,8 +1,8 @@
 """What the handlers share of HTTP: reading a body within limits, sending an answer, media types."""
 
 import asyncio
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Coroutine, Sequence
+from typing import Any, TypeVar
 
 from twolink.service import npz
 from twolink.service.access import SECURITY, Header
@@ -10,6 +10,7 @@ from twolink.service.admission import hold
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 
+T = TypeVar("T")
 JSON = "application/json"
 XML = ("application/xml", "text/xml", "application/urdf+xml")
 ZIP = ("application/zip", "application/x-zip-compressed")
@@ -71,6 +72,25 @@ def too_large(limit: float) -> Refusal:
     """The refusal of a body with more bytes than the limit."""
     remedy = "send it in parts; JSON has a smaller limit than .npz, .zip and XML of their own media types"
     return Refusal(413, f"the body is larger than {limit / 2**20:g} MB", where="body", remedy=remedy)
+
+
+async def while_connected(receive: Any, work: Coroutine[Any, Any, T]) -> T:
+    """The result of `work`, which is cancelled when the client goes."""
+    tasks = asyncio.create_task(work), asyncio.create_task(_disconnected(receive))
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        if not tasks[0].done():
+            raise Refusal(400, "the client has gone", where="request")
+        return tasks[0].result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _disconnected(receive: Any) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
 
 
 async def send_answer(send: Any, status: int, headers: Sequence[Header], body: bytes) -> None:

@@ -8,7 +8,8 @@ import io
 import math
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import BinaryIO
 
 import numpy as np
 
@@ -23,15 +24,14 @@ _END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
 _MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
-def read_npz(data: bytes, max_bytes: int, reserve: Callable[[int], object] = int) -> dict[str, np.ndarray]:
+def read_npz(file: BinaryIO, max_bytes: int) -> dict[str, np.ndarray]:
     """The arrays of an .npz archive, of real numbers only. Raises Refusal for anything else, or if too large unpacked.
 
-    Nothing is unpacked before the sizes that the archive states are within `max_bytes`, nor beyond them. `reserve` is
-    called with the bytes that it takes unpacked, and may refuse.
+    Nothing is unpacked before the sizes that the archive states are within `max_bytes`, nor beyond them.
     """
-    _check_directory(data)
+    _check_directory(file)
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        with zipfile.ZipFile(file) as archive:
             members = {member.filename: member for member in archive.infolist()}
             if len(members) != len(archive.infolist()) or not all(name.endswith(".npy") for name in members):
                 raise _bad("expected .npy arrays of different names")
@@ -39,18 +39,18 @@ def read_npz(data: bytes, max_bytes: int, reserve: Callable[[int], object] = int
                 raise _bad(f"{len(members)} arrays, the limit is {_MAX_ARRAYS}")
             if any(member.compress_type not in METHODS for member in members.values()):
                 raise _bad("expected members that are stored or deflated")
-            size = sum(member.file_size for member in members.values())
-            if size > max_bytes:
+            if sum(member.file_size for member in members.values()) > max_bytes:
                 raise Refusal(413, f"more than {max_bytes} bytes unpacked", where="body", remedy="send fewer states")
-            reserve(size)
             return {name[: -len(".npy")]: _array(archive, member) for name, member in members.items()}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError) as error:
         raise _bad(f"it is not an .npz archive: {error}") from None
 
 
-def _check_directory(data: bytes) -> None:
+def _check_directory(file: BinaryIO) -> None:
     """Raise Refusal where the list of members is longer than that of our arrays: zipfile reads all of it at once."""
-    end, before = data[-_END:], data[-_END - _ZIP64_LOCATOR : -_END]
+    file.seek(-min(file.seek(0, io.SEEK_END), _END + _ZIP64_LOCATOR), io.SEEK_END)
+    last = file.read()
+    before, end = last[:-_END], last[-_END:]
     if len(end) < _END or end[:4] != b"PK\5\6" or end[-2:] != b"\0\0":
         raise _bad("it is not an .npz archive: it does not end as one without a comment does")
     if before[:4] == b"PK\6\7" or int.from_bytes(end[12:16], "little") > _MAX_DIRECTORY:
@@ -82,8 +82,14 @@ def _bad(what: str, where: str = "body") -> Refusal:
 
 
 def write_npz(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Arrays as an .npz archive, not compressed, because floats hardly get smaller."""
+    """Arrays as an .npz archive."""
     out = io.BytesIO()
+    save_npz(out, arrays)
+    return out.getvalue()
+
+
+def save_npz(out: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays as an .npz archive, not compressed, because floats hardly get smaller."""
     with zipfile.ZipFile(out, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
             whole = np.asarray(array, order="C")
@@ -92,4 +98,3 @@ def write_npz(arrays: Mapping[str, np.ndarray]) -> bytes:
             with archive.open(member, "w") as file:
                 np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(whole))
                 file.write(whole.reshape(-1).view(np.uint8).data)
-    return out.getvalue()

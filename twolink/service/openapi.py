@@ -10,7 +10,8 @@ from twolink.service import npz
 from twolink.service.http_io import JSON
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
 from twolink.service.problems import MEDIA_TYPE, Problem
-from twolink.service.queries import PREFIX, QUERIES, body_of
+from twolink.service.queries import PREFIX
+from twolink.service.query_answers import QUERIES, body_of
 from twolink.service.robot_tasks import RobotOptions
 
 Json = dict[str, Any]

@@ -1,50 +1,42 @@
-"""Loaded robots by id. Robots of the catalogue are read here, uploaded ones by a worker process."""
+"""Loaded robots by id."""
 
-import asyncio
 import functools
 import pickle
-from collections import OrderedDict
 
-from twolink.dynamics import Robot, load_robot
+from twolink.dynamics import Robot
 from twolink.errors import nearest
 from twolink.robots.catalogue import catalogue_names
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.problems import Refusal
+from twolink.service.robot_cache import RobotCache
 from twolink.service.settings import Settings
 from twolink.service.store import Store
 from twolink.service.worker_pool import Workers
-
-_LOADED = 24  # robots at once: a pin.Data of 100 joints takes 33 MB a thread
-
 
 catalogue = functools.cache(catalogue_names)  # the names of the catalogue, which are ids too
 
 
 class RobotPool:
-    """The robots asked for last; the one not asked for longest is dropped when there are too many."""
+    """The robots that small queries have asked for last, within the quota of their memory. Worker processes load them.
+
+    folder: where the uploaded robots are.
+    """
 
     def __init__(self, settings: Settings, store: Store, workers: Workers) -> None:
+        self.folder = str(store.folder / "robots")
         self._seconds, self._store, self._workers = settings.quotas.load_seconds, store, workers
-        self._robots: OrderedDict[str, Robot] = OrderedDict()
+        self._robots = RobotCache(settings.quotas.robots_mb)
         self._locks = KeyedLocks()
-
-    def loaded(self, key: str) -> Robot | None:
-        """The robot if it is loaded."""
-        robot = self._robots.get(key)
-        if robot is not None:
-            self._robots.move_to_end(key)
-        return robot
+        self.loaded = self._robots.get  # the robot of an id if it is loaded
 
     async def get(self, key: str) -> Robot:
         """The robot of this id. Raises Refusal (404) when there is none."""
         await self.require(key)
         async with self._locks(key):
             robot = self.loaded(key)
-            if robot is None and key in catalogue():
-                robot = self._keep(key, await asyncio.to_thread(load_robot, key))
-            elif robot is None:
-                robots = str(self._store.folder / "robots")
-                robot = self.put(key, await self._workers.run("load", self._seconds, key=key, robots=robots))
+            if robot is None:
+                pickled = await self._workers.run("load", self._seconds, key=key, robots=self.folder)
+                robot = self.put(key, pickled)
         return robot
 
     async def require(self, key: str) -> None:
@@ -55,15 +47,8 @@ class RobotPool:
 
     def put(self, key: str, pickled: bytes) -> Robot:
         """Keep a robot that a worker has loaded. The worker is this program: data from outside is never unpickled."""
-        robot: Robot = pickle.loads(pickled)
-        return self._keep(key, robot)
-
-    def _keep(self, key: str, robot: Robot) -> Robot:
-        self._robots[key] = robot
-        if len(self._robots) > _LOADED:
-            self._robots.popitem(last=False)
-        return robot
+        return self._robots.put(key, pickle.loads(pickled))
 
     def forget(self, key: str) -> None:
         """Drop a robot that was deleted."""
-        self._robots.pop(key, None)
+        self._robots.drop(key)

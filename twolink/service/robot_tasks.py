@@ -1,6 +1,5 @@
 """Tasks of worker processes about robots: receive an upload, load one that was kept, and draw it."""
 
-import functools
 import pickle
 import re
 from pathlib import Path
@@ -14,12 +13,14 @@ from twolink.errors import RobotError
 from twolink.io.text import decode
 from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
+from twolink.service.robot_cache import RobotCache
 from twolink.service.settings import Quotas
 from twolink.service.uploads import choose_urdf, unpack, upload_folders
 from twolink.service.visuals import visuals_of
 
 _OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
 _UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
+_robots = RobotCache(64)  # of this process
 
 
 class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -65,7 +66,6 @@ def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas) ->
     return ReceivedRobot(pickle.dumps(robot), robot_record(robot))
 
 
-@functools.lru_cache(16)
 def _load(folder: str) -> Robot:
     """The robot that was received into this folder."""
     place = Path(folder)
@@ -82,20 +82,19 @@ def _load(folder: str) -> Robot:
     )  # fmt: skip
 
 
-_of_catalogue = functools.lru_cache(16)(load_robot)
-
-
 def robot_by_id(key: str, robots: str) -> Robot:
     """A robot of the catalogue, or of the folder of uploaded robots."""
-    if key in catalogue_names():
-        return _of_catalogue(key)
+    return _robots.get(key) or _robots.put(key, load_robot(key) if key in catalogue_names() else _uploaded(key, robots))
+
+
+def _uploaded(key: str, robots: str) -> Robot:
     if not _UPLOADED.fullmatch(key) or not (Path(robots) / key).is_dir():
         raise RobotError(f"there is no robot {key[:80]!r}", argument="robot", remedy="GET /v1/robots lists them")
     return _load(str(Path(robots) / key))
 
 
 def load(*, key: str, robots: str) -> bytes:
-    """An uploaded robot, pickled."""
+    """A robot, pickled."""
     return pickle.dumps(robot_by_id(key, robots))
 
 

@@ -25,14 +25,14 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states:
     in a batch. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads:
-    robots kept. load_seconds: for reading a robot or a scene, or writing a file. memory_mb: of all worker processes
-    together. jobs: at once. queue: jobs of a client that wait. job_seconds: computing time of a job. duration:
-    simulated seconds. samples: of a run. result_mb: size of a result. disk_mb: size of all results and uploads
-    together; the results not used for longest go first. body_seconds: time in which a request must arrive.
-    connections: open at once. header_kb: size of a request's line and headers. rate_kb: kB/s at which requests must
-    arrive and answers be read. memory_in_flight_mb: of bodies, of what is made of them, and of answers until they
-    are read. waiting: requests that wait to be computed. A client may hold at most as many connections, as much
-    memory in flight and as many waiting requests as stay free for others.
+    robots kept. load_seconds: for reading a robot or a scene, or writing a file. query_seconds: for a batch.
+    memory_mb: of all worker processes together. robots_mb: of the robots that stay loaded. jobs: at once. queue: jobs
+    of a client that wait. job_seconds: computing time of a job. duration: simulated seconds. samples: of a run.
+    result_mb: size of a result. disk_mb: size of all results and uploads together; the results not used for longest go
+    first. body_seconds: time in which a request must arrive. connections: open at once. header_kb: size of a request's
+    line and headers. rate_kb: kB/s at which requests must arrive and answers be read. memory_in_flight_mb: of bodies,
+    of what is made of them, and of answers until they are read. waiting: requests that wait to be computed. A client
+    may hold at most as many connections, as much memory in flight and as many waiting requests as stay free for others.
 
     Raises TwolinkError where a body or an answer of the allowed size could never be in memory, or a result on disk.
     """
@@ -46,7 +46,9 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     moving_joints: Count = 100
     uploads: Count = 1000
     load_seconds: Amount = 20
+    query_seconds: Amount = 60
     memory_mb: Amount = 1200
+    robots_mb: Amount = 128
     jobs: Count = 2
     queue: Count = 50
     job_seconds: Amount = 600

@@ -1,7 +1,8 @@
 """A worker process: runs one task after another for the service, under limits, and may die without harm to it.
 
 A task is a function with annotated keyword arguments: they are converted to these types. An argument `report` is a
-function that sends the progress.
+function that sends the progress; `exchange` is a file that the service has open too, for what is too large for a
+message: it holds what the task is to read, and then what the task has written.
 
 Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
 `Done` or `Failed`.
@@ -17,7 +18,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, BinaryIO, get_type_hints
 
 import msgspec
 import numpy as np
@@ -80,8 +81,11 @@ def limit_memory(megabytes: float) -> None:
             resource.setrlimit(what, (bound, hard))
 
 
-def main(tasks: str, megabytes: float, writable: Sequence[Path]) -> None:
-    """Run tasks until stdin ends. tasks: the module whose TASKS are the functions by name. writable: see `restrict`."""
+def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]) -> None:
+    """Run tasks until stdin ends.
+
+    tasks: the module whose TASKS are the functions by name. file: for the exchange. writable: see `restrict`.
+    """
     limit_memory(megabytes)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a killed service cannot end its workers
@@ -96,17 +100,22 @@ def main(tasks: str, megabytes: float, writable: Sequence[Path]) -> None:
 
     while len(head := sys.stdin.buffer.read(LENGTH)) == LENGTH:
         call = msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
-        answer = _answer(functions[call.task], call.arguments, lambda value: send(Progress(value)))
+        with open(file, "r+b", closefd=isinstance(file, str)) as exchange:
+            exchange.seek(0)  # the service has moved it
+            answer = _answer(functions[call.task], call.arguments, lambda value: send(Progress(value)), exchange)
         if isinstance(answer, Failed) and answer.problem.status >= 500 and _has_filled(megabytes):
             answer = _TOO_LARGE
         send(answer)
 
 
-def _answer(function: Callable[..., Any], arguments: dict[str, Any], report: Report) -> Done | Failed:
+def _answer(
+    function: Callable[..., Any], arguments: dict[str, Any], report: Report, exchange: BinaryIO
+) -> Done | Failed:
     try:
         kinds = get_type_hints(function)
+        given = {name: value for name, value in (("report", report), ("exchange", exchange)) if name in kinds}
         converted = {name: msgspec.convert(value, kinds[name]) for name, value in arguments.items() if name in kinds}
-        return Done(function(**converted, **({"report": report} if "report" in kinds else {})))
+        return Done(function(**converted, **given))
     except MemoryError:
         return _TOO_LARGE
     except Exception as error:
@@ -124,4 +133,5 @@ def _has_filled(megabytes: float) -> bool:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), [Path(folder) for folder in sys.argv[3:]])
+    _file = int(sys.argv[3]) if sys.argv[3].isdecimal() else sys.argv[3]
+    main(sys.argv[1], float(sys.argv[2]), _file, [Path(folder) for folder in sys.argv[4:]])

@@ -11,6 +11,7 @@ from asyncio.subprocess import Process
 from dataclasses import dataclass
 from pathlib import Path
 
+from twolink.service.exchange import Exchange
 from twolink.service.problems import Refusal
 
 _LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that time
@@ -21,6 +22,7 @@ class Worker:
     """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory."""
 
     process: Process
+    exchange: Exchange
     is_busy: bool = True
     ended_at: int = 0
 

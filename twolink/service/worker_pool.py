@@ -20,7 +20,9 @@ from typing import Any
 import msgspec
 
 from twolink.dynamics import cache
+from twolink.service.exchange import Exchange
 from twolink.service.problems import Refusal, error_from
+from twolink.service.turns import Turns
 from twolink.service.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.service.worker_memory import Worker, WorkerMemory
 
@@ -39,9 +41,9 @@ _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(P
 class Workers:
     """At most `count` worker processes.
 
-    memory: the limit that they share with other pools. threads: of each. tasks: the module whose TASKS they run.
-    writable: the folders that they may write, besides that of their kernels. on_death: called for each process that
-    dies during a task.
+    memory: the limit that they share with other pools. threads: of each. waiting: tasks that may wait, see `Turns`.
+    tasks: the module whose TASKS they run. writable: the folders that they may write, besides that of their kernels.
+    on_death: called for each process that dies during a task.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Workers:
         memory: WorkerMemory,
         *,
         threads: int = 1,
+        waiting: int = 1000,
         tasks: str = "twolink.service.task_table",
         writable: Sequence[Path] = (),
         on_death: Callable[[], None] = lambda: None,
@@ -60,16 +63,18 @@ class Workers:
             with contextlib.suppress(OSError):  # a read-only home: every process compiles for itself
                 Path(kernels).mkdir(mode=0o700, parents=True, exist_ok=True)
         folders = [*([kernels] if kernels else []), *map(str, writable)]
-        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses, *folders)
+        self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses)
+        self._folders = folders
         self._environment = {
             **{name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
             **(dict.fromkeys(("MPLCONFIGDIR", "TMPDIR"), folders[0]) if folders else {}),
             "TWOLINK_CACHE": kernels or "off",
             "TWOLINK_THREADS": str(threads),
             "OPENBLAS_NUM_THREADS": "1",
+            "OMP_WAIT_POLICY": "PASSIVE",  # threads that spin take 100 states from 0.4 to 12 ms where cores are busy
         }
         self._on_death = on_death
-        self._free = asyncio.Semaphore(count)
+        self._turns = Turns(count, waiting)
         self._memory = memory
         self._idle: list[Worker] = []
         self._workers: set[Worker] = set()  # all that live
@@ -86,13 +91,29 @@ class Workers:
     ) -> Any:
         """Run a task in a worker process, in at most `seconds` from its begin. Cancelling kills the process.
 
-        Raises the task's failure; Refusal (422) with code "worker-died" or "too-slow" when the process is lost.
+        Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
+        "too-large", 503 where it had to make room for others, or where too many tasks wait.
         """
-        async with self._free:
+        return (await self.exchange(task, seconds, None, on_progress=on_progress, **arguments))[0]
+
+    async def exchange(
+        self,
+        task: str,
+        seconds: float,
+        content: bytes | None,
+        *,
+        on_progress: Callable[[Any], None] | None = None,
+        **arguments: Any,
+    ) -> tuple[Any, bytes]:
+        """Run a task that finds `content` in its exchange file: its result, and what it has written there."""
+        written = b""
+        async with self._turns.turn():
             worker = await self._take()
             try:
                 async with asyncio.timeout(seconds):
-                    answer = await _exchange(worker.process, Call(task, arguments), on_progress)
+                    if content is not None:
+                        await worker.exchange.put(content)
+                    answer = await _converse(worker.process, Call(task, arguments), on_progress)
             except TimeoutError:
                 await self._kill(worker)
                 remedy = "ask for less, or start the service with a larger quota"
@@ -109,10 +130,14 @@ class Workers:
             except BaseException:
                 await self._kill(worker)
                 raise
-            self._idle.append(worker)
-            self._memory.released(worker)
+            try:
+                if content is not None and isinstance(answer, Done):
+                    written = await worker.exchange.take()
+            finally:
+                self._idle.append(worker)
+                self._memory.released(worker)
         if isinstance(answer, Done):
-            return answer.result
+            return answer.result, written
         if answer.traceback:
             _log.error("unexpected failure in a worker\n%s", answer.traceback)
         raise error_from(answer.problem)
@@ -129,20 +154,26 @@ class Workers:
 
     async def _start(self) -> Worker:
         """Start a process. It takes about half a second until its first task."""
+        exchange = Exchange()
         process = await asyncio.create_subprocess_exec(
-            *self._command, env=self._environment, stdin=PIPE, stdout=PIPE, stderr=DEVNULL,
+            *self._command, exchange.name, *self._folders, env=self._environment,
+            stdin=PIPE, stdout=PIPE, stderr=DEVNULL, pass_fds=exchange.inherited,
             start_new_session=True,  # Ctrl-C is for the service, which then ends its workers
         )  # fmt: skip
-        worker = Worker(process)
+        worker = Worker(process, exchange)
         self._workers.add(worker)
         self._memory.workers.add(worker)
         return worker
 
     async def _kill(self, worker: Worker) -> None:
-        self._workers.discard(worker)
-        self._memory.workers.discard(worker)
         worker.kill()
-        await worker.process.wait()
+        try:
+            await worker.process.wait()
+        finally:
+            if worker in self._workers:  # this may run twice at once
+                self._workers.discard(worker)
+                self._memory.workers.discard(worker)
+                worker.exchange.close()
 
     async def close(self) -> None:
         """End all processes."""
@@ -151,7 +182,7 @@ class Workers:
             await self._kill(worker)
 
 
-async def _exchange(process: Process, call: Call, on_progress: Callable[[Any], None] | None) -> Done | Failed:
+async def _converse(process: Process, call: Call, on_progress: Callable[[Any], None] | None) -> Done | Failed:
     """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
     if process.stdin is None or process.stdout is None:
         raise ConnectionError
