@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the attacks are in the tests
-from tests.service.attacks import ATTACKS, Target, rounds
+from tests.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.service.serving import Served, serving
 
 MAX_P99, MAX_MEMORY = 0.1, 2000.0  # s, MB
@@ -54,6 +54,15 @@ class Figures:
         """The 99th percentile of the seconds of /health."""
         return float(np.quantile(self.health, 0.99)) if self.health else float("inf")
 
+    def summary(self) -> str:
+        """Latency and memory in two lines."""
+        p50, p99, most = (1e3 * float(np.quantile(self.health, share)) for share in (0.5, 0.99, 1.0))
+        return (
+            f"/health: {len(self.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
+            f"{self.failures} failed\n"
+            f"memory: at most {self.memory:.0f} MB; the service {self.service:.0f}, its workers {self.workers:.0f}"
+        )
+
     def bars(self) -> dict[str, bool]:
         """Each bar and whether it is met."""
         return {
@@ -68,6 +77,7 @@ class Figures:
 def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
     """Start a service, attack it, and measure."""
     figures = Figures()
+    prepare()
     with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served:
         port = int(served.url.rpartition(":")[2])
         _ask(port, "/v1/robots/panda/bias", b'{"q": [0,0,0,0,0,0,0,0,0]}')  # both robots are loaded
@@ -161,12 +171,7 @@ def show(figures: Figures) -> None:
     """Print the figures, and each bar."""
     for name, outcomes in figures.outcomes.items():
         print(f"{name:<22}{'  '.join(f'{outcome}: {count}' for outcome, count in sorted(outcomes.items()))}")
-    p50, p99, most = (1e3 * float(np.quantile(figures.health, share)) for share in (0.5, 0.99, 1.0))
-    print(f"/health: {len(figures.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
-          f"{figures.failures} failed")  # fmt: skip
-    print(
-        f"memory: {figures.memory:.0f} MB at most; the service {figures.service:.0f}, its workers {figures.workers:.0f}"
-    )
+    print(figures.summary())
     for bar, met in figures.bars().items():
         print(f"{'met   ' if met else 'MISSED'}  {bar}")
 

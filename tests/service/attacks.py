@@ -113,10 +113,12 @@ def numbers(count: int, columns: int) -> bytes:
 
 @functools.cache
 def scene(megabytes: float) -> bytes:
-    count = int(megabytes * MB / 16)
+    """A scene with a table of so many MB, or filled up with spaces where no service reads so much."""
+    count = int(min(megabytes, 15) * MB / 16)
     table = {"kind": "sampled", "times": [i / 100 for i in range(count)], "values": [0.5] * count}
     effects = [{"type": "torque", "torque": {"shoulder": table}}]
-    return json.dumps({"scene": {"robot": "two_link", "effects": effects}, "duration": 1.0}).encode()
+    text = json.dumps({"scene": {"robot": "two_link", "effects": effects}, "duration": 1.0})
+    return text.ljust(int(megabytes * MB)).encode()
 
 
 def _header_flood(target: Target, _: int) -> Outcome:
@@ -166,7 +168,7 @@ def _lists(target: Target, _: int) -> Outcome:
 
 def _scene_json(target: Target, number: int) -> Outcome:
     path = ("/v1/scenes/validate", "/v1/simulations", "/v1/scenes/explain")[number % 3]
-    return target.ask(path, scene((1, 4, 15, 100)[number % 4]))[0]
+    return target.ask(path, scene(_SCENES[number % 4]))[0]
 
 
 def _titles(target: Target, number: int) -> Outcome:
@@ -178,7 +180,7 @@ def _states(target: Target, number: int) -> Outcome:
     status, answer = target.ask("/v1/robots", chain(100).encode(), XML)
     if not status.startswith("20"):
         return status
-    body = packed((300_000, 60_000, 10_000)[number % 3], 100, compressed=True)
+    body = packed(_STATES[number % 3], 100, compressed=True)
     return target.ask(f"/v1/robots/{json.loads(answer)['id']}/forward-dynamics", body, NPZ)[0]
 
 
@@ -234,13 +236,27 @@ def _churn(target: Target, _: int) -> Outcome:
         return "open"
 
 
+corpus = functools.cache(cases)
+_SCENES = (1, 4, 15, 100)  # MB
+_STATES = (300_000, 60_000, 10_000)
+
+
+def prepare() -> None:
+    """Make the large bodies, which takes seconds, before the attacks begin."""
+    corpus()
+    for megabytes in _SCENES:
+        scene(megabytes)
+    for count in (10_000, 100_000):
+        numbers(count, 9)
+    for count in _STATES:
+        packed(count, 100, compressed=True)
+
+
 def _corpus(target: Target, number: int) -> Outcome:
-    corpus = _cases()
-    case = corpus[number % len(corpus)]
+    case = corpus()[number % len(corpus())]
     return target.ask(case.path, case.body, case.media)[0]
 
 
-_cases = functools.cache(cases)
 # The attacks by name: a round, and how many clients do it at once.
 ATTACKS: dict[str, tuple[Round, int]] = {
     "header flood": (_header_flood, 2),

@@ -138,7 +138,7 @@ def _npz() -> Iterator[Case]:
         "wrong shape": _saved(q=np.zeros((3, 5))),
         "0-d": _saved(q=np.float64(1.0)),
         "wide broadcast": _saved(q=np.zeros((2000, 1, 2)), v=np.zeros((1, 2000, 2))),
-        "bomb": zipped({"q.npy": _npy(head % ("'<f8'", "(40000000, 2)"), bytes(640_000_000))}),
+        "bomb": zipped({"q.npy": _npy(head % ("'<f8'", "(17000000, 2)"), bytes(272_000_000))}),
         "many": zipped({f"a{k}.npy": b"" for k in range(1000)}),
     }
     for name, body in others.items():
@@ -223,7 +223,7 @@ def _zips() -> Iterator[Case]:
         "backslashes": zipped({"..\\a.urdf": urdf}),
         "drive": zipped({"C:/a.urdf": urdf}),
         "many files": zipped({"a.urdf": urdf, **{f"{k}.stl": b"" for k in range(2000)}}),
-        "bomb": zipped({"a.urdf": urdf, "a.stl": bytes(400_000_000)}),
+        "bomb": zipped({"a.urdf": urdf, "a.stl": bytes(270_000_000)}),
         "bad robot": zipped({"a.urdf": "<robot/>"}),
         "not UTF-8": zipped({"a.urdf": b"\xff\xfe" + urdf.encode()}),
         "long name": zipped({"a.urdf": urdf, "d/" * 3000 + "a.stl": stl()}),

@@ -16,6 +16,7 @@ from twolink.service.http_io import SLICE
 from twolink.service.problems import Refusal, answer_of
 from twolink.service.settings import Quotas
 
+_OTHER_FILES = 200  # that are no connections: the database, worker processes, results
 _URL_BYTES = 8192
 _PIPELINED = 16  # requests of a connection that wait for the answer to an earlier one
 _PIECE = 4096  # bytes that are parsed at once before a body, so that their number is known
@@ -38,9 +39,14 @@ class Limits:
     rate: float
 
     @classmethod
-    def of(cls, quotas: Quotas) -> "Limits":
-        """The limits in the quotas."""
-        return cls(Shares(quotas.connections), quotas.header_kb * 1024, quotas.body_seconds, quotas.rate_kb * 1024)
+    def of(cls, quotas: Quotas, files: float) -> "Limits":
+        """The limits in the quotas, and for a process that may have so many files open."""
+        return cls(
+            Shares(min(quotas.connections, files - _OTHER_FILES)),
+            quotas.header_kb * 1024,
+            quotas.body_seconds,
+            quotas.rate_kb * 1024,
+        )
 
 
 class Protocol(HttpToolsProtocol):

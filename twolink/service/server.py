@@ -8,6 +8,7 @@ reverse proxy.
 import asyncio
 import contextlib
 import functools
+import math
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -41,7 +42,6 @@ def run(settings: Settings, on_start: Callable[[str], None]) -> None:
     from twolink.service.app import build
 
     configure(settings.log)
-    _allow_many_connections()
     with contextlib.suppress(KeyboardInterrupt), _listening(settings) as listening:
         host, port = settings.host, listening.getsockname()[1]
         url = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
@@ -93,7 +93,7 @@ def _listening(settings: Settings) -> socket.socket:
 def uvicorn_options(settings: Settings) -> dict[str, Any]:
     """The options of uvicorn.Config."""
     return {
-        "http": functools.partial(Protocol, Limits.of(settings.quotas)),
+        "http": functools.partial(Protocol, Limits.of(settings.quotas, _open_files())),
         "ws": "none",
         "log_level": "error",  # a warning for each malformed request would fill the log
         "log_config": None,  # its messages go where ours go
@@ -106,10 +106,14 @@ def uvicorn_options(settings: Settings) -> dict[str, Any]:
     }
 
 
-def _allow_many_connections() -> None:
-    """As many open files as this user may have: each connection takes one."""
-    with contextlib.suppress(ImportError, ValueError, OSError):
+def _open_files() -> float:
+    """Allow this process as many open files as its user may have, as each connection takes one; and their number."""
+    try:
         import resource
-
-        _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    except ImportError:  # Windows has no such limit
+        return math.inf
+    allowed, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        allowed = most
+    return math.inf if allowed == resource.RLIM_INFINITY else allowed
