@@ -86,8 +86,7 @@ def test_every_answer_has_an_id_by_which_the_log_names_it(tmp_path: Path) -> Non
         assert "forged" not in ids[6]
         assert answers[1].json()["request_id"] == ids[1]
         assert refused.json()["request_id"] == ids[-1]
-        wait_until(lambda: ids[-1] in served.log)
-        lines = {line["request_id"]: line for line in map(json.loads, served.log.splitlines())}
+    lines = {line["request_id"]: line for line in map(json.loads, served.log.splitlines())}
     assert [lines[key]["status"] for key in ids] == [200, 404, 200, 200, 200, 200, 200, 401]
     assert [lines[key]["method"] for key in ids[:5]] == ["POST", "GET", "GET", "POST", "HEAD"]
     assert lines[ids[0]]["path"] == BIAS

@@ -66,6 +66,8 @@ class Shell:
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] != "http":
             await self._inner(scope, receive, send)
+            if scope["type"] == "lifespan":
+                self._log.close()
             return
         sent_id = request_id(header(scope, b"x-request-id"))
         REQUEST_ID.set(sent_id)
