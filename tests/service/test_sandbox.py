@@ -1,6 +1,7 @@
 """A worker process that a stranger has taken over: no file of others, no network, no program, no secret."""
 
 import asyncio
+import re
 import socket
 import threading
 from collections.abc import Iterator
@@ -115,12 +116,16 @@ def test_a_worker_computes_with_threads_and_compiled_code(results: dict[str, Any
     assert results["compute"]["batch"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_processor_tables_name_each_call_once() -> None:
-    """A number that stands twice hides a call that is not refused. clone3 and clone have rules of their own."""
-    for column in (0, 1):
-        numbers = [pair[column] for pair in sandbox._REFUSED.values() if pair[column] is not None]
-        assert len(set(numbers)) == len(numbers)
-        assert not {sandbox._CLONE[column], sandbox._CLONE3} & set(numbers)
+def test_the_numbers_of_the_calls_are_those_of_the_kernel() -> None:
+    """Each number stands once in a table; where the headers of Linux are installed, it is theirs."""
+    calls = {**sandbox._REFUSED, "clone": sandbox._CLONE, "clone3": (sandbox._CLONE3, sandbox._CLONE3)}
+    for column, header in enumerate(("x86_64-linux-gnu/asm/unistd_64.h", "asm-generic/unistd.h")):
+        numbers = {name: pair[column] for name, pair in calls.items() if pair[column] is not None}
+        assert len(set(numbers.values())) == len(numbers)
+        path = Path("/usr/include", header)
+        if path.exists():
+            stated = dict(re.findall(r"#define __NR(?:3264)?_(\w+)\s+(\d+)", path.read_text()))
+            assert {name: str(number) for name, number in numbers.items()} == {name: stated[name] for name in numbers}
 
 
 def test_what_is_active_is_said() -> None:

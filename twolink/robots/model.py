@@ -1,5 +1,6 @@
 """RobotModel: a robot whose URDF was read, checked and reported."""
 
+import copyreg
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from twolink.robots.load_options import gravity_field, shapes_without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.mesh_shapes import set_mesh
 from twolink.robots.meshes import MeshFile
+from twolink.robots.model_pickle import reduce_model
+
+copyreg.pickle(pin.Model, reduce_model)
 
 
 @dataclass(frozen=True)

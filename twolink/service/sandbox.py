@@ -1,9 +1,10 @@
 """What a worker process may do: read the program, write its own folders, compute. Nothing else, where Linux can say so.
 
 Landlock (Linux 5.13 and later) limits the files that a process may open, and from 6.7 and 6.12 on TCP and signals;
-seccomp refuses system calls. Both hold for native code too, and cannot be taken back. They are set with plain system
-calls: the libraries for them (py-landlock, pyseccomp) wrap the same few calls, and one needs a C library that few
-machines have.
+seccomp refuses system calls: those that no task needs, by name, since a list of what numerical libraries do need would
+break with each of their versions. Both hold for native code too, and cannot be taken back. They are set with plain
+system calls: the libraries for them (py-landlock, pyseccomp) wrap the same few calls, and one needs a C library that
+few machines have.
 
 Sources: Linux, Documentation/userspace-api/landlock.rst and seccomp_filter.rst; the numbers of the calls are those of
 arch/x86/entry/syscalls/syscall_64.tbl and include/uapi/asm-generic/unistd.h.
@@ -39,11 +40,12 @@ _REFUSED: dict[str, tuple[int | None, int | None]] = {
     "socket": (41, 198), "socketpair": (53, 199), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201),
     "accept": (43, 202), "accept4": (288, 242), "sendto": (44, 206), "sendmsg": (46, 211), "sendmmsg": (307, 269),
     "recvfrom": (45, 207), "recvmsg": (47, 212), "recvmmsg": (299, 243),
-    # programs and processes
+    # programs and processes, and memory and messages shared with them
     "execve": (59, 221), "execveat": (322, 281), "fork": (57, None), "vfork": (58, None), "kill": (62, 129),
     "tkill": (200, 130), "rt_sigqueueinfo": (129, 138), "rt_tgsigqueueinfo": (297, 240), "ptrace": (101, 117),
     "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272), "pidfd_open": (434, 434),
     "pidfd_getfd": (438, 438), "pidfd_send_signal": (424, 424), "process_madvise": (440, 440),
+    "shmget": (29, 194), "shmat": (30, 196), "msgget": (68, 186), "semget": (64, 190), "mq_open": (240, 180),
     # owners and permissions of files, which Landlock does not limit
     "chown": (92, None), "lchown": (94, None), "fchown": (93, 55), "fchownat": (260, 54), "setxattr": (188, 5),
     "lsetxattr": (189, 6), "fsetxattr": (190, 7), "removexattr": (197, 14), "lremovexattr": (198, 15),
