@@ -1,7 +1,6 @@
 """Loaded robots by id."""
 
 import functools
-import pickle
 
 from twolink.dynamics import Robot
 from twolink.errors import nearest
@@ -9,6 +8,7 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.problems import Refusal
 from twolink.service.robot_cache import RobotCache
+from twolink.service.robot_pickle import read_robot
 from twolink.service.settings import Settings
 from twolink.service.store import Store
 from twolink.service.worker_pool import Workers
@@ -46,8 +46,8 @@ class RobotPool:
             raise Refusal(404, f"there is no robot {key[:80]!r}", where="path: robot", remedy=remedy)
 
     def put(self, key: str, pickled: bytes) -> Robot:
-        """Keep a robot that a worker has loaded. The worker is this program: data from outside is never unpickled."""
-        return self._robots.put(key, pickle.loads(pickled))
+        """Keep a robot that a worker has loaded."""
+        return self._robots.put(key, read_robot(pickled))
 
     def forget(self, key: str) -> None:
         """Drop a robot that was deleted."""

@@ -1,6 +1,5 @@
 """Tasks of worker processes about robots: receive an upload, load one that was kept, and draw it."""
 
-import pickle
 import re
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +13,7 @@ from twolink.io.text import decode
 from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
 from twolink.service.robot_cache import RobotCache
+from twolink.service.robot_pickle import write_robot
 from twolink.service.settings import Quotas
 from twolink.service.uploads import choose_urdf, unpack, upload_folders
 from twolink.service.visuals import visuals_of
@@ -63,7 +63,7 @@ def receive(*, folder: str, kind: str, options: RobotOptions, quotas: Quotas) ->
     if robot.nv > quotas.moving_joints:
         what = f"{robot.nv} degrees of freedom, the service takes up to {quotas.moving_joints}"
         raise RobotError(what, where=robot.name, remedy="lock some joints, or start it with a larger quota")
-    return ReceivedRobot(pickle.dumps(robot), robot_record(robot))
+    return ReceivedRobot(write_robot(robot), robot_record(robot))
 
 
 def _load(folder: str) -> Robot:
@@ -95,7 +95,7 @@ def _uploaded(key: str, robots: str) -> Robot:
 
 def load(*, key: str, robots: str) -> bytes:
     """A robot, pickled."""
-    return pickle.dumps(robot_by_id(key, robots))
+    return write_robot(robot_by_id(key, robots))
 
 
 def draw(*, key: str, robots: str, path: str) -> None:

@@ -1,7 +1,6 @@
 """Tasks of worker processes about scenes: check and explain them, simulate, study accuracy, and write results."""
 
 import dataclasses
-import pickle
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
 from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
+from twolink.service.robot_pickle import read_robot, write_robot
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
@@ -86,7 +86,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
         path.unlink()
         what = f"the result takes more than {quotas.result_mb:g} MB"
         raise SceneError(what, argument="samples", remedy="ask for fewer samples")
-    (Path(folder) / ROBOT).write_bytes(pickle.dumps(run.robot))
+    (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
     return {"title": scene.title, **run_record(run)}
 
 
@@ -150,4 +150,4 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
 
 def _run_in(folder: Path) -> Trajectory:
     """The run that `simulate` has written into a folder."""
-    return Trajectory.load(folder / SAMPLES, pickle.loads((folder / ROBOT).read_bytes()))
+    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))
