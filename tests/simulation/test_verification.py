@@ -105,3 +105,21 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
             sure += 1
             assert true <= worlds.error[i], i
     assert sure > 25
+
+
+@pytest.mark.parametrize(("height", "duration", "accuracy"), [(1.0, 200.0, 1e-9), (1.3, 100.0, 1e-10)])
+def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: float) -> None:
+    """It bounces without loss: parabolas, which the steps solve exactly, so that rounding is all of the error."""
+    robot = tl.load_robot("""<robot name="ball"><link name="world"/><link name="ball"><inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="z" type="prismatic">
+        <parent link="world"/><child link="ball"/><axis xyz="0 0 1"/>
+        <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>""")
+    scene = tl.Scene(robot, [height], effects=[tl.effects.Gravity((0.0, 0.0, -9.75)),
+                                               tl.effects.PlaneContact("ball", restitution=1.0)])  # fmt: skip
+    run = tl.simulate(scene, duration, accuracy, samples=10)
+    fall = np.sqrt(2 * np.longdouble(height) / 9.75)
+    since_top = np.mod(run.t.astype(np.longdouble) + fall, 2 * fall) - fall
+    true = np.abs(run.q[:, 0] - (height - 9.75 * since_top**2 / 2)).astype(float)
+    assert run.error is not None
+    assert (true <= run.error)[1:].all()
+    assert run.error[-1] <= accuracy

@@ -14,7 +14,7 @@ from twolink.integrate.state import Array
 
 MIN_STEPS = 16.0  # of an adaptive method in a run: within one step that is too long, an instability is not seen
 START_SHIFT = 2e-15  # relative: about what the roundings on the way change
-STEPS_RATIO = 2.6  # no whole number: at a whole ratio, the ends of the longest steps would coincide
+FARTHER = 2.0  # the second perturbation, which is used where rounding decides: it adds up along the way
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,19 @@ class Perturbation:
 
     @property
     def opposite(self) -> "Perturbation":
-        """The same with the initial state changed in the opposite direction."""
-        return replace(self, start_shift=-self.start_shift)
+        """The same with the initial state changed in the opposite direction, FARTHER times as much."""
+        return replace(self, start_shift=-FARTHER * self.start_shift)
 
     def shifted(self, x: Array) -> Array:
         """Initial states x (size,) or (size, n), each entry shifted; the signs alternate."""
-        signs = np.where(np.arange(len(x)) % 2, -1.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
-        return np.asarray(x + self.start_shift * signs * np.fmax(1.0, np.abs(x)))
+        shift = self.start_shift * np.fmax(1.0, np.abs(x))
+        shift[1::2] *= -1.0
+        return np.asarray(x + shift)
 
 
 NO_PERTURBATION = Perturbation()
 
 
-def second_solution(touch_margin: float = 0.0) -> Perturbation:
-    """The perturbation of the solution behind an error bar."""
-    return Perturbation(START_SHIFT, touch_margin, STEPS_RATIO * MIN_STEPS)
+def second_solution(steps_ratio: float, touch_margin: float = 0.0) -> Perturbation:
+    """The perturbation of the solution behind an error bar, with so many times as many of the longest steps."""
+    return Perturbation(START_SHIFT, touch_margin, steps_ratio * MIN_STEPS)

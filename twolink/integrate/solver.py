@@ -74,8 +74,9 @@ def solve(
     if method.adaptive:
         setting = max(setting, smallest_tolerance(method, precision))
     if perturbation.start_shift:
-        start = perturbation.shifted(equations.start[: equations.moving])
-        equations = equations.starting_at(start, float(times[0]))
+        start, moving = equations.start.copy(), equations.moving
+        start[:moving] = perturbation.shifted(start[:moving])
+        equations = replace(equations, start=start)
     solution = _solve(equations, method, times, setting, progress, precision, perturbation)
     whole = Piece(equations, float(times[0]), len(solution.t))
     return solution if solution.pieces else replace(solution, pieces=(whole,))

@@ -18,12 +18,13 @@ from twolink.simulation.trajectory import Trajectory
 # ratio depends on the tolerance, not on the scene: on double pendulums of 5 to 20 s the error at 1e-11 is 45 times or
 # more that of rounding alone in 9 of 10, by Taylor's method, DOP853 and RK45; at 1e-13 it is once to 12 times that.
 ROUNDING_COUNTS = 1e-11
+MANY_STEPS = 2_000_000  # of a solution in double precision, that take minutes with more digits
 MORE_DIGITS = 1e-18  # tolerance of solutions in extended precision that judge those in double precision
 ROOM = 5.0  # times the smallest tolerance: a second solution must be able to be more accurate
 
 
-def finer(choice: MethodChoice, equations: Equations, accuracy: float) -> MethodChoice:
-    """What solves more accurately than the choice by construction. Raises AccuracyError where nothing does."""
+def finer(choice: MethodChoice, equations: Equations, accuracy: float, steps: int = 0) -> MethodChoice:
+    """What solves more accurately than the choice, which took so many steps. Raises AccuracyError for nothing."""
     method, setting = choice.method, choice.setting
     if not method.adaptive:
         return replace(choice, setting=setting / 2)
@@ -32,7 +33,7 @@ def finer(choice: MethodChoice, equations: Equations, accuracy: float) -> Method
     smallest = smallest_tolerance(method, choice.precision)
     last = setting / 4 <= smallest
     if choice.precision == "double" and (last or setting < ROUNDING_COUNTS):
-        more = more_digits(equations, costly=last)
+        more = more_digits(equations, steps, costly=last)
         if more is not None:
             return more
     if not last:
@@ -46,15 +47,17 @@ def finer(choice: MethodChoice, equations: Equations, accuracy: float) -> Method
     )
 
 
-def more_digits(equations: Equations, *, costly: bool = False) -> MethodChoice | None:
+def more_digits(equations: Equations, steps: int = 0, *, costly: bool = False) -> MethodChoice | None:
     """Taylor's method in extended precision; None where the equations or the machine do not allow it.
 
-    costly: even where it takes long to compile.
+    costly: even where it takes long to compile or to solve.
     """
     if not equations.analytic or heyoka() is None or np.finfo(np.longdouble).eps > 1e-18:
         return None
-    if not costly and compiling_seconds(equations.operations * TAYLOR_EVALUATIONS) > MAX_COMPILING:
-        return None
+    if not costly:
+        compiling = compiling_seconds(equations.operations * TAYLOR_EVALUATIONS)
+        if compiling > MAX_COMPILING or steps > MANY_STEPS:
+            return None
     return MethodChoice(METHODS["taylor"], MORE_DIGITS, "more digits", "extended")
 
 
@@ -69,7 +72,8 @@ def refined(choice: MethodChoice, equations: Equations, accuracy: float, run: Tr
             raise AccuracyError(f"{method.name} would need {steps:.1e} steps for {accuracy:g}", argument="method",
                                 remedy='method="auto", or less accuracy', code="too-many-steps", run=run)  # fmt: skip
         return replace(choice, setting=setting)
-    smallest = smallest_tolerance(method, choice.precision) * (1.0 if equations.analytic else ROOM)
+    room = ROOM if more_digits(equations, costly=True) is None else 1.0
+    smallest = smallest_tolerance(method, choice.precision) * room
     if choice.setting <= smallest * 1.01:
         raise _accuracy_limit(choice, equations, accuracy, error, run)
     return replace(choice, setting=max(choice.setting * 0.5 / excess, smallest))

@@ -22,7 +22,7 @@ from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import bar_of_run
+from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import refined
 from twolink.simulation.sampling import duration_for, sample_times, with_looks
 from twolink.simulation.trajectory import Trajectory
@@ -33,7 +33,6 @@ LOOKS = 41  # times at least at which errors are looked at
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
-SLACK = 1e-3  # of the accuracy, added to a bar
 
 
 def simulate(

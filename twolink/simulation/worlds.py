@@ -11,8 +11,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import first_tolerance, second_tolerance
-from twolink.integrate.methods import METHODS
+from twolink.integrate.method_choice import first_tolerance, second_tolerance, steps_ratio
+from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.perturbation import second_solution
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
@@ -22,7 +22,7 @@ from twolink.integrate.stepping import integrate_many
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import bar_of_worlds
+from twolink.simulation.error_bar import SLACK, bar_of_worlds
 from twolink.simulation.refinement import ROUNDING_COUNTS
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import ShownAsText
@@ -132,7 +132,7 @@ def simulate_many(
     looks = with_looks(times, LOOKS)
     method = steps_by.method
     tolerance = first_tolerance(method, accuracy)
-    if verify and second_tolerance(method, tolerance) < smallest_tolerance(method):
+    if verify and not _can_be_finer(method, tolerance):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
     start = time.perf_counter()
@@ -176,6 +176,11 @@ def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
     return step_map(equations, METHODS["dop853"], whole=True)
 
 
+def _can_be_finer(method: Method, tolerance: float) -> bool:
+    """Whether a smaller tolerance solves more accurately."""
+    return tolerance / 4 > smallest_tolerance(method)
+
+
 def _verify(
     steps_by: StepMap,
     states: np.ndarray,
@@ -187,20 +192,20 @@ def _verify(
     steps: np.ndarray,
 ) -> np.ndarray:
     """The error bar of each world (n,); worlds beyond the accuracy are solved again, into `x` and `steps`."""
-    smallest, perturbation = smallest_tolerance(steps_by.method), second_solution()
+    smallest, perturbation = smallest_tolerance(steps_by.method), second_solution(steps_ratio(steps_by.method))
     both = (perturbation, perturbation.opposite)
     error = np.full(states.shape[1], np.nan)
     worlds, current = np.arange(states.shape[1]), x
     while True:
         values = None if parameters is None else parameters[:, worlds]
         perturbations = both if tolerance < ROUNDING_COUNTS else both[:1]
-        tolerance = second_tolerance(steps_by.method, tolerance)
+        tolerance = max(second_tolerance(steps_by.method, tolerance), smallest)
         others = [integrate_many(steps_by, one.shifted(states[:, worlds]), times, tolerance, values, None,
                                  one.min_steps)[0] for one in perturbations]  # fmt: skip
-        bar = bar_of_worlds(steps_by.equations.space, current, others)
+        bar = bar_of_worlds(steps_by.equations.space, current, others) + SLACK * accuracy
         error[worlds], x[:, :, worlds] = bar, current
         worlds = worlds[bar > accuracy]  # not the lost ones, whose bar is NaN
-        if not worlds.size or second_tolerance(steps_by.method, tolerance) < smallest:
+        if not worlds.size or not _can_be_finer(steps_by.method, tolerance):
             return error
         values = None if parameters is None else parameters[:, worlds]
         current, steps[worlds], _ = integrate_many(steps_by, states[:, worlds], times, tolerance, values)

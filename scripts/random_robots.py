@@ -1,7 +1,5 @@
 """Random robots and scenes for studies: chains and trees of rigid bodies as URDF text."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import twolink as tl
@@ -16,16 +14,19 @@ LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 
 
 def random_scene(
-    random: np.random.Generator, sizes: dict[int, float] | None = None, floating: float = FLOATING
+    random: np.random.Generator,
+    sizes: dict[int, float] | None = None,
+    floating: float = FLOATING,
+    kinds: dict[str, float] | None = None,
 ) -> tuple[tl.Scene, str]:
     """A scene, and its robot in words.
 
-    sizes: the probability of each number of joints. floating: the probability of a floating base.
+    sizes, kinds: the probability of each number of joints, and of each kind. floating: that of a floating base.
     """
     sizes = SIZES if sizes is None else sizes
     base = bool(random.random() < floating)
     joints = int(random.integers(1, 3)) if base else int(random.choice(list(sizes), p=list(sizes.values())))
-    text, kinds = random_urdf(random, joints, base=base)
+    text, chosen = random_urdf(random, joints, base=base, kinds=kinds or KINDS)
     robot = tl.load_robot(text, root="free" if base else "fixed")
     lively = random.uniform(0.0, 3.0)
     q = robot.neutral + 0.0
@@ -37,21 +38,23 @@ def random_scene(
             q[joint.q] = [np.cos(angle), np.sin(angle)]
     v = random.uniform(-1, 1, robot.nv) * lively
     effects = [tl.effects.Gravity()] if random.random() < GRAVITY else []
-    name = ("float " if base else "") + "".join(kind[0] for kind in kinds)
+    name = ("float " if base else "") + "".join(kind[0] for kind in chosen)
     return tl.Scene(robot, q, v, effects=effects), name + ("" if effects else " no gravity")
 
 
-def random_urdf(random: np.random.Generator, joints: int, base: bool) -> tuple[str, list[str]]:
+def random_urdf(
+    random: np.random.Generator, joints: int, *, base: bool, kinds: dict[str, float]
+) -> tuple[str, list[str]]:
     """The text of a URDF with this number of joints, and their kinds. base: whether the first link has a mass."""
     text = _link(random, "link0") if base else '<link name="link0"/>'
-    kinds = []
+    chosen: list[str] = []
     for i in range(1, joints + 1):
-        kinds.append(str(random.choice(list(KINDS), p=list(KINDS.values()))))
+        chosen.append(str(random.choice(list(kinds), p=list(kinds.values()))))
         parent = i - 1 if random.random() < 0.7 else int(random.integers(0, i))
-        text += f"""{_link(random, f"link{i}")}<joint name="joint{i}" type="{kinds[-1]}">
+        text += f"""{_link(random, f"link{i}")}<joint name="joint{i}" type="{chosen[-1]}">
 <parent link="link{parent}"/><child link="link{i}"/><origin xyz="{_numbers(random.uniform(-0.5, 0.5, 3))}"
-rpy="{_numbers(_angles(random))}"/><axis xyz="{_axis(random)}"/>{LIMIT if kinds[-1] != "continuous" else ""}</joint>"""
-    return f'<robot name="random">{text}</robot>', kinds
+rpy="{_numbers(_angles(random))}"/><axis xyz="{_axis(random)}"/>{LIMIT if chosen[-1] != "continuous" else ""}</joint>"""
+    return f'<robot name="random">{text}</robot>', chosen
 
 
 def _link(random: np.random.Generator, name: str) -> str:
