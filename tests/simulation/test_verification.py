@@ -10,6 +10,12 @@ from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import Track
 from twolink.hard.extended_precision import extended_reference
+from twolink.integrate.method_choice import MethodChoice
+from twolink.integrate.methods import METHODS
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.solution import Solution
+from twolink.simulation.verification import Solved, second_solutions
 
 pytest.importorskip("heyoka")
 
@@ -123,3 +129,37 @@ def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: fl
     assert run.error is not None
     assert (true <= run.error)[1:].all()
     assert run.error[-1] <= accuracy
+
+
+@pytest.mark.parametrize(
+    ("scene", "tolerance", "few_steps", "precisions"),
+    [
+        ("arm-swing", 1e-9, False, ["double"]),
+        ("arm-swing", 1e-13, False, ["extended"]),
+        ("crankshaft", 1e-9, False, ["double"]),
+        ("crankshaft", 1e-9, True, ["double", "double"]),
+        ("crankshaft", 1e-13, False, ["double", "double"]),
+    ],
+)
+def test_second_solutions_where_rounding_counts(
+    scene: str, tolerance: float, few_steps: bool, precisions: list[str]
+) -> None:
+    """Only more digits, or perturbations to both sides, tell errors that rounding decides."""
+    asked: list[tuple[MethodChoice, Perturbation]] = []
+
+    def solve(choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved:
+        asked.append((choice, perturbation))
+        return solved(choice, 110 if few_steps else 178)
+
+    def solved(choice: MethodChoice, steps: int) -> Solved:
+        return Solved(choice, Solution(np.zeros(1), np.zeros((4, 1)), steps, 0), 0.0)
+
+    equations = equations_of(tl.load_scene(scene))
+    coarse = solved(MethodChoice(METHODS["dop853"], tolerance, "asked for"), 100)
+    others = second_solutions(coarse, solve, equations, 1e-6)
+    assert [other.choice.precision for other in others] == precisions
+    shifts = [perturbation.start_shift for _, perturbation in asked]
+    assert (shifts == [0.0]) == (precisions == ["extended"])
+    assert len(shifts) == 1 or shifts[0] * shifts[1] < 0
+    again = second_solutions(coarse, solve, equations, 1e-6, others)
+    assert (again == others) == (precisions == ["extended"])  # it does not depend on the coarse solution

@@ -1,7 +1,8 @@
 """Error bars: a bound on the global error from the distance of two solutions, for one world or for many.
 
 The second solution is more accurate than the first, and perturbed (`integrate.perturbation`): it starts some roundings
-away and takes other steps, so that the two do not have the same errors.
+away and takes other steps, so that the two do not have the same errors. Where rounding may be a large part of the
+error, it has more digits, or there are two that are perturbed in opposite directions (`verification`).
 """
 
 from collections.abc import Sequence
