@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.service.serving import serving
+from tests.service.serving import Served, serving
 from tests.service.urdfs import pendulum
 
 SWING = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-8, "wait": 30}
@@ -131,6 +131,18 @@ def test_a_long_simulation_is_a_job_with_progress_that_can_be_cancelled(http: ht
     assert http.get(path).status_code == 404
 
 
+def test_deleting_a_job_ends_its_streams(served: Served, http: httpx.Client) -> None:
+    path = http.post("/v1/simulations", json={**SLOW, "duration": 1001.0}).headers["location"]
+    names = []
+    with served.client() as other:
+        for name, job in events(http, path):
+            names.append((name, job["state"]))
+            if job["state"] == "running":
+                assert other.delete(path).status_code == 204
+    assert names[-1] in (("end", "deleted"), ("end", "cancelled"))
+    assert "Traceback" not in served.log
+
+
 def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
     asked = {"scene": "arm-swing", "duration": 40.0, "samples": 1, "method": "rk4", "step": 1e-4, "wait": 0}
     path = http.post("/v1/simulations", json=asked).headers["location"]
@@ -180,7 +192,7 @@ def test_problems_of_simulations(http: httpx.Client, body: dict[str, Any], statu
 
 
 def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
-    quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03"]
+    quotas = ["jobs=1", "queue=1", "job_seconds=6", "disk_mb=0.05", "result_mb=0.03", "answer_mb=0.05"]
     with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
         keys = []
         for k in range(6):  # about 15 kB each
@@ -189,6 +201,12 @@ def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
         assert http.get("/health").json()["bytes"] <= 0.05 * 2**20
         assert http.get(f"/v1/simulations/{keys[0]}").status_code == 404  # the oldest went
         assert http.get(f"/v1/simulations/{keys[-1]}").json()["state"] == "done"
+        last = f"/v1/simulations/{keys[-1]}"
+        for path in (f"{last}/playback", f"{last}/motion?frames=3600", "/v1/robots/panda/visuals"):
+            assert http.get(path).status_code == 413, path
+        assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
+        kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
+        assert {name for name in kept if not name.startswith("twolink.sqlite")} == {"result.npz", "robot.pickle"}
         large = http.post("/v1/simulations", json={**SWING, "samples": 5000})
         assert large.status_code == 422
         assert "0.03 MB" in large.json()["detail"]

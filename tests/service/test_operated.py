@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import io
 import json
+import logging
 import os
 import resource
 import signal
@@ -20,7 +22,8 @@ from tests.service.serving import serving, wait_until
 from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
 from tests.service.urdfs import pendulum
-from twolink.service.logs import AccessLog, Answered
+from twolink.service.keyed_locks import KeyedLocks
+from twolink.service.logs import AccessLog, Answered, configure, logged_path
 
 BIAS = "/v1/robots/two_link/bias"
 REFUSED = {
@@ -113,6 +116,37 @@ def test_a_log_that_nobody_reads_loses_lines_and_says_so(caplog: pytest.LogCaptu
     assert asyncio.run(work("off", 3, 10)) == ""
     assert asyncio.run(work("json", 20, 10)).count("\n") == 10
     assert "10 lines of the access log were dropped" in caplog.text
+
+
+def test_a_line_of_the_log_is_one_line_whatever_it_is_about(capsys: pytest.CaptureFixture[str]) -> None:
+    root, before = logging.getLogger(), logging.getLogger().handlers[:]
+    try:
+        configure("json")
+        try:
+            raise ValueError("two\nlines")
+        except ValueError:
+            logging.getLogger("twolink.service").exception("it failed")
+    finally:
+        root.handlers[:] = before
+    (line,) = capsys.readouterr().err.splitlines()
+    entry = json.loads(line)
+    assert (entry["level"], entry["message"].splitlines()[0]) == ("error", "it failed")
+    assert entry["message"].endswith("two\nlines")
+    path = logged_path({"raw_path": b"/a\r\n2026 forged \xff" + b"x" * 10_000})
+    assert path.isprintable()
+    assert len(path) < 1000
+
+
+def test_no_lock_outlives_its_use() -> None:
+    async def work() -> None:
+        locks = KeyedLocks()
+        for key in range(100):
+            with contextlib.suppress(ValueError):
+                async with locks(str(key)):
+                    raise ValueError
+        assert not locks._locks
+
+    asyncio.run(work())
 
 
 def test_a_disk_that_fails_is_a_clear_state_that_passes(tmp_path: Path) -> None:

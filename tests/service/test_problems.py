@@ -33,6 +33,12 @@ def test_a_failure_survives_http(error: TwolinkError) -> None:
     assert status == problem_of(error).status
 
 
+def test_a_value_of_any_length_is_not_sent_back() -> None:
+    problem = problem_of(QueryError(f"{'x' * 10**6} is unknown", argument="q" * 10**6, remedy="r" * 10**6))
+    assert len(msgspec.json.encode(problem)) < 10_000
+    assert problem.detail.endswith(" ...")
+
+
 def test_unexpected_failures_tell_no_details(caplog: pytest.LogCaptureFixture) -> None:
     problem = problem_of(KeyError("secret"))
     assert (problem.status, problem.type) == (500, "urn:twolink:internal-error")

@@ -10,6 +10,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
@@ -121,6 +122,20 @@ def test_lists_come_in_pages_without_large_requests(tmp_path: Path) -> None:
         assert [job.id for job in first] == KEYS[:0:-1]
         assert [job.id for job in store.jobs("simulation", first[-1].created, 3)] == KEYS[:1]
         assert [bytes(job.request) == b"null" for job in first] == [False, False, True]
+
+
+def test_a_start_on_a_full_disk_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with opened(tmp_path) as store:
+        store.new_job(KEYS[0], "simulation", b"{}")
+        store.begin_job(KEYS[0])
+    with monkeypatch.context() as full:
+        full.setattr(Store, "update_job", Mock(side_effect=sqlite3.OperationalError("database or disk is full")))
+        with pytest.raises(TwolinkError, match="disk is full; check the folder and the disk"):
+            Store(tmp_path)
+    with opened(tmp_path) as store:
+        job = store.job(KEYS[0])
+        assert job is not None
+        assert (job.state, b"was killed" in bytes(job.problem)) == ("interrupted", True)
 
 
 class Workers:

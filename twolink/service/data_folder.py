@@ -50,11 +50,15 @@ def open_folder(folder: Path) -> sqlite3.Connection:
         for part in PARTS:
             (folder / part).mkdir(exist_ok=True, mode=0o700)
     except (OSError, sqlite3.Error) as error:
-        in_use = "locked" in str(error)
-        remedy = "end the service that uses it" if in_use else "check the folder and the disk"
-        what = f"cannot be used: {error}"
-        raise TwolinkError(what, where=str(folder), remedy=f"{remedy}, or give another --data", code="data") from None
+        raise unusable(folder, error) from None
     return database
+
+
+def unusable(folder: Path, error: OSError | sqlite3.Error) -> TwolinkError:
+    """The failure of a start with a folder that cannot be used."""
+    remedy = "end the service that uses it" if "locked" in str(error) else "check the folder and the disk"
+    what = f"cannot be used: {error}"
+    return TwolinkError(what, where=str(folder), remedy=f"{remedy}, or give another --data", code="data")
 
 
 def _require_own(folder: Path) -> None:

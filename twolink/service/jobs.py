@@ -72,12 +72,6 @@ class Jobs:
 
     async def resume(self) -> None:
         """Take up the jobs that an earlier service has left."""
-        for job in await self._store.run(self._store.running):
-            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
-            what = "the service was killed while the job ran"
-            problem = problem_of(Refusal(503, what, code="interrupted", remedy="run it again"))
-            end = {"state": "interrupted", "ended": time.time(), "problem": problem}
-            await self._store.run(self._store.end_job, job.id, self._disk_bytes, **end)
         for job in await self._store.run(self._store.waiting):
             self._start(job.id, job.kind)
 

@@ -26,6 +26,7 @@ _CLASSES = {name: kind for kind, name in _TYPES.items()}
 _NOT_DATA = ("self", "what", "status", "retry_after", "run")  # arguments of their own
 _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all others: 422
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+_LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
 
 
@@ -72,9 +73,14 @@ def problem_of(error: BaseException) -> Problem:
         name, status, retry_after = _TYPES[kind], _STATUS.get(kind, 422), None
     data = {key: value.item() if isinstance(value, np.generic) else value for key, value in failure.data.items()}
     return Problem(
-        f"urn:twolink:{name}", HTTPStatus(status).phrase, status, failure.what, failure.where, failure.remedy,
-        failure.code, failure.argument, data, retry_after,
+        f"urn:twolink:{name}", HTTPStatus(status).phrase, status, _cut(failure.what), _cut(failure.where),
+        _cut(failure.remedy), failure.code, _cut(failure.argument), data, retry_after,
     )  # fmt: skip
+
+
+def _cut(text: str) -> str:
+    """A text without what makes it longer than anybody reads: messages quote values, which may be of any length."""
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
 
 
 def _refusal_of(error: BaseException) -> Refusal:

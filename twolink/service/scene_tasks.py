@@ -15,6 +15,7 @@ from twolink.scenes import Scene
 from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
 from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
+from twolink.service.problems import Refusal
 from twolink.service.robot_pickle import read_robot, write_robot
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
@@ -141,7 +142,7 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
     count = frames * len(run.robot.frame_names)
     if count * _POSE_BYTES > quotas.answer_mb * 2**20:
         what = f"{count} poses take more than {quotas.answer_mb:g} MB"
-        raise SceneError(what, argument="frames", remedy="ask for fewer frames")
+        raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
     times = np.linspace(run.t[0], run.t[-1], frames)
     poses = link_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
     content = {"t": times.tolist(), "links": run.robot.frame_names, "poses": np.round(poses, 7).tolist()}

@@ -6,7 +6,9 @@ One service uses a folder at a time: it holds SQLite's exclusive lock, which end
 import asyncio
 import errno
 import functools
+import logging
 import shutil
+import sqlite3
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,13 +17,15 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 
-from twolink.service.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, open_folder, size_of, tidy
+from twolink.service.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, open_folder, size_of, tidy, unusable
+from twolink.service.problems import Refusal, problem_of
 
 P = ParamSpec("P")
 T = TypeVar("T")
 ENDED_JOBS = 5000  # that are remembered
 LISTED_JOBS = 200
 ACTIVE = ("queued", "running")
+_log = logging.getLogger("twolink.service")
 _LISTED_REQUEST = 16_384  # bytes: lists leave larger requests out
 _JOB_TEXTS = ("request", "progress", "problem", "result")  # JSON
 
@@ -55,11 +59,26 @@ class Store:
         self.folder = folder
         self._database = open_folder(folder)
         self._thread = ThreadPoolExecutor(1, "twolink-store")  # one: the order of calls is the order of changes
-        tidy(folder, *({row[0] for row in self._execute(f"SELECT id FROM {table}")} for table in ("robots", "jobs")))
+        try:
+            self._repair()
+        except (OSError, sqlite3.Error) as error:
+            self._database.close()
+            raise unusable(folder, error) from None
+        self.kept_bytes = self.used_bytes()  # as of the last change
+
+    def _repair(self) -> None:
+        """Bring folder and database to terms after a service that was killed."""
+        robots, jobs = ({row[0] for row in self._execute(f"SELECT id FROM {table}")} for table in ("robots", "jobs"))
+        tidy(self.folder, robots, jobs)
         for (key,) in self._execute("SELECT id FROM jobs WHERE state = 'done'"):
             if not self.result_folder(key).exists():
                 self._delete_job(key)
-        self.kept_bytes = self.used_bytes()  # as of the last change
+        for job in self._jobs("WHERE state = 'running'", texts=()):
+            what = "the service was killed while the job ran"
+            problem = problem_of(Refusal(503, what, code="interrupted", remedy="run it again"))
+            shutil.rmtree(self.result_folder(job.id), ignore_errors=True)
+            self.update_job(job.id, state="interrupted", ended=time.time(), problem=problem)
+            _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
 
     async def run(self, method: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
         """Call a method of this store in its thread. Raises what it raises, such as sqlite3.Error and OSError."""
@@ -206,10 +225,6 @@ class Store:
     def waiting(self) -> list[Job]:
         """The jobs that wait, the oldest first."""
         return self._jobs("WHERE state = 'queued' ORDER BY created", texts=())
-
-    def running(self) -> list[Job]:
-        """The jobs that run, as far as the database knows."""
-        return self._jobs("WHERE state = 'running'", texts=())
 
     # Results
 
