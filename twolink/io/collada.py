@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _DECLARATION = re.compile(r"\A\s*<\?xml.*?\?>", re.DOTALL)
-_BINDING = re.compile(
-    r"<instance_material\b[^>]*?\btarget=[\"']#([^\"']*)[\"'][^>]*?(/>|>.*?</instance_material>)", re.DOTALL
+_BINDING = re.compile(  # no part runs past the begin of the next binding: otherwise a comment of many takes N^2 steps
+    r"<instance_material\b[^<>]*?\btarget=[\"']#([^\"'<]*)[\"'][^<>]*?(/>|>(?:(?!</?instance_material\b).)*</instance_material>)",
+    re.DOTALL,
 )
 
 
