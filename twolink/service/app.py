@@ -73,14 +73,23 @@ class Shell:
         REQUEST_ID.set(sent_id)
         client, start = scope["client"], time.perf_counter()
         entry = Answered(time.time(), sent_id, client[0] if client else "", scope["method"], logged_path(scope))
+        gone = False
 
         async def send_noted(message: Any) -> None:
+            nonlocal gone
+            if gone:
+                return
             if message["type"] == "http.response.start":
                 entry.status = message["status"]
                 message["headers"] = [*message["headers"], (b"x-request-id", sent_id.encode())]
             else:
                 entry.bytes += len(message.get("body", b""))
-            await send(message)
+            try:
+                await send(message)
+            except RuntimeError as error:
+                gone = "the handler is closed" in str(error)  # uvloop says so of a connection that has just ended
+                if not gone:
+                    raise
 
         self._under_way += 1
         try:

@@ -1,0 +1,87 @@
+"""A client that goes: what it asked for ends, and nothing is reported as a failure of the service."""
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from twolink.service.settings import Settings
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of Litestar, for names that 3.0 will not have
+Send = Callable[[Any], Awaitable[None]]
+QUERY = "/v1/robots/two_link/bias"
+
+
+@pytest.fixture
+def shell(tmp_path: Path) -> Iterator[Any]:
+    from twolink.service.app import build
+
+    shell = build(Settings(str(tmp_path)))
+    with contextlib.closing(shell.service.store):
+        yield shell
+
+
+async def ask(shell: Any, method: str, path: str, body: bytes, send: Send, gone: asyncio.Event) -> None:
+    """A request as uvicorn hands it on; the client goes when `gone` is set."""
+    messages = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def receive() -> dict[str, Any]:
+        if not messages:
+            await gone.wait()
+        return messages.pop() if messages else {"type": "http.disconnect"}
+
+    headers = [(b"host", b"localhost"), (b"content-type", b"application/json")]
+    scope = {
+        "type": "http", "method": method, "path": path, "raw_path": path.encode(), "query_string": b"",
+        "scheme": "http", "headers": headers,
+        "client": ("127.0.0.1", 5), "server": ("127.0.0.1", 80), "root_path": "", "state": {},
+        "asgi": {"version": "3.0"}, "http_version": "1.1",
+    }  # fmt: skip
+    await shell(scope, receive, send)
+
+
+@pytest.mark.parametrize("path", ["/v1/scenes/explain", QUERY])
+def test_what_a_client_asked_for_ends_when_it_goes(shell: Any, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ends = asyncio.Event(), []
+
+    async def wait(*_: Any, **__: Any) -> Any:
+        begun.set()
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            ends.append("cancelled")
+            raise
+
+    async def work() -> None:
+        gone = asyncio.Event()
+        body = msgspec.json.encode({"scene": "arm-swing"} if "scenes" in path else {"q": [[0, 0]] * 3000})
+        task = asyncio.create_task(ask(shell, "POST", path, body, nothing, gone))
+        await begun.wait()
+        gone.set()
+        await task
+
+    async def nothing(_: Any) -> None:
+        pass
+
+    monkeypatch.setattr("twolink.service.worker_pool.Workers.exchange", wait)
+    asyncio.run(asyncio.wait_for(work(), 30))
+    assert ends == ["cancelled"]
+
+
+@pytest.mark.parametrize("path", ["/health", "/v1/methods", "/nowhere"])
+def test_an_answer_to_a_closed_connection_is_no_failure(
+    shell: Any, path: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = []
+
+    async def closed(message: Any) -> None:
+        sent.append(message["type"])
+        raise RuntimeError("unable to perform operation on <TCPTransport closed=True>; the handler is closed")
+
+    asyncio.run(ask(shell, "GET", path, b"", closed, asyncio.Event()))
+    assert sent == ["http.response.start"]
+    assert "unexpected" not in caplog.text
