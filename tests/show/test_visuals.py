@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.show.pieces import box_stl
 from twolink.errors import ShowError
 from twolink.show import live
 
@@ -90,6 +92,35 @@ def test_playing_logs_the_address_and_the_missing_pieces_unless_callbacks_take_t
     assert capsys.readouterr().out == ""
     run.playback(tmp_path / "x.html", on_skipped=said.extend)
     assert capsys.readouterr().out == ""
+
+
+def test_a_saved_scene_keeps_its_meshes(tmp_path: Path) -> None:
+    """Their files and scales go into the URDF that is written beside the scene."""
+    (tmp_path / "far").mkdir()
+    box_stl(tmp_path / "far" / "a.stl")
+    scaled = mesh("package://far/a.stl").replace("<mesh ", '<mesh scale="1 2 -3" ')
+    robot = tl.load_robot(urdf(scaled, sphere()), package_dirs=[tmp_path])
+    again = tl.load_scene(tl.Scene(robot).save(tmp_path / "scene.toml")).robot
+    for one, other in zip(*(r.visual_model().geometryObjects for r in (robot, again)), strict=True):
+        assert (one.name, one.meshPath) == (other.name, other.meshPath)
+        for shape in (one.geometry, other.geometry):
+            shape.computeLocalAABB()
+        assert one.geometry.aabb_local == other.geometry.aabb_local
+    box = robot.visual_model().geometryObjects[0].geometry
+    box.computeLocalAABB()
+    np.testing.assert_allclose([box.aabb_local.min_, box.aabb_local.max_], [[0, 0, -3], [1, 2, 0]], atol=1e-6)
+
+
+def test_no_reader_but_ours_opens_a_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pinocchio's reader of URDF would open each mesh it sees, and the files that the mesh names."""
+    box_stl(tmp_path / "a.stl")
+    seen: list[str] = []
+    build = pin.buildGeomFromUrdfString
+    monkeypatch.setattr(pin, "buildGeomFromUrdfString", lambda *a: (seen.append(a[1]), build(*a))[1])
+    shapes = tl.load_robot(urdf(mesh(tmp_path / "a.stl"))).visual_model().geometryObjects
+    assert shapes[0].geometry.num_tris == 4
+    assert "<sphere" in seen[0]
+    assert "a.stl" not in seen[0]
 
 
 def test_pages_are_written_whole_into_new_folders(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from twolink.robots.xml import Element
+from twolink.robots.xml import Element, parse_xml
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,12 @@ def missing_meshes(robot: Element, folders: MeshFolders) -> tuple[str, ...]:
 
 
 def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, MeshFile]]:
-    """The URDF as text for drawing, without collisions, and its meshes by Pinocchio's name of the visual.
+    """The URDF as text without collisions, meshes by their full path, and its meshes by Pinocchio's name of the visual.
 
-    The text has a sphere in place of each mesh: Pinocchio's reader would open the file, and others that it names.
-    Visuals whose mesh is missing are left out.
-    A material is defined where it first stands, for all visuals after it: one that stands in a visual that is left out
-    moves up to the robot.
+    Visuals whose mesh is missing are left out. A material is defined where it first stands, for all visuals after it:
+    one that stands in a visual that is left out moves up to the robot.
     """
-    kept = {id(visual): _placed(visual, folders) for visual in _visuals(robot)}
+    kept = {id(visual): _located(visual, folders) for visual in _visuals(robot)}
     meshes: dict[str, MeshFile] = {}
     out = Element("robot", dict(robot.attributes), robot.line)
     out.children = [c for c in robot.children if c.tag in ("joint", "material")]
@@ -99,8 +97,8 @@ def _visuals(robot: Element) -> Iterator[Element]:
     return (visual for link in robot.all("link") for visual in link.all("visual"))
 
 
-def _placed(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | None] | None:
-    """The visual with a sphere in place of its mesh, and the mesh; None without geometry or where it is missing."""
+def _located(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | None] | None:
+    """The visual with the full path of its mesh, and the mesh; None without geometry or where it is missing."""
     geometry = visual.first("geometry")
     mesh = None if geometry is None else geometry.first("mesh")
     if geometry is None or mesh is None:
@@ -108,7 +106,31 @@ def _placed(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | 
     found = folders.find(mesh.attributes.get("filename", ""))
     if found is None:
         return None
-    shape = Element("geometry", {}, geometry.line, [Element("sphere", {"radius": "1"}, mesh.line)])
-    rest = [c for c in visual.children if c.tag != "geometry"]
+    located = Element("mesh", {**mesh.attributes, "filename": str(found[0])}, mesh.line)
     file = MeshFile(*found, mesh.attributes.get("scale", "1 1 1"))
-    return Element("visual", visual.attributes, visual.line, [*rest, shape]), file
+    return _with_shape(visual, located), file
+
+
+def _with_shape(visual: Element, shape: Element) -> Element:
+    rest = [child for child in visual.children if child.tag != "geometry"]
+    geometry = Element("geometry", {}, shape.line, [shape])
+    return Element("visual", visual.attributes, visual.line, [*rest, geometry])
+
+
+def without_meshes(text: str) -> str:
+    """The text of `drawable_urdf` with a sphere in place of each mesh.
+
+    Pinocchio's reader of URDF would open each mesh, and whatever other files it names.
+    """
+    robot = parse_xml(text.encode(), "visuals", "utf-8")
+    for link in robot.all("link"):
+        link.children = [
+            _with_shape(child, Element("sphere", {"radius": "1"}, child.line)) if _has_mesh(child) else child
+            for child in link.children
+        ]
+    return robot.to_xml()
+
+
+def _has_mesh(visual: Element) -> bool:
+    geometry = visual.first("geometry")
+    return geometry is not None and geometry.first("mesh") is not None

@@ -14,7 +14,7 @@ from twolink.robots.joint_layout import JointLayout, joint_layouts
 from twolink.robots.load_options import gravity_field, shapes_without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.mesh_shapes import set_mesh
-from twolink.robots.meshes import MeshFile
+from twolink.robots.meshes import MeshFile, without_meshes
 from twolink.robots.model_pickle import reduce_model
 
 copyreg.pickle(pin.Model, reduce_model)
@@ -148,7 +148,8 @@ class RobotModel:
         visuals = self.visuals
         geometry = pin.GeometryModel()
         try:
-            pin.buildGeomFromUrdfString(visuals.model, visuals.text, pin.GeometryType.VISUAL, geometry, [])
+            text = without_meshes(visuals.text)
+            pin.buildGeomFromUrdfString(visuals.model, text, pin.GeometryType.VISUAL, geometry, [])
         except (ValueError, RuntimeError) as error:
             what, remedy = " ".join(str(error).split())[:200], "repair that visual, or take it out of the URDF"
             raise ShowError(what, where=f"robot {self.name!r}", remedy=remedy, code="visuals-not-readable") from None
