@@ -217,6 +217,9 @@ def test_many_pipelined_requests_end_the_connection(small: Served) -> None:
         connection.sendall(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n" * 3000)
         while connection.recv(2**16):
             pass
+    with small.client() as http:
+        assert http.get("/health").status_code == 200
+    assert "Traceback" not in small.log
 
 
 def test_bodies_that_do_not_arrive_are_limited_and_cut_off(small: Served) -> None:

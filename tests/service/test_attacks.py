@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+
+import pytest
+from attack_service import QUICK, attack
+
+from tests.service.serving import Served, wait_until
+
+
+@pytest.mark.parametrize("seconds", [QUICK, pytest.param(60.0, marks=pytest.mark.slow)])
+def test_the_service_stays_up_under_attack(seconds: float) -> None:
+    figures = attack(seconds)
+    assert all(figures.bars().values()), f"{figures.bars()}\n{figures.summary()}\n{figures.outcomes}"
+
+
+def test_workers_yield_to_the_process_that_answers(served: Served) -> None:
+    def niceness() -> list[int]:
+        return [os.getpriority(os.PRIO_PROCESS, process) for process in served.workers()]
+
+    wait_until(lambda: niceness() and min(niceness()) == 10)
 
 
 def test_connections_leave_files_for_the_service() -> None:

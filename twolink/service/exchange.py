@@ -7,7 +7,7 @@ import tempfile
 
 from twolink.service.admission import hold
 
-_SLICE = 2**22  # bytes copied at once: the event loop waits for 2 ms
+_SLICE = 2**19  # bytes copied at once: the event loop waits for a millisecond, for several where cores are busy
 _KEPT = 2**24  # bytes of the file that stay allocated from task to task
 
 
@@ -44,7 +44,7 @@ class Exchange:
             await asyncio.sleep(0)
         if size > _KEPT:
             os.ftruncate(self._file, 0)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
+        return parts[0] if len(parts) == 1 else await asyncio.to_thread(b"".join, parts)
 
     def close(self) -> None:
         """Give the memory back."""

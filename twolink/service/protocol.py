@@ -56,6 +56,7 @@ class Protocol(HttpToolsProtocol):
         super().__init__(**others)
         self._limits = limits
         self._holder: str | None = None  # the client, if the connection is counted
+        self._answered: Any = None  # the request that is answered
         self._timer: TimerHandle | None = None
         self._refusal: Refusal | None = None
         self._begun: float | None = None  # when the request that arrives has begun
@@ -84,6 +85,8 @@ class Protocol(HttpToolsProtocol):
             self._timer.cancel()
         if self._holder is not None:
             self._limits.connections.give(self._holder)
+        if self._answered is not None:  # uvicorn tells it to the request that came last
+            self._answered.disconnected = True
         super().connection_lost(exc)
 
     def _begin(self) -> None:
@@ -132,6 +135,19 @@ class Protocol(HttpToolsProtocol):
         """The whole request has arrived."""
         self._begun, self._unused, self._in_body = None, 0, False
         super().on_message_complete()
+
+    def _start_asgi_task(self, cycle: Any, app: Any) -> None:
+        """Have the application answer a request; nothing is sent to a client that has gone, which uvloop refuses."""
+
+        async def answer(scope: Any, receive: Any, send: Any) -> None:
+            async def send_while_open(message: Any) -> None:
+                cycle.disconnected |= self.transport.is_closing()
+                await send(message)
+
+            await app(scope, receive, send_while_open)
+
+        self._answered = cycle
+        super()._start_asgi_task(cycle, answer)
 
     def resume_writing(self) -> None:
         """The client has read what was sent to it."""
