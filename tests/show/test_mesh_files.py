@@ -12,6 +12,7 @@ import pytest
 
 from tests.show.pieces import DAE, fixed, geometry
 from twolink.errors import ShowError
+from twolink.io.collada import read_collada
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.playback import write_playback
 
@@ -80,6 +81,12 @@ def test_a_broken_material_costs_the_colour_and_not_the_part(tmp_path: Path) -> 
     item = drawn(tmp_path / "a.dae")
     assert item["geometries"][0]["type"] == "BufferGeometry"
     assert item["materials"][0]["color"] == 0xFF0000
+
+
+def test_a_comment_full_of_bindings_takes_a_step_for_each() -> None:
+    comment = "<!--" + '<instance_material target="#gone">' * 100_000 + "-->"  # an hour, if each looks at all others
+    text = DAE.replace("<asset>", f"{comment}<asset>").replace('target="#m"', 'target="#gone"')
+    assert len(read_collada(text.encode())) == 1
 
 
 @pytest.mark.parametrize("text", ["", "<COLLADA", DAE.replace("<COLLADA", "<!DOCTYPE x><COLLADA"), DAE[:900]])

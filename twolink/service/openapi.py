@@ -28,7 +28,7 @@ _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "
     "when left out. A list of them is a batch: the answer has the same leading axes. SI units, radians, Pinocchio's "
     "layout. In application/x-npz arrays go by their names, wrenches as f_ext.FRAME; npz is answered by npz unless "
-    "Accept says otherwise."
+    "Accept says otherwise. The same request has the same answer to the last bit."
 )
 
 
