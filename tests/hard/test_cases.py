@@ -2,6 +2,8 @@
 
 import json
 import re
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -101,6 +103,19 @@ def test_a_refusal_counts_only_where_it_may_come() -> None:
 def test_an_attempt_that_takes_too_long_is_missed() -> None:
     (attempt,) = run_case(swinging(), patience=0.0).ours
     assert (attempt.verdict, attempt.message[:18]) == (MISSED, "given up after 0 s")
+
+
+def test_waiting_for_other_work_on_the_machine_is_not_computing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def delayed(*arguments: Any, progress: Callable[[float], None], **options: Any) -> tl.Trajectory:
+        progress(0.0)
+        time.sleep(0.4)
+        progress(0.5)
+        return tl.simulate(*arguments, **options)
+
+    monkeypatch.setattr(attempts, "simulate", delayed)
+    (attempt,) = run_case(swinging(), patience=0.2).ours
+    assert attempt.verdict == MET
+    assert attempt.seconds > 0.4
 
 
 def test_an_interrupted_run_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ from twolink.simulation.scene_run import simulate
 
 BAD = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 GRAVITY = fx.Gravity()
-HANG = 15.0  # s
+HANG = 15.0  # s of computing
 
 _MASSLESS = """<robot name="r"><link name="base"/><link name="{name}">{inertial}</link>
 <joint name="j" type="{kind}"><parent link="base"/><child link="{name}"/><axis xyz="0 1 0"/>
@@ -40,7 +41,7 @@ def _arm(*effects: Any, q: Any = None, v: Any = None) -> Scene:
 
 
 def _run(*effects: Any, **options: Any) -> object:
-    return simulate(_arm(*effects), progress=TimeLimit(HANG), **options)
+    return simulate(_arm(*effects), progress=TimeLimit(HANG, time.process_time), **options)
 
 
 def _massless(name: str, kind: str = "revolute", inertial: str = "", more: str = "") -> Callable[[], object]:
