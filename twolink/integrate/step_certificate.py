@@ -75,12 +75,18 @@ def certify(equations: Equations, method: Method, portable: Map, compiled: Map) 
 
 
 def certify_rate(equations: Equations, compiled: Any) -> None:
-    """Compare a compiled rate with Pinocchio's at the start and at states around it, beside closed loops too."""
+    """Compare a compiled rate with Pinocchio's at the start and at states around it, beside closed loops too.
+
+    Solving for accelerations multiplies rounding by the condition number of the mass matrix, in both.
+    """
     x = _around(equations)
     values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
     ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
     theirs = rate_by_pinocchio(equations, 0.0, x)
-    _require_agreement(equations, "rate", x, ours, theirs, 1.0 + np.abs(theirs).max(axis=0))
+    matrices = equations.robot.mass_matrix(equations.space.rows(x)[0])
+    condition = np.linalg.cond(matrices) if matrices.size else 1.0
+    size = np.abs(theirs).max(axis=0) * (1.0 + np.finfo(float).eps * condition / AGREEMENT)
+    _require_agreement(equations, "rate", x, ours, theirs, 1.0 + size)
 
 
 def certify_projection(equations: Equations, compiled: Any) -> None:
