@@ -18,8 +18,8 @@ class TimeLimit:
     clock: `time.process_time` counts the seconds of computing, which other work on the machine does not prolong.
     """
 
-    def __init__(self, seconds: float, clock: Callable[[], float] = time.perf_counter) -> None:
-        self.seconds, self.clock = seconds, clock
+    def __init__(self, seconds: float, clock: Callable[[], float] | None = None) -> None:
+        self.seconds, self.clock = seconds, clock or time.perf_counter
         self.start: float | None = None
 
     def __call__(self, t: float) -> None:
