@@ -2,6 +2,7 @@
 
 import ctypes
 import functools
+import importlib
 import os
 import socket
 import subprocess
@@ -110,6 +111,11 @@ def death_signal() -> int:
     return value.value
 
 
+def late_import() -> str:
+    """Libraries are imported when they are first needed, a user's own ones too."""
+    return str(importlib.import_module("installed_for_one_user").WORD)
+
+
 def compute() -> dict[str, float]:
     """What tasks need: threads, a figure, compiled code on several threads, files of its own."""
     import heyoka as hy
@@ -132,7 +138,7 @@ def compute() -> dict[str, float]:
 
 _ALL: list[Callable[..., object]] = [
     read, listing, write, link, remove, give_away, tcp, udp, pair, program, execute, forked, c_library, trace,
-    memory_of_the_service, signal_the_service, environment, status, death_signal, compute,
+    memory_of_the_service, signal_the_service, environment, status, death_signal, late_import, compute,
 ]  # fmt: skip
 
 

@@ -1,8 +1,10 @@
 """A worker process that a stranger has taken over: no file of others, no network, no program, no secret."""
 
 import asyncio
+import os
 import re
 import socket
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,12 +56,15 @@ def arguments(task: str, place: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def results(place: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What each task gave, or its failure, in one worker."""
-    own = tmp_path_factory.mktemp("own")
+    own, library = tmp_path_factory.mktemp("own"), tmp_path_factory.mktemp("lib") / "site-packages"
+    library.mkdir()
+    (library / "installed_for_one_user.py").write_text("WORD = 'found'")
 
     async def work() -> dict[str, Any]:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("TWOLINK_TOKEN", "hush")
             patch.setenv("OTHER_SECRET", "hush")
+            patch.setenv("PYTHONPATH", os.pathsep.join([str(library), *sys.path]))
             workers = Workers(1, WorkerMemory(3000), threads=2, tasks="tests.service.escape_tasks", writable=[own])
         try:
             found: dict[str, Any] = {}
@@ -109,6 +114,7 @@ def test_the_kernel_says_so_too(results: dict[str, Any]) -> None:
 
 
 def test_a_worker_computes_with_threads_and_compiled_code(results: dict[str, Any]) -> None:
+    assert results["late_import"] == "found"
     assert results["compute"]["compiled"] == pytest.approx(np.sin(0.5) * 0.5)
     assert results["compute"]["batch"] == pytest.approx(0.0, abs=1e-9)
 

@@ -129,6 +129,15 @@ def test_whatever_answers_it_is_an_error_of_twolink(name: str) -> None:
         client.close()
 
 
+@pytest.mark.parametrize("size", [0, 1, 2**14, 2**14 + 1, 10**6])
+def test_bodies_arrive_whole(size: int) -> None:
+    with fake(LISTED) as server:
+        client = tl.connect(server.url, timeout=20)
+        for body in (bytes(size), b"again" * size):
+            client.request("POST", "/v1/robots", body)
+            assert server.requests[-1].body == body
+
+
 def test_where_nobody_answers() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

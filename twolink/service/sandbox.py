@@ -122,6 +122,8 @@ def _program() -> Iterable[str | Path]:
     yield from twolink.__path__
     yield our_urdfs()
     yield from (sys.prefix, sys.base_prefix)
+    yield from (place for place in sys.path if {"site-packages", "dist-packages"} & set(Path(place).parts))
+    yield from filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(":"))
     yield from ("/usr", "/lib", "/lib64", "/nix/store", "/etc/ld.so.cache", "/etc/localtime", "/etc/fonts")
     yield from ("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu", "/sys/fs/cgroup")
     yield from ("/dev/urandom", "/dev/random", "/dev/zero")
