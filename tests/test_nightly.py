@@ -74,3 +74,9 @@ def test_an_unknown_step_is_refused_before_anything_runs(checkout: Path) -> None
     code, message, logs = nightly(checkout, "attacks", "attacs")
     assert (code, message) == (2, f"unknown step attacs; known: {' '.join(STEPS)}\n")
     assert not logs
+
+
+def test_the_files_that_it_names_exist() -> None:
+    named = re.findall(r"scripts/\w+\.(?:py|sh)|tests/[\w/]+\.py", NIGHTLY.read_text())
+    assert len(named) >= 4
+    assert all((TOP / name).exists() for name in named)
