@@ -128,3 +128,15 @@ def test_nothing_is_ever_nan() -> None:
         run = tl.simulate(scene, 3.0, 1e-3)
         for part in (run.q, run.v, run.error, run.energy):
             assert np.isfinite(part).all()
+
+
+def test_without_heyoka_events_are_located(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the same steps, made of Pinocchio's rates."""
+    scene = tl.load_scene("bouncing-ball")
+    compiled = tl.simulate(scene, 0.5, 1e-6)
+    for module in ("method_choice", "step_map", "hybrid.snapshot"):
+        monkeypatch.setattr(f"twolink.integrate.{module}.heyoka", lambda: None)
+    run = tl.simulate(scene, 0.5, 1e-6)
+    assert not run.cost.compiled
+    assert [e.kind for e in run.events] == [e.kind for e in compiled.events] != []
+    np.testing.assert_allclose(run.q, compiled.q, rtol=0, atol=2e-6)

@@ -149,3 +149,17 @@ def test_verification_at_1e_13() -> None:
     assert run.error is not None
     assert run.error[-1] <= 1e-13
     assert np.abs(run.q[-1] - ARM_END[:2]).max() <= run.error[-1]
+
+
+@pytest.mark.parametrize("acting", [False, True])
+def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> None:
+    """A moment about an axis across the joints' axes, as the only table and behind one that acts."""
+    across = tl.effects.Sampled((0.0, 0.3, 1.0), (1.0, -2.0, 1.5))
+    effects = [*GRAVITY]
+    if acting:
+        effects.append(tl.effects.Torque({"shoulder": tl.effects.Sampled((0.0, 0.5), (2.0, 1.0))}))
+    idle = tl.effects.FrameWrench("forearm", moment=(across, 0.0, 0.0))
+    robot = tl.load_robot("two_link")
+    run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, 1e-10, method="taylor")
+                    for e in ([*effects, idle], effects))  # fmt: skip
+    np.testing.assert_allclose(run.q, without.q, rtol=0, atol=2e-10)

@@ -74,8 +74,8 @@ def choose(
     Notes
     -----
     "auto" takes ESDIRK43 for stiff scenes, the fastest method that a study of this scene measured, or else the
-    cheapest by the built-in calibration. Without heyoka, and where compiling would take long, it takes SciPy's DOP853,
-    or ours for scenes with constraints or events.
+    cheapest by the built-in calibration. Without heyoka, and where compiling would take long, it takes SciPy's DOP853;
+    for events, and under constraints whose rate can be compiled, ours.
     """
     if precision == "quad":
         if name not in ("auto", "taylor"):
@@ -107,16 +107,15 @@ def choose(
 
 
 def _without_whole_steps(equations: Equations, accuracy: float, why: str) -> MethodChoice:
-    """DOP853 where whole steps are not compiled: SciPy's on Pinocchio's forward dynamics, which compiles nothing.
+    """DOP853 where whole steps are not compiled: ours in parts under constraints, if they can be, and for events.
 
-    It neither locates events nor keeps to constraints. For those it is ours, compiled in parts where that can be.
+    Else SciPy's on Pinocchio's forward dynamics, which compiles nothing; it does not locate events.
     """
-    bound = equations.constraints is not None or equations.has_events
-    method = METHODS["dop853" if bound else "scipy-dop853"]
-    if bound and heyoka() is not None:
-        seconds = parts_seconds(equations)
-        why += (f"; the rate alone takes about {seconds:.0f} s, once" if seconds <= MAX_IN_PARTS
-                else ", so that nothing is compiled: an evaluation takes a large part of a second")  # fmt: skip
+    seconds = math.inf if heyoka() is None else parts_seconds(equations)
+    ours = equations.has_events or (equations.constraints is not None and seconds <= MAX_IN_PARTS)
+    method = METHODS["dop853" if ours else "scipy-dop853"]
+    if ours and seconds <= MAX_IN_PARTS:
+        why += f"; the rate alone takes about {seconds:.0f} s, once"
     return MethodChoice(method, first_setting(equations, method, accuracy), why)
 
 

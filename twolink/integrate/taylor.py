@@ -171,7 +171,7 @@ def _propagate(
     x0, rows = equations.start[:size].astype(kind), equations.start[size:].astype(kind)
     integrator.time = kind(times[0])
     integrator.state[:size] = x0
-    integrator.pars[:] = rows
+    integrator.pars[:] = rows[: len(integrator.pars)]  # heyoka keeps them up to the last that the motion depends on
     with np.errstate(over="ignore"):  # an overflow is reported by the equations
         integrator.state[size] = kind(0.5 * np.log(COMPANION + float(np.square(x0.astype(float)).sum())))
     out = np.empty((len(times), size), dtype=kind)
