@@ -7,8 +7,10 @@ import pytest
 import twolink as tl
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loop import Loop
-from twolink.errors import SceneError
-from twolink.hard.four_bars import hanging_four_bars, row_of_four_bars
+from twolink.errors import AccuracyError, SceneError
+from twolink.hard.case import Track
+from twolink.hard.cases.loops import four_bars
+from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate import compile_time
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
@@ -236,13 +238,22 @@ def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
     assert any(r.levelname == "WARNING" and "compiling the motion of row_of_four_bars, about" in r.message
                for r in caplog.records)  # fmt: skip
     assert run.cost.compiled
-    inertia, arm = (number + 1) / 3 + number, ((number + 1) / 2 + number) / (2 * number + 1)
-    rod = f"""<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="{arm!r} 0 0"/>
-<mass value="{2 * number + 1}"/><inertia ixx="1" iyy="1" izz="{inertia - (2 * number + 1) * arm**2!r}" ixy="0" ixz="0"
-iyz="0"/></inertial></link>{joint("j", "revolute", "base", "rod", "0 0 1")}</robot>"""
-    gravity = [E.Gravity((0.0, -9.81, 0.0))]
-    exact = tl.simulate(tl.Scene(tl.load_robot(rod), [angle], [0.5], effects=gravity), 1.0, 1e-11)
+    exact = tl.simulate(pendulum_of_row(number, angle, 0.5), 1.0, 1e-11)
     signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
     assert run.error is not None
     assert np.all(np.abs(run.q - exact.q * signs).max(axis=1) <= run.error + 1e-11)
     assert run.error[-1] <= 1e-8
+
+
+def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 s at 1e-6, exact by an elliptic function; and what cannot be reached is said with its cause."""
+    monkeypatch.setattr(compile_time, "MAX_COMPILING", 0.0)  # in parts: a whole step compiles for longer than this
+    scene = row_of_four_bars(1)
+    run = tl.simulate(scene, 20.0, 1e-6, samples=50)
+    assert run.error is not None
+    assert run.error[-1] <= 1e-6
+    assert np.all(four_bars(1)(scene.robot, Track(run.t, run.q, run.v)) <= run.error)
+    with pytest.raises(AccuracyError) as caught:
+        tl.simulate(scene, 20.0, 1e-10, samples=50)
+    assert caught.value.code in ("loops-singular", "accuracy-limit")
+    assert "esdirk43" not in str(caught.value)

@@ -38,6 +38,21 @@ def row_of_four_bars(number: int, angle: float = math.pi / 2, speed: float = -1.
     return Scene(robot, start, turning, effects=effects, title=f"A row of {number} four-bars")
 
 
+def pendulum_of_row(number: int, angle: float = math.pi / 2, speed: float = -1.0) -> Scene:
+    """The pendulum that moves as the vertical links of such a row of links of 1 m, without loops.
+
+    Of number + 1 turning rods and as many as `number` that only translate, on their ends: I = (number + 1) / 3 + number
+    and m r = (number + 1) / 2 + number.
+    """
+    mass = 2.0 * number + 1.0
+    arm = ((number + 1) / 2 + number) / mass
+    across = (number + 1) / 3 + number - mass * arm**2
+    link = (f'<link name="rod"><inertial><origin xyz="{arm!r} 0 0"/><mass value="{mass!r}"/><inertia ixx="{across!r}" '
+            f'iyy="{across!r}" izz="{across!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>')  # fmt: skip
+    robot = load_robot(_robot("pendulum", [_BASE, link], [_joint("j", "base", "rod", 0.0)]))
+    return Scene(robot, [angle], [speed], effects=[Gravity((0.0, -G, 0.0))])
+
+
 def hanging_four_bars(number: int, angle: float = -1.0, *, right_length: float = 1.0) -> Scene:
     """Four-bars below each other, with 3 number degrees of freedom of which `number` are left.
 

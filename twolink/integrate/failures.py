@@ -10,6 +10,8 @@ SHORTER = "ask for a shorter duration or less accuracy"
 TEXTS = {  # by code: what, remedy
     "steps-collapsed": ("the step size has collapsed: the equations are stiff, singular or not finite there",
                         f'try method="esdirk43" or "scipy-radau" for stiff scenes, or {SHORTER}'),
+    "loops-singular": ("the step size has collapsed: the loops are singular there, and steps of this tolerance do not "
+                       "get across", "ask for less accuracy, or a duration that ends before"),
     "not-finite": ("the state is not finite any more", "check forces and the initial state"),
     "step-too-large": ("the state is not finite any more", "take steps smaller than {step:.3g} s"),
     "acceleration-not-finite": ("the acceleration is not finite", "check forces, masses and the initial state"),

@@ -25,6 +25,7 @@ MAX_FIXED_STEPS = 100_000_000  # steps of one size
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
 BLOCK = 256  # steps between two looks at what they gave
 BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
+SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
 CODES = ("", "not-finite", "angle-out-of-reach", "steps-collapsed", "too-many-steps")  # of failures, by outcome
@@ -90,7 +91,8 @@ def integrate(
     Raises
     ------
     AccuracyError
-        Codes "steps-collapsed", "not-finite", "step-too-large", "too-many-steps" and "angle-out-of-reach".
+        Codes "steps-collapsed", "loops-singular", "not-finite", "step-too-large", "too-many-steps" and
+        "angle-out-of-reach".
     """
     equations, method = step_map.equations, step_map.method
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
@@ -335,5 +337,11 @@ def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
         if step_map.method.adaptive:
             return failure("not-finite", last)
         return failure("step-too-large", last, step=float(block.states[0, step_map.rows.step, 0]))
+    constraints, space = step_map.equations.constraints, step_map.equations.space
+    if outcome == COLLAPSED and constraints is not None:
+        rows = constraints.jacobian_at(block.states[-1, : space.nq, 0], constraints.kept)
+        sizes = np.linalg.svd(rows * np.array(constraints.scales)[:, None], compute_uv=False)
+        if sizes[-1] < SINGULAR * sizes[0]:
+            return failure("loops-singular", float(t[-1]))
     limits = {} if outcome == COLLAPSED else {"limit": sincos.LIMIT if outcome == OUT_OF_REACH else limit}
     return failure(CODES[outcome], float(t[-1]), **limits)

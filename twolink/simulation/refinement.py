@@ -79,6 +79,15 @@ def refined(choice: MethodChoice, equations: Equations, accuracy: float, run: Tr
     return replace(choice, setting=max(choice.setting * 0.5 / excess, smallest))
 
 
+def limit_of_loops(
+    error: AccuracyError, choice: MethodChoice, equations: Equations, accuracy: float, run: Trajectory | None
+) -> AccuracyError:
+    """The error to raise where a refined solution failed: what the run before can be trusted for, if there is one."""
+    if error.code != "loops-singular" or run is None or run.error is None:
+        return error
+    return _accuracy_limit(choice, equations, accuracy, float(run.error[-1]), run)
+
+
 def _more_precise(choice: MethodChoice, equations: Equations) -> str:
     """The precision that would reach further, or ""."""
     return "quad" if choice.precision == "double" and equations.analytic else ""

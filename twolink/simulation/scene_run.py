@@ -23,7 +23,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_run
-from twolink.simulation.refinement import refined
+from twolink.simulation.refinement import limit_of_loops, refined
 from twolink.simulation.sampling import duration_for, sample_times, with_looks
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Solved, second_solutions
@@ -80,7 +80,7 @@ def simulate(
     AccuracyError
         The accuracy cannot be kept (code "accuracy-limit", with data trusted_until [s] and precision, the one that
         would reach further, or ""); its `run` is the best trajectory, with its error bar. Or the motion cannot be
-        solved (codes "steps-collapsed", "not-finite", "too-many-steps").
+        solved (codes "steps-collapsed", "loops-singular", "not-finite", "too-many-steps").
     SceneError
         An argument does not fit.
     """
@@ -93,16 +93,20 @@ def simulate(
     solved = functools.partial(_solve, equations, with_looks(times, LOOKS) if verify else times, progress)
     coarse, others = solved(choice), list[Solved]()
     verifying = compiling = 0.0
-    while verify and not coarse.solution.interrupted:
-        kept, others = others, second_solutions(coarse, solved, equations, accuracy, others)
-        verifying += sum(other.seconds for other in others if other not in kept)
-        compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
-        cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
-        run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, others)
-        if run.error is None or measured or run.error[-1] <= accuracy:
-            return run
-        verifying += coarse.seconds
-        coarse = solved(refined(coarse.choice, equations, accuracy, run))
+    run: Trajectory | None = None
+    try:
+        while verify and not coarse.solution.interrupted:
+            kept, others = others, second_solutions(coarse, solved, equations, accuracy, others)
+            verifying += sum(other.seconds for other in others if other not in kept)
+            compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
+            cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
+            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, others)
+            if run.error is None or measured or run.error[-1] <= accuracy:
+                return run
+            verifying += coarse.seconds
+            coarse = solved(refined(coarse.choice, equations, accuracy, run))
+    except AccuracyError as error:
+        raise limit_of_loops(error, coarse.choice, equations, accuracy, run) from None
     return _trajectory(scene, equations, coarse, _cost(coarse), times, None, [])
 
 

@@ -15,7 +15,7 @@ from twolink.scenes import Scene
 G = 9.81
 
 
-def _four_bars(number: int) -> ErrorFunction:
+def four_bars(number: int) -> ErrorFunction:
     """Four-bars in a row move as one compound pendulum; q alternates between the angle of a vertical link and minus it.
 
     The links are 1 m and 1 kg each: number + 1 vertical ones, `number` horizontal ones.
@@ -46,8 +46,8 @@ SCENES = {
     "misaligned-hinge": functools.partial(_tilted_hinge, 1e-8),
 }
 ERRORS = {
-    "four-bar-singular": _four_bars(2),
-    **dict.fromkeys(("parallelogram", "redundant-hinge", "misaligned-hinge"), _four_bars(1)),
+    "four-bar-singular": four_bars(2),
+    **dict.fromkeys(("parallelogram", "redundant-hinge", "misaligned-hinge"), four_bars(1)),
     "dead-centres": _crank,
     "bricard": truths.energy_error(25.0),
 }

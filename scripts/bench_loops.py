@@ -1,0 +1,75 @@
+"""Closed chains of many loops: seconds to the first answer and of a run, and how far it is from the exact motion.
+
+A row of N four-bars has 2 N + 1 degrees of freedom and moves as one pendulum, which is solved as a robot of one joint.
+Four-bars below each other, 3 N degrees of freedom, keep their energy. Each first answer is that of a process of its
+own with an empty cache: it includes what is made, compiled and certified, and the second solution behind the error bar.
+
+    python scripts/bench_loops.py [--shape row|hanging] [--numbers 1,2,4,8,16,40] [--duration 1] [--accuracy 1e-6]
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+import twolink as tl
+from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
+from twolink.integrate.scene_equations import equations_of
+
+START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their singular position
+
+
+def measure(shape: str, number: int, duration: float, accuracy: float) -> None:
+    """One line of the table."""
+    scene = row_of_four_bars(number, *START) if shape == "row" else hanging_four_bars(number)
+    start = time.perf_counter()
+    run = tl.simulate(scene, duration, accuracy)
+    first = time.perf_counter() - start
+    start = time.perf_counter()
+    tl.simulate(scene, duration, accuracy)
+    again = time.perf_counter() - start
+    if shape == "row":
+        exact = tl.simulate(pendulum_of_row(number, *START), duration, accuracy / 1e3)
+        signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
+        off = f"{np.abs(run.q - exact.q * signs).max():.1e}"
+    else:
+        off = f"{np.ptp(run.energy) / np.abs(run.energy).max():.1e} of its energy"
+    equations = equations_of(scene)
+    constraints = equations.constraints
+    residuals = max(float(np.abs([float(g) for g in constraints.residuals(constraints.mech, list(q), np)]).max())
+                    for q in run.q[:: len(run.q) // 4])  # fmt: skip
+    sizes = f"{number:4} {scene.robot.nv:5} {equations.operations:10,}"
+    seconds = f"{first:9.2f} {again:9.3f} {run.cost.compile_seconds:9.2f}"
+    print(f"{sizes} {seconds} {float(run.error[-1]):9.1e} {residuals:9.1e}  {off}", flush=True)
+
+
+def main() -> None:
+    """The table, one process a line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--shape", choices=("row", "hanging"), default="row")
+    parser.add_argument("--numbers", default="1,2,4,8,16,40")
+    parser.add_argument("--duration", type=float, default=1.0)
+    parser.add_argument("--accuracy", type=float, default=1e-6)
+    parser.add_argument("--here", action="store_true", help="in this process, with the cache that there is")
+    args = parser.parse_args()
+    numbers = [int(n) for n in args.numbers.split(",")]
+    if args.here:
+        for number in numbers:
+            measure(args.shape, number, args.duration, args.accuracy)
+        return
+    print("   N  dofs operations  first, s  again, s compile,s       bar  residual  off", flush=True)
+    for number in numbers:
+        with tempfile.TemporaryDirectory() as cache:
+            subprocess.run(
+                [sys.executable, __file__, "--shape", args.shape, "--numbers", str(number), "--duration",
+                 str(args.duration), "--accuracy", str(args.accuracy), "--here"],
+                env={**os.environ, "TWOLINK_CACHE": cache}, check=True,
+            )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
