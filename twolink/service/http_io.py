@@ -102,8 +102,11 @@ async def send_answer(send: Any, status: int, headers: Sequence[Header], body: b
 
 async def send_body(send: Any, body: bytes, more: bool = False) -> None:
     """Send a body, or a piece of one, in slices, so that this ends only when the client has read nearly all of it."""
+    if len(body) <= SLICE:
+        await send({"type": "http.response.body", "body": body, "more_body": more})
+        return
     view = memoryview(body)
     for start in range(0, len(body) - SLICE, SLICE):
         await send({"type": "http.response.body", "body": view[start : start + SLICE], "more_body": True})
     last = (len(body) - 1) // SLICE * SLICE
-    await send({"type": "http.response.body", "body": view[last:] if last > 0 else body, "more_body": more})
+    await send({"type": "http.response.body", "body": view[last:], "more_body": more})

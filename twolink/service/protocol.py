@@ -49,6 +49,21 @@ class Limits:
         )
 
 
+class _Transport:
+    """A transport that ignores what is written after its end, where uvloop's raises RuntimeError."""
+
+    def __init__(self, transport: Any) -> None:
+        self._transport = transport
+        self.is_closing = transport.is_closing
+
+    def write(self, data: bytes) -> None:
+        if not self.is_closing():
+            self._transport.write(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+
 class Protocol(HttpToolsProtocol):
     """A connection. The parser calls its `on_...` methods; a failure in them ends the connection."""
 
@@ -69,7 +84,8 @@ class Protocol(HttpToolsProtocol):
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
-        super().connection_made(transport)
+        open_transport: Any = _Transport(transport)
+        super().connection_made(open_transport)
         self._begin()
         self._timer = self.loop.call_later(min(_CHECK, self._limits.seconds), self._check)
         client = client_of(self.client[0] if self.client else "")
@@ -87,6 +103,7 @@ class Protocol(HttpToolsProtocol):
             self._limits.connections.give(self._holder)
         if self._answered is not None:  # uvicorn tells it to the request that came last
             self._answered.disconnected = True
+            self._answered.message_event.set()
         super().connection_lost(exc)
 
     def _begin(self) -> None:
@@ -96,9 +113,10 @@ class Protocol(HttpToolsProtocol):
         """Bytes have come."""
         self._arrived += len(data)
         while data and self._ended is None and not self.transport.is_closing():
-            self._piece = len(data) if self._in_body else min(len(data), _PIECE)
+            piece = data if self._in_body or len(data) <= _PIECE else data[:_PIECE]
+            self._piece = len(piece)
             self._unused += self._piece
-            super().data_received(data[: self._piece])
+            super().data_received(piece)
             if self._unused > self._limits.header:
                 self._end_with(self._too_large())
             data = data[self._piece :]
@@ -111,20 +129,14 @@ class Protocol(HttpToolsProtocol):
         self._unused = self._piece  # at most: it may begin anywhere in the piece
         super().on_message_begin()
 
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """A header is complete. Those after a body (trailers) are left out."""
-        if not self._in_body:
-            super().on_header(name, value)
-
     def on_headers_complete(self) -> None:
         """All headers are there."""
         if len(self.url) > _URL_BYTES:
             what = f"the URL has {len(self.url)} bytes, the limit is {_URL_BYTES}"
             raise self._refuse(Refusal(414, what, where="URL", remedy="send it in the body"))
-        if sum(len(name) + len(value) + 4 for name, value in self.headers) > self._limits.header:
-            raise self._refuse(self._too_large())
         self._in_body = True
         super().on_headers_complete()
+        self.headers = []  # of trailers, which nobody reads
 
     def on_body(self, body: bytes) -> None:
         """A piece of the body."""
@@ -137,17 +149,9 @@ class Protocol(HttpToolsProtocol):
         super().on_message_complete()
 
     def _start_asgi_task(self, cycle: Any, app: Any) -> None:
-        """Have the application answer a request; nothing is sent to a client that has gone, which uvloop refuses."""
-
-        async def answer(scope: Any, receive: Any, send: Any) -> None:
-            async def send_while_open(message: Any) -> None:
-                cycle.disconnected |= self.transport.is_closing()
-                await send(message)
-
-            await app(scope, receive, send_while_open)
-
+        """Have the application answer a request."""
         self._answered = cycle
-        super()._start_asgi_task(cycle, answer)
+        super()._start_asgi_task(cycle, app)
 
     def resume_writing(self) -> None:
         """The client has read what was sent to it."""
