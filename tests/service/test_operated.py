@@ -194,7 +194,7 @@ def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
         stopped = served.workers()
         for process in stopped:
             os.kill(process, signal.SIGSTOP)
-        waiter = threading.Thread(target=lambda: answers.append(http.post("/v1/scenes/validate", json={"scene": "x"})))
+        waiter = threading.Thread(target=lambda: answers.append(http.post("/v1/robots?root=free", content=pendulum())))
         waiter.start()
         wait_until(lambda: "twolink_requests_under_way 2.0" in http.get("/metrics").text)
         served.process.send_signal(signal.SIGTERM)
