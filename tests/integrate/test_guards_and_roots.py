@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import times
+from tests.effects.bodies import slider, times
 from tests.effects.cases import E
 from twolink.integrate.hybrid.guard import Guard
 from twolink.integrate.hybrid.roots import crossing, lowest
@@ -103,3 +103,14 @@ def test_a_drive_at_its_limit_of_effort_is_not_refused_as_events_without_end() -
     assert len(changes) >= 12
     assert len(times(run, "limit")) == len(changes)
     assert np.abs(times(run, "limit") - run.t[changes]).max() < 2e-3
+
+
+@pytest.mark.parametrize("stiffness", [1e6, 1e8])
+def test_a_watch_on_a_velocity_beside_a_stiff_spring_is_noted_once_a_crossing(stiffness: float) -> None:
+    """x = cos(w t): the velocity passes 0 at multiples of pi / w, with a slope of stiffness times x."""
+    w, robot = math.sqrt(stiffness), slider()
+    watch = E.Watch("turn", when=E.JointReaches("x", 0.0, of="velocity"))
+    scene = tl.Scene(robot, [1e-3], [-1e-3 * w], [E.JointSpring({"x": stiffness}), watch])
+    run = tl.simulate(scene, 20.0 / w, 1e-9)
+    expected = math.pi * np.arange(1, 7) / w - math.pi / 4 / w
+    np.testing.assert_allclose([e.t for e in run.events], expected, rtol=0, atol=1e-5 / w)

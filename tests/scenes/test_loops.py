@@ -238,6 +238,7 @@ def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
     assert any(r.levelname == "WARNING" and "compiling the motion of row_of_four_bars, about" in r.message
                for r in caplog.records)  # fmt: skip
     assert run.cost.compiled
+    assert "the rate alone takes about 0 s, once" in run.cost.why
     exact = tl.simulate(pendulum_of_row(number, angle, 0.5), 1.0, 1e-11)
     signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
     assert run.error is not None
