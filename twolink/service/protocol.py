@@ -22,6 +22,7 @@ _PIPELINED = 16  # requests of a connection that wait for the answer to an earli
 _PIECE = 4096  # bytes that are parsed at once before a body, so that their number is known
 _GRACE = 5.0  # seconds before the smallest rate holds
 _LINGER = 2.0  # seconds that a refused client has to read why
+_LINGER_BYTES = 2**20  # that it may still send meanwhile
 _CHECK = 1.0  # seconds between looks at a connection
 
 
@@ -112,6 +113,8 @@ class Protocol(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         """Bytes have come."""
         self._arrived += len(data)
+        if self._ended is not None and self._arrived > _LINGER_BYTES:
+            self.transport.abort()
         while data and self._ended is None and not self.transport.is_closing():
             piece = data if self._in_body or len(data) <= _PIECE else data[:_PIECE]
             self._piece = len(piece)
