@@ -14,7 +14,7 @@ from twolink.integrate.state import Array
 
 MIN_STEPS = 16.0  # of an adaptive method in a run: within one step that is too long, an instability is not seen
 START_SHIFT = 2e-15  # relative: about what the roundings on the way change
-FARTHER = 2.0  # the second perturbation, which is used where rounding decides: it adds up along the way
+FARTHER = 8.0  # the second perturbation, which is used where rounding decides: it adds up along the way
 
 
 @dataclass(frozen=True)

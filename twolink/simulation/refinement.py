@@ -17,7 +17,7 @@ from twolink.simulation.trajectory import Trajectory
 # Below this tolerance rounding may be a tenth of the error or more. The motion amplifies both alike, so that their
 # ratio depends on the tolerance, not on the scene: on double pendulums of 5 to 20 s the error at 1e-11 is 45 times or
 # more that of rounding alone in 9 of 10, by Taylor's method, DOP853 and RK45; at 1e-13 it is once to 12 times that.
-ROUNDING_COUNTS = 1e-11
+ROUNDING_COUNTS = 5e-11
 MANY_STEPS = 2_000_000  # of a solution in double precision, that take minutes with more digits
 MORE_DIGITS = 1e-18  # tolerance of solutions in extended precision that judge those in double precision
 ROOM = 5.0  # times the smallest tolerance: a second solution must be able to be more accurate

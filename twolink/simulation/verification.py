@@ -5,17 +5,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
+
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.solution import Solution
-from twolink.simulation.error_bar import distance_of_runs
+from twolink.simulation.error_bar import SLACK, distance_of_runs
 from twolink.simulation.refinement import ROUNDING_COUNTS, finer, more_digits
 
 # Of the steps that a smaller tolerance should take, where it decides: DOP853 should take 1.78 times as many. It takes
 # 1.5 to 1.76 times as many where a mass hits a stop, and 1.2 where a ball bounces on parabolas: they are exact.
 MORE_STEPS = 0.8
+AT_ROUNDING = 1e-12  # relative distance that perturbation and rounding may cause in the first quarter of a run
+GROWN = 1e3
 ROUNDING_A_STEP = 1e-12  # of fixed size: below this mean error a step, rounding may be a tenth of it
 
 LESS_FINE = 2  # times that a finer solution is tried nearer to the coarse one: with DOP853, to 1 / 10 and 1 / 3.2
@@ -74,24 +78,33 @@ def second_solutions(
     # Steps across a singular position of loops have an error of their own, which a smaller tolerance may not admit.
     for _ in range(LESS_FINE):
         try:
-            return _of_as_many_digits(choice, coarse, solve, equations, earlier)
+            return _of_as_many_digits(choice, coarse, solve, equations, accuracy, earlier)
         except AccuracyError as error:
             if error.code != "loops-singular":
                 raise
         choice = replace(choice, setting=math.sqrt(choice.setting * coarse.choice.setting))
-    return _of_as_many_digits(choice, coarse, solve, equations, earlier)
+    return _of_as_many_digits(choice, coarse, solve, equations, accuracy, earlier)
 
 
 def _of_as_many_digits(
-    choice: MethodChoice, coarse: Solved, solve: Solve, equations: Equations, earlier: Sequence[Solved]
+    choice: MethodChoice,
+    coarse: Solved,
+    solve: Solve,
+    equations: Equations,
+    accuracy: float,
+    earlier: Sequence[Solved],
 ) -> list[Solved]:
     """One finer solution of a choice, or where rounding counts two, or one that has more digits."""
     margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
     perturbation = second_solution(steps_ratio(choice.method), margin)
     first = solve(choice, perturbation)
-    if first.solution.interrupted or not _rounding_counts(equations, coarse, first):
+    if first.solution.interrupted:
         return [first]
-    more = None if coarse.choice.method.adaptive else more_digits(equations, coarse.solution.steps)
+    grown = _rounding_grows(equations, coarse, first, accuracy)
+    if not (grown or _rounding_counts(equations, coarse, first)):
+        return [first]
+    exact = grown or not coarse.choice.method.adaptive
+    more = more_digits(equations, coarse.solution.steps) if exact else None
     if more is not None:
         return _with_more_digits(more, solve, earlier)
     return [first, solve(choice, perturbation.opposite)]
@@ -100,6 +113,18 @@ def _of_as_many_digits(
 def _with_more_digits(choice: MethodChoice, solve: Solve, earlier: Sequence[Solved]) -> list[Solved]:
     same = [one for one in earlier if one.choice == choice]
     return same or [solve(choice)]
+
+
+def _rounding_grows(equations: Equations, coarse: Solved, fine: Solved, accuracy: float) -> bool:
+    """Whether an unstable motion has made rounding errors large.
+
+    Beside an equilibrium truncation may be none for long, and both solutions round alike: their distance is as small as
+    rounding in the first quarter of the samples, and grows to what counts.
+    """
+    distance = distance_of_runs(equations.space, coarse.choice.method, coarse.solution, fine.solution)
+    early = distance[: len(distance) // 4 + 1].max()
+    size = max(1.0, np.abs(coarse.solution.x[: equations.space.nq]).max(initial=0.0))
+    return bool(early < AT_ROUNDING * size and distance[-1] > max(GROWN * early, SLACK / 2 * accuracy))
 
 
 def _rounding_counts(equations: Equations, coarse: Solved, fine: Solved) -> bool:
