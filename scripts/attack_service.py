@@ -4,11 +4,13 @@
 
 The attacks are those of tests/service/attacks.py, the hostile corpus among them. Each comes from an address of its own
 and from processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms
-on one connection. Memory is the proportional share (PSS) of the service and its worker processes. Exit code 1 when a
-bar is missed: /health p99 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
+on one connection, and so is a bare server in a process of its own, which says what the machine itself delays. Memory is
+the proportional share (PSS) of the service and its worker processes. Exit code 1 when a bar is missed: /health p99
+under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
 import argparse
+import asyncio
 import contextlib
 import http.client
 import multiprocessing
@@ -37,12 +39,15 @@ _fork = multiprocessing.get_context("fork")
 
 @dataclass
 class Figures:
-    """health: seconds of each answer. failures: answers other than 200. service, workers: the most memory [MB].
+    """health, bare: seconds of each answer, of a bare server. failures: answers of /health other than 200.
+
+    service, workers: the most memory [MB].
 
     outcomes: of the rounds, by attack. healthy: whether the service works afterwards.
     """
 
     health: list[float] = field(default_factory=list)
+    bare: list[float] = field(default_factory=list)
     failures: int = 0
     service: float = 0.0
     workers: float = 0.0
@@ -50,24 +55,21 @@ class Figures:
     outcomes: dict[str, Counter[str]] = field(default_factory=dict)
     healthy: bool = False
 
-    @property
-    def p99(self) -> float:
-        """The 99th percentile of the seconds of /health."""
-        return float(np.quantile(self.health, 0.99)) if self.health else float("inf")
-
     def summary(self) -> str:
-        """Latency and memory in two lines."""
+        """Latency and memory in a few lines."""
         p50, p99, most = (1e3 * float(np.quantile(self.health, share)) for share in (0.5, 0.99, 1.0))
         return (
             f"/health: {len(self.health)} answers, p50 {p50:.1f} ms, p99 {p99:.1f} ms, max {most:.1f} ms, "
             f"{self.failures} failed\n"
+            f"a bare server beside it: p99 {1e3 * _p99(self.bare):.1f} ms\n"
             f"memory: at most {self.memory:.0f} MB; the service {self.service:.0f}, its workers {self.workers:.0f}"
         )
 
-    def bars(self) -> dict[str, bool]:
-        """Each bar and whether it is met."""
+    def bars(self, *, busy: bool = False) -> dict[str, bool]:
+        """Each bar and whether it is met. busy: other programs use the machine, whose delays do not count."""
+        delay = _p99(self.bare) if busy else 0.0
         return {
-            f"/health p99 < {1e3 * MAX_P99:g} ms": self.p99 < MAX_P99,
+            f"/health p99 < {1e3 * MAX_P99:g} ms": _p99(self.health) < MAX_P99 + delay,
             "every /health is answered": self.failures == 0,
             f"memory < {MAX_MEMORY:g} MB": 0 < self.memory < MAX_MEMORY,
             "no attack gets a 500": not any(outcome.get("500") for outcome in self.outcomes.values()),
@@ -84,13 +86,17 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
         _ask(port, "/v1/robots/panda/bias", b'{"q": [0,0,0,0,0,0,0,0,0]}')  # both robots are loaded
         _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')
         queue = _fork.SimpleQueue()
+        bare = _fork.Process(target=_bare_server, args=(queue,), daemon=True)
+        bare.start()
+        bare_port = int(queue.get())
         end = time.monotonic() + seconds
         attackers = [
             _fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
             for i, name in enumerate(names, start=1)
         ]
         watches = [
-            threading.Thread(target=watch, args=(figures, served, end)) for watch in (_watch_health, _watch_memory)
+            threading.Thread(target=_watch_memory, args=(figures, served, end)),
+            threading.Thread(target=_watch_latency, args=(figures, (port, bare_port), end)),
         ]
         for one in (*attackers, *watches):
             one.start()
@@ -99,6 +105,7 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
             figures.outcomes[name] = Counter(counts)
         for one in (*attackers, *watches):
             one.join()
+        bare.kill()
         figures.healthy = _works(served, port)
     return figures
 
@@ -135,22 +142,45 @@ def _works(served: Served, port: int) -> bool:
     return served.process.poll() is None and answers == [200, 200] and "unexpected" not in served.log
 
 
-def _watch_health(figures: Figures, served: Served, end: float) -> None:
-    """Ask /health again and again until the end."""
-    port = int(served.url.rpartition(":")[2])
-    connection = http.client.HTTPConnection("127.0.0.1", port, 10)
-    while (start := time.monotonic()) < end:
-        try:
-            connection.request("GET", "/health")
-            answer = connection.getresponse()
-            answer.read()
-            figures.failures += answer.status != 200
-        except OSError:
-            figures.failures += 1
-            connection.close()
-        figures.health.append(time.monotonic() - start)
+def _bare_server(queue: "multiprocessing.SimpleQueue[int]") -> None:
+    """A server that answers every request at once; its port goes to the queue."""
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(asyncio.IncompleteReadError):  # the client has gone
+            while await reader.readuntil(b"\r\n\r\n"):
+                writer.write(b"HTTP/1.1 200 OK\r\ncontent-length: 2\r\n\r\nok")
+
+    async def serve() -> None:
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        queue.put(server.sockets[0].getsockname()[1])
+        await server.serve_forever()
+
+    asyncio.run(serve())
+
+
+def _watch_latency(figures: Figures, ports: tuple[int, int], end: float) -> None:
+    """Ask the service and the bare server in turns until the end."""
+    connections = [http.client.HTTPConnection("127.0.0.1", port, 10) for port in ports]
+    while time.monotonic() < end:
+        for connection, seconds in zip(connections, (figures.health, figures.bare), strict=True):
+            start, failed = time.monotonic(), False
+            try:
+                connection.request("GET", "/health")
+                answer = connection.getresponse()
+                answer.read()
+                failed = answer.status != 200
+            except OSError:
+                failed = True
+                connection.close()
+            figures.failures += failed and seconds is figures.health
+            seconds.append(time.monotonic() - start)
         time.sleep(_HEALTH_EVERY)
-    connection.close()
+    for connection in connections:
+        connection.close()
+
+
+def _p99(seconds: list[float]) -> float:
+    return float(np.quantile(seconds, 0.99)) if seconds else float("inf")
 
 
 def _watch_memory(figures: Figures, served: Served, end: float) -> None:
