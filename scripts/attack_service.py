@@ -31,6 +31,7 @@ from tests.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.service.serving import Served, serving
 
 MAX_P99, MAX_MEMORY = 0.1, 2000.0  # s, MB
+STALL = 1.0  # s: the attacks stalled an unprotected service for 5 to 80 s
 QUICK = 6.0  # seconds
 _HEALTH_EVERY, _MEMORY_EVERY = 0.02, 0.5  # seconds
 _NICE = 19
@@ -66,10 +67,10 @@ class Figures:
         )
 
     def bars(self, *, busy: bool = False) -> dict[str, bool]:
-        """Each bar and whether it is met. busy: other programs use the machine, whose delays do not count."""
-        delay = _p99(self.bare) if busy else 0.0
+        """Each bar and whether it is met. busy: other programs use the machine; then a stall counts, not a delay."""
+        limit = STALL if busy else MAX_P99
         return {
-            f"/health p99 < {1e3 * MAX_P99:g} ms": _p99(self.health) < MAX_P99 + delay,
+            f"/health p99 < {1e3 * limit:g} ms": _p99(self.health) < limit,
             "every /health is answered": self.failures == 0,
             f"memory < {MAX_MEMORY:g} MB": 0 < self.memory < MAX_MEMORY,
             "no attack gets a 500": not any(outcome.get("500") for outcome in self.outcomes.values()),

@@ -34,7 +34,7 @@ BODY = b'{"q": [0.1, 0.2], "v": [0.3, 0.4], "tau": [1.0, 0.0]}'
 PATH = "/v1/robots/two_link/forward-dynamics"
 CONNECTIONS = (1, 16, 64)
 MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5e-3, 1e6, 0.02
-SERVE = ["-m", "twolink", "serve", "--port", "0", "--data"]
+SERVE = ["-m", "twolink", "serve", "--port", "0", "--log", "off", "--data"]
 
 
 async def bare(scope: Any, receive: Any, send: Any) -> None:

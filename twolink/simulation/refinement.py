@@ -10,7 +10,7 @@ from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS
 from twolink.integrate.method_choice import TAYLOR_EVALUATIONS, MethodChoice, second_tolerance
-from twolink.integrate.methods import METHODS
+from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.solver import smallest_tolerance
 from twolink.simulation.trajectory import Trajectory
 
@@ -18,6 +18,7 @@ from twolink.simulation.trajectory import Trajectory
 # ratio depends on the tolerance, not on the scene: on double pendulums of 5 to 20 s the error at 1e-11 is 45 times or
 # more that of rounding alone in 9 of 10, by Taylor's method, DOP853 and RK45; at 1e-13 it is once to 12 times that.
 ROUNDING_COUNTS = 5e-11
+STIFF_ROUNDING_COUNTS = 1e-11  # of implicit methods: stiff motions damp roundings
 MANY_STEPS = 2_000_000  # of a solution in double precision, that take minutes with more digits
 MORE_DIGITS = 1e-18  # tolerance of solutions in extended precision that judge those in double precision
 ROOM = 5.0  # times the smallest tolerance: a second solution must be able to be more accurate
@@ -32,7 +33,7 @@ def finer(choice: MethodChoice, equations: Equations, accuracy: float, steps: in
         return MethodChoice(METHODS["dop853"], max(setting / 30, 1e-13), "the series may not converge")
     smallest = smallest_tolerance(method, choice.precision)
     last = setting / 4 <= smallest
-    if choice.precision == "double" and (last or setting < ROUNDING_COUNTS):
+    if choice.precision == "double" and (last or setting < rounding_tolerance(method)):
         more = more_digits(equations, steps, costly=last)
         if more is not None:
             return more
@@ -45,6 +46,11 @@ def finer(choice: MethodChoice, equations: Equations, accuracy: float, steps: in
         code="accuracy-not-verifiable",
         precision=_more_precise(choice, equations),
     )
+
+
+def rounding_tolerance(method: Method) -> float:
+    """The tolerance of an adaptive method below which rounding may be a large part of the error."""
+    return STIFF_ROUNDING_COUNTS if method.kind == "implicit" else ROUNDING_COUNTS
 
 
 def more_digits(equations: Equations, steps: int = 0, *, costly: bool = False) -> MethodChoice | None:

@@ -13,7 +13,7 @@ from twolink.integrate.method_choice import MethodChoice, steps_ratio
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.solution import Solution
 from twolink.simulation.error_bar import SLACK, distance_of_runs
-from twolink.simulation.refinement import ROUNDING_COUNTS, finer, more_digits
+from twolink.simulation.refinement import finer, more_digits, rounding_tolerance
 
 # Of the steps that a smaller tolerance should take, where it decides: DOP853 should take 1.78 times as many. It takes
 # 1.5 to 1.76 times as many where a mass hits a stop, and 1.2 where a ball bounces on parabolas: they are exact.
@@ -138,4 +138,4 @@ def _rounding_counts(equations: Equations, coarse: Solved, fine: Solved) -> bool
         distance = distance_of_runs(equations.space, method, coarse.solution, fine.solution)
         return bool(distance[-1] < ROUNDING_A_STEP * steps)
     few_more = method.kind != "taylor" and fine.solution.steps < MORE_STEPS * steps_ratio(method) * steps
-    return coarse.choice.setting < ROUNDING_COUNTS or few_more
+    return coarse.choice.setting < rounding_tolerance(method) or few_more
