@@ -23,7 +23,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_worlds
-from twolink.simulation.refinement import ROUNDING_COUNTS
+from twolink.simulation.refinement import rounding_tolerance
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.world_states import close_loops, world_states
@@ -198,7 +198,7 @@ def _verify(
     worlds, current = np.arange(states.shape[1]), x
     while True:
         values = None if parameters is None else parameters[:, worlds]
-        perturbations = both if tolerance < ROUNDING_COUNTS else both[:1]
+        perturbations = both if tolerance < rounding_tolerance(steps_by.method) else both[:1]
         tolerance = max(second_tolerance(steps_by.method, tolerance), smallest)
         others = [integrate_many(steps_by, one.shifted(states[:, worlds]), times, tolerance, values, None,
                                  one.min_steps)[0] for one in perturbations]  # fmt: skip
