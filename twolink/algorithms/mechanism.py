@@ -93,7 +93,7 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
-    bodies, joints = _body_names(model), range(1, model.njoints)
+    bodies, joints = body_names(model), range(1, model.njoints)
     return Mechanism(
         nq=model.nq,
         nv=model.nv,
@@ -126,7 +126,7 @@ def nominal(model: pin.Model, name: str) -> float:
 
 
 def _nominal_values(model: pin.Model) -> dict[str, float]:
-    names = _body_names(model)
+    names = body_names(model)
     values = dict(zip(("gravity.x", "gravity.y", "gravity.z"), model.gravity.linear.tolist(), strict=True))
     for i in range(1, model.njoints):
         body, name = model.inertias[i], model.names[i]
@@ -144,7 +144,7 @@ def _nominal_values(model: pin.Model) -> dict[str, float]:
     return values
 
 
-def _body_names(model: pin.Model) -> list[str]:
+def body_names(model: pin.Model) -> list[str]:
     """The link each joint carries: the first BODY frame on it; the joint's own name where there is none."""
     names: dict[int, str] = {}
     for frame in model.frames:

@@ -18,6 +18,7 @@ from twolink.dynamics.compiled import Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import Array, Query
+from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
 from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError
 from twolink.io.listing import facts_html
@@ -333,6 +334,41 @@ class Robot(RobotModel):
         """
         matrices = self._answer("inverse_dynamics_derivatives", engine, q, v, a)
         return matrices[..., 0, :, :], matrices[..., 1, :, :], matrices[..., 2, :, :]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """The names (p,) of the parameters pi in tau = Y pi, the columns of `regressor`.
+
+        Of each link that moves, about the frame of the joint that carries it: LINK.mass [kg], LINK.first_moment.x|y|z
+        (m c) [kg m] and LINK.origin_inertia.xx|xy|yy|xz|yz|zz [kg m^2], in Pinocchio's order; links fixed to it are
+        part of it. Then of each joint with one degree of freedom JOINT.armature, JOINT.damping (viscous friction) and
+        JOINT.friction (Coulomb friction). mass, armature and damping are those of `compiled(parameters=...)`.
+        """
+        return regressor_names(self.model)
+
+    @property
+    def parameter_values(self) -> Array:
+        """pi (p,) of this robot, SI units. Damping and friction are 0, as they are in `inverse_dynamics`."""
+        return regressor_values(self.model)
+
+    def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """The regressor Y(q, v, a), (..., nv, p): the joint torques are tau = Y pi.
+
+        Parameters
+        ----------
+        q, v, a : array_like, (..., nq), (..., nv), (..., nv)
+            Configuration, velocity and acceleration.
+
+        Returns
+        -------
+        ndarray, (..., nv, p)
+            One column for each of `parameter_names`. Columns of Coulomb friction hold sign(v), 0 at rest.
+
+        References
+        ----------
+        Atkeson, An and Hollerbach 1986, "Estimation of inertial parameters of manipulator loads and links".
+        """
+        return pinocchio_queries.answer(self, regressor_query(self), (q, v, a))
 
     def difference(self, q0: ArrayLike, q1: ArrayLike) -> Array:
         """The tangent vector from q0 to q1, (..., nv): integrate(q0, difference(q0, q1)) = q1.
