@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import subprocess
+import threading
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
 
 from twolink.errors import RobotError, TwolinkError
+from twolink.service import worker_process
 from twolink.service.http_io import while_connected
 from twolink.service.problems import Refusal, problem_of
 from twolink.service.worker_memory import WorkerMemory
@@ -93,6 +96,64 @@ def test_cancelling_ends_the_process() -> None:
             os.kill(process, 0)
 
     run(work)
+
+
+def test_the_event_loop_goes_on_while_a_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop_goes_on, start = threading.Event(), subprocess.Popen
+
+    def slow_start(*arguments: Any, **options: Any) -> Any:
+        assert loop_goes_on.wait(10)
+        return start(*arguments, **options)
+
+    async def work(workers: Workers) -> None:
+        monkeypatch.setattr(subprocess, "Popen", slow_start)
+        asyncio.get_running_loop().call_later(0.05, loop_goes_on.set)
+        assert await workers.run("chatter", 60) == "heard"
+
+    run(work)
+
+
+def test_cancelling_a_start_leaves_no_process_and_no_open_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, cancelled, start = threading.Event(), threading.Event(), subprocess.Popen
+    started: list[int] = []
+
+    def slow_start(*arguments: Any, **options: Any) -> Any:
+        begun.set()
+        assert cancelled.wait(10)
+        process = start(*arguments, **options)
+        started.append(process.pid)
+        return process
+
+    async def work(workers: Workers) -> None:
+        await workers.run("chatter", 60)  # whatever stays open for good is open
+        await workers.close()
+        await asyncio.sleep(0)  # its socket is closed
+        before = os.listdir("/proc/self/fd")
+        monkeypatch.setattr(subprocess, "Popen", slow_start)
+        task = asyncio.create_task(workers.run("chatter", 60))
+        await asyncio.to_thread(begun.wait, 10)
+        task.cancel()
+        await asyncio.sleep(0)
+        cancelled.set()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        with pytest.raises(ProcessLookupError):
+            os.kill(started[0], 0)
+        assert len(os.listdir("/proc/self/fd")) == len(before)
+
+    run(work)
+
+
+def test_a_process_yields_from_its_start() -> None:
+    async def work() -> None:
+        process = await worker_process.start(("sleep", "60"), os.environ, ())  # it does nothing about it itself
+        assert os.getpriority(os.PRIO_PROCESS, process.pid) == 10
+        assert process.returncode is None
+        process.kill()
+        await process.wait()
+        assert process.returncode == -signal.SIGKILL
+
+    asyncio.run(work())
 
 
 def test_what_a_client_asked_for_ends_when_it_goes() -> None:

@@ -15,7 +15,6 @@ import os
 import re
 import signal
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +27,6 @@ from twolink.service.problems import Problem, Refusal, problem_of
 from twolink.service.sandbox import restrict
 
 LENGTH = 8
-_NICE, _ATTEMPTS = 10, 5
 _NEAR = 0.95  # of the limit: large pieces of memory are refused before it is reached
 _PR_SET_PDEATHSIG = 1
 Report = Callable[[Any], None]  # how a task reports its progress
@@ -83,28 +81,12 @@ def limit_memory(megabytes: float) -> None:
             resource.setrlimit(what, (bound, hard))
 
 
-def yield_to_service() -> None:
-    """Let the process that answers requests run first where processors are few."""
-    if not hasattr(os, "nice"):  # Windows
-        return
-    os.nice(_NICE)
-    for _ in range(_ATTEMPTS):  # Linux shares processors between sessions first, whatever their processes' niceness
-        try:
-            Path("/proc/self/autogroup").write_text(str(_NICE))
-            return
-        except BlockingIOError:  # it takes one change in 0.1 s
-            time.sleep(0.1)
-        except OSError:
-            return
-
-
 def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]) -> None:
     """Run tasks until stdin ends.
 
     tasks: the module whose TASKS are the functions by name. file: for the exchange. writable: see `restrict`.
     """
     limit_memory(megabytes)
-    yield_to_service()
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a killed service cannot end its workers
     answers = os.fdopen(os.dup(1), "wb")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from twolink.service.exchange import Exchange
 from twolink.service.problems import Refusal
+from twolink.service.worker_process import WorkerProcess
 
 _LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that time
 
@@ -21,7 +22,7 @@ _LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that tim
 class Worker:
     """A worker process. is_busy: a task runs in it. ended_at: the bytes it had when it was ended for its memory."""
 
-    process: Process
+    process: WorkerProcess | Process
     exchange: Exchange
     is_busy: bool = True
     ended_at: int = 0

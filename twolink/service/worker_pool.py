@@ -12,7 +12,7 @@ import contextlib
 import logging
 import os
 import sys
-from asyncio.subprocess import DEVNULL, PIPE, Process
+from asyncio.subprocess import Process
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from twolink.service.problems import Refusal, error_from
 from twolink.service.turns import Turns
 from twolink.service.worker import LENGTH, Call, Done, Failed, Progress, packed
 from twolink.service.worker_memory import Worker, WorkerMemory
+from twolink.service.worker_process import WorkerProcess, start
 
 _log = logging.getLogger("twolink.service")
 _ADDRESSES = 4800  # MB of address space that are not memory: libraries, stacks, what is reserved
@@ -155,11 +156,12 @@ class Workers:
     async def _start(self) -> Worker:
         """Start a process. It takes about half a second until its first task."""
         exchange = Exchange()
-        process = await asyncio.create_subprocess_exec(
-            *self._command, exchange.name, *self._folders, env=self._environment,
-            stdin=PIPE, stdout=PIPE, stderr=DEVNULL, pass_fds=exchange.inherited,
-            start_new_session=True,  # Ctrl-C is for the service, which then ends its workers
-        )  # fmt: skip
+        try:
+            command = (*self._command, exchange.name, *self._folders)
+            process = await start(command, self._environment, exchange.inherited)
+        except BaseException:
+            exchange.close()
+            raise
         worker = Worker(process, exchange)
         self._workers.add(worker)
         self._memory.workers.add(worker)
@@ -182,7 +184,9 @@ class Workers:
             await self._kill(worker)
 
 
-async def _converse(process: Process, call: Call, on_progress: Callable[[Any], None] | None) -> Done | Failed:
+async def _converse(
+    process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None
+) -> Done | Failed:
     """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
     if process.stdin is None or process.stdout is None:
         raise ConnectionError
