@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import twolink as tl
+from twolink.hard import truths
+from twolink.hard.extended_precision import extended_reference
 from twolink.simulation.error_bar import error_bar
+from twolink.simulation.sampling import spread_out
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 4, 39, 40, 200])
@@ -25,3 +29,29 @@ def test_the_bar_is_not_a_number_from_where_an_error_is_none() -> None:
     bar = error_bar(np.array([0.0, 1.0, 1.0, 1.0, np.nan, 1.0]), np.zeros(6))
     assert np.isfinite(bar[:3]).all()
     assert np.isnan(bar[3:]).all()
+
+
+@pytest.mark.parametrize("period", [0.5, 1.0, 4.0, 20.0, 37.5, 100.0])
+def test_no_motion_has_the_same_phase_at_all_looks(period: float) -> None:
+    """Equally spaced looks, 25 samples apart, see periods of 25 samples and their parts at one phase only."""
+    looks = spread_out(10_001, 400)
+    assert looks[0] == 0
+    assert looks[-1] == 10_000
+    assert 400 <= len(looks) <= 402
+    assert np.diff(looks).max() <= 2 * 26
+    seen = np.abs(np.sin(2 * np.pi * looks / period)) if period > 1 else np.abs(np.sin(np.pi * looks / (25 * period)))
+    for i in range(len(looks) - 11):  # what a bar looks ahead
+        assert seen[i : i + 11].max() > 0.5
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_bars_hold_between_the_looks(method: str) -> None:
+    """A swing of 20 s at 16,001 samples, of which 402 are looked at."""
+    scene = tl.load_scene("arm-swing")
+    run = tl.simulate(scene, 20.0, 1e-7, method=method, samples=800)
+    reference, doubt = extended_reference(scene, run.t)
+    true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
+    assert run.error is not None
+    assert doubt.max() < 0.01 * true.max()
+    assert (true <= run.error)[1:].all()
+    assert len(np.unique(run.error)) < 402

@@ -156,10 +156,10 @@ def test_second_solutions_where_rounding_counts(
 
     equations = equations_of(tl.load_scene(scene))
     coarse = solved(MethodChoice(METHODS["dop853"], tolerance, "asked for"), 100)
-    others = second_solutions(coarse, solve, equations, 1e-6)
+    others = second_solutions(coarse, solve, equations, 1e-6).solutions
     assert [other.choice.precision for other in others] == precisions
     shifts = [perturbation.start_shift for _, perturbation in asked]
     assert (shifts == [0.0]) == (precisions == ["extended"])
     assert len(shifts) == 1 or shifts[0] * shifts[1] < 0
-    again = second_solutions(coarse, solve, equations, 1e-6, others)
+    again = second_solutions(coarse, solve, equations, 1e-6, others).solutions
     assert (again == others) == (precisions == ["extended"])  # it does not depend on the coarse solution

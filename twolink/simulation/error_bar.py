@@ -68,12 +68,24 @@ def distance_of_runs(space: StateSpace, method: Method, coarse: Solution, fine: 
     return np.asarray(distance if method.adaptive else distance / (1.0 - 0.5**method.order))  # fine: half the step
 
 
-def bar_of_run(space: StateSpace, method: Method, coarse: Solution, others: Sequence[Solution]) -> Array:
-    """The error bar of the coarse solution at each sample (n,), rad or m, from its largest distance to second ones."""
-    size = np.abs(coarse.x[: space.nq]).max(axis=0, initial=0.0)
+def bar_of_run(space: StateSpace, coarse: Solution, looks: Array, distance: Array, safety: float = SAFETY) -> Array:
+    """The error bar of the coarse solution at each sample (n,), rad or m.
+
+    Parameters
+    ----------
+    space : StateSpace
+    coarse : Solution
+    looks : ndarray (k,)
+        Numbers of the samples at which its error is estimated, with the first and the last.
+    distance : ndarray (k,)
+        The largest distance to second solutions there, rad or m.
+    safety : float
+        By which the distance is multiplied.
+    """
+    size = np.abs(coarse.x[: space.nq].take(looks, axis=1)).max(axis=0, initial=0.0)
     rounding = ROUNDING * size if coarse.precise is None else 0.0 * size
-    distances = [distance_of_runs(space, method, coarse, other) for other in others]
-    return error_bar(np.max(distances, axis=0), rounding, _safety(others))
+    bar = error_bar(distance, rounding, safety)
+    return bar.take(np.searchsorted(looks, np.arange(len(coarse.t))))  # between two looks, that of the later one
 
 
 def bar_of_worlds(space: StateSpace, coarse: Array, others: Sequence[Array]) -> Array:
@@ -87,10 +99,7 @@ def bar_of_worlds(space: StateSpace, coarse: Array, others: Sequence[Array]) -> 
         distances = [space.distance(q, space.rows(other[i][:, good])[0]) for other in others]
         distance[i, good] = np.max(distances, axis=0)
     size = np.abs(np.nan_to_num(coarse[:, : space.nq])).max(axis=1, initial=0.0)
-    bar: Array = error_bar(distance, ROUNDING * size, _safety(others))[-1]
+    safety = SAFETY if len(others) == 1 else SAFETY_OF_SEVERAL
+    bar: Array = error_bar(distance, ROUNDING * size, safety)[-1]
     bar[~finite[-1]] = np.nan
     return bar
-
-
-def _safety(others: Sequence[object]) -> float:
-    return SAFETY if len(others) == 1 else SAFETY_OF_SEVERAL

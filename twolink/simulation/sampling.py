@@ -9,6 +9,8 @@ from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
 
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+
 
 def duration_for(scene: Scene, duration: float | None) -> float:
     """The duration [s] to simulate a scene for: the asked one, or its own. Raises SceneError for what is no scene."""
@@ -38,3 +40,14 @@ def sample_times(duration: float, samples: float, limit: float) -> np.ndarray:
 def with_looks(times: np.ndarray, count: int) -> np.ndarray:
     """The times (n,), and others between them where n < count: one difference of two solutions may vanish by chance."""
     return times if len(times) >= count else np.union1d(times, np.linspace(times[0], times[-1], count))
+
+
+def spread_out(n: int, count: int) -> np.ndarray:
+    """Numbers from 0 to n - 1, increasing: all, or the first, the last, and one in each of `count` equal ranges.
+
+    The golden ratio spreads them within their ranges, so that no motion has the same phase at all of them.
+    """
+    if n <= count + 2:
+        return np.arange(n)
+    k = np.arange(count)
+    return np.union1d(((k + k * GOLDEN % 1.0) * (n / count)).astype(int), [0, n - 1])

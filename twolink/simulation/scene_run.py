@@ -2,7 +2,6 @@
 
 import functools
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,12 +23,12 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import limit_of_loops, refined
-from twolink.simulation.sampling import duration_for, sample_times, with_looks
+from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.verification import Solved, second_solutions
+from twolink.simulation.verification import Seconds, Solved, second_solutions
 
 MAX_SAMPLES = 20_000_000
-LOOKS = 41  # times at least at which errors are looked at
+LOOKS, MAX_LOOKS = 41, 400  # times at which errors are looked at, at least and about at most
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
@@ -90,24 +89,31 @@ def simulate(
     choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
-    solved = functools.partial(_solve, equations, with_looks(times, LOOKS) if verify else times, progress)
+    all_times = with_looks(times, LOOKS) if verify else times
+    looks = spread_out(len(all_times), MAX_LOOKS)
+    solved = functools.partial(_solve, equations, all_times, progress)
+    solved_again = functools.partial(_solve, equations, all_times[looks], progress)
     coarse, others = solved(choice), list[Solved]()
     verifying = compiling = 0.0
     run: Trajectory | None = None
     try:
         while verify and not coarse.solution.interrupted:
-            kept, others = others, second_solutions(coarse, solved, equations, accuracy, others)
+            kept, seconds = (
+                others,
+                second_solutions(_looked_at(coarse, looks), solved_again, equations, accuracy, others),
+            )
+            others = seconds.solutions
             verifying += sum(other.seconds for other in others if other not in kept)
             compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
             cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
-            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, others)
+            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, looks, seconds)
             if run.error is None or measured or run.error[-1] <= accuracy:
                 return run
             verifying += coarse.seconds
             coarse = solved(refined(coarse.choice, equations, accuracy, run))
     except AccuracyError as error:
         raise limit_of_loops(error, coarse.choice, equations, accuracy, run) from None
-    return _trajectory(scene, equations, coarse, _cost(coarse), times, None, [])
+    return _trajectory(scene, equations, coarse, _cost(coarse), times, None, looks)
 
 
 def _solve(
@@ -120,6 +126,21 @@ def _solve(
     start = time.perf_counter()
     solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision, perturbation)
     return Solved(choice, solution, time.perf_counter() - start - solution.compile_seconds)
+
+
+def _looked_at(solved: Solved, looks: np.ndarray) -> Solved:
+    """The samples of a solution at which its error is looked at."""
+    solution = solved.solution
+    numbers = _numbers(solution, looks)
+    precise = None if solution.precise is None else solution.precise.take(numbers, axis=0)
+    some = replace(solution, t=solution.t.take(numbers), x=solution.x.take(numbers, axis=1), precise=precise)
+    return replace(solved, solution=some)
+
+
+def _numbers(solution: Solution, looks: np.ndarray) -> np.ndarray:
+    """The numbers of these samples, and of the last one of a solution that an event ended before."""
+    last = len(solution.t) - 1
+    return looks if looks[-1] == last else np.append(looks[looks < last], last)
 
 
 def _with_setting(
@@ -165,13 +186,14 @@ def _trajectory(
     cost: Cost,
     times: np.ndarray,
     accuracy: float | None,
-    others: Sequence[Solved],
+    looks: np.ndarray,
+    seconds: Seconds | None = None,
 ) -> Trajectory:
     """The solution at the asked times, with its error bar where there are second solutions."""
     choice, solution = solved.choice, solved.solution
-    error, cut = None, any(other.solution.interrupted for other in others)
-    if others and not cut:
-        error = bar_of_run(equations.space, choice.method, solution, [other.solution for other in others])
+    error, cut = None, seconds is not None and seconds.interrupted
+    if seconds is not None and not cut:
+        error = bar_of_run(equations.space, solution, _numbers(solution, looks), seconds.distance, seconds.safety)
         error[1:] += SLACK * (accuracy or 0.0)
     # An event may end the run at a time that was not asked for.
     kept = np.ones(len(solution.t), dtype=bool) if len(times) >= LOOKS else np.isin(solution.t, times)

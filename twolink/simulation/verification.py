@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,7 +12,8 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.solution import Solution
-from twolink.simulation.error_bar import SLACK, distance_of_runs
+from twolink.integrate.state import Array
+from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL, SLACK, distance_of_runs
 from twolink.simulation.refinement import finer, more_digits, rounding_tolerance
 
 # Of the steps that a smaller tolerance should take, where it decides: DOP853 should take 1.78 times as many. It takes
@@ -40,15 +41,34 @@ class Solve(Protocol):
     def __call__(self, choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved: ...
 
 
+class Seconds(NamedTuple):
+    """More accurate solutions, and the largest distance of the coarse one from them at its samples (n,), rad or m."""
+
+    solutions: list[Solved]
+    distance: Array
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether one was, so that there is no distance."""
+        return any(solved.solution.interrupted for solved in self.solutions)
+
+    @property
+    def safety(self) -> float:
+        """The factor between the distance and the error bar."""
+        return SAFETY if len(self.solutions) == 1 else SAFETY_OF_SEVERAL
+
+
 def second_solutions(
     coarse: Solved, solve: Solve, equations: Equations, accuracy: float, earlier: Sequence[Solved] = ()
-) -> list[Solved]:
+) -> Seconds:
     """More accurate solutions beside a coarse one.
 
     Parameters
     ----------
     coarse : Solved
+        With the samples at which its error is looked at.
     solve : Solve
+        Solves for the same samples.
     equations : Equations
     accuracy : float
         The accuracy asked for, rad or m.
@@ -57,9 +77,9 @@ def second_solutions(
 
     Returns
     -------
-    list of Solved
-        One, perturbed, where the truncation of steps decides about the error. Where rounding may, one that has more
-        digits; or two, perturbed in opposite directions, where there are no more digits.
+    Seconds
+        One solution, perturbed, where the truncation of steps decides about the error. Where rounding may, one that has
+        more digits; or two, perturbed in opposite directions, where there are no more digits.
 
     Raises
     ------
@@ -74,7 +94,7 @@ def second_solutions(
     """
     choice = finer(coarse.choice, equations, accuracy, coarse.solution.steps)
     if choice.precision != "double":
-        return _with_more_digits(choice, solve, earlier)
+        return _with_more_digits(choice, coarse, solve, equations, earlier)
     # Steps across a singular position of loops have an error of their own, which a smaller tolerance may not admit.
     for _ in range(LESS_FINE):
         try:
@@ -93,41 +113,53 @@ def _of_as_many_digits(
     equations: Equations,
     accuracy: float,
     earlier: Sequence[Solved],
-) -> list[Solved]:
+) -> Seconds:
     """One finer solution of a choice, or where rounding counts two, or one that has more digits."""
     margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
     perturbation = second_solution(steps_ratio(choice.method), margin)
     first = solve(choice, perturbation)
-    if first.solution.interrupted:
-        return [first]
-    grown = _rounding_grows(equations, coarse, first, accuracy)
-    if not (grown or _rounding_counts(equations, coarse, first)):
-        return [first]
+    one = _seconds([first], coarse, equations)
+    if one.interrupted:
+        return one
+    grown = _rounding_grows(equations, coarse, one.distance, accuracy)
+    if not (grown or _rounding_counts(coarse, first, one.distance)):
+        return one
     exact = grown or not coarse.choice.method.adaptive
     more = more_digits(equations, coarse.solution.steps) if exact else None
     if more is not None:
-        return _with_more_digits(more, solve, earlier)
-    return [first, solve(choice, perturbation.opposite)]
+        return _with_more_digits(more, coarse, solve, equations, earlier)
+    return _seconds([first, solve(choice, perturbation.opposite)], coarse, equations)
 
 
-def _with_more_digits(choice: MethodChoice, solve: Solve, earlier: Sequence[Solved]) -> list[Solved]:
+def _seconds(solutions: list[Solved], coarse: Solved, equations: Equations) -> Seconds:
+    """Solutions with the largest distance from them; no distance where one is interrupted."""
+    seconds = Seconds(solutions, np.empty(0))
+    if seconds.interrupted:
+        return seconds
+    method = coarse.choice.method
+    each = [distance_of_runs(equations.space, method, coarse.solution, one.solution) for one in solutions]
+    return seconds._replace(distance=np.max(each, axis=0))
+
+
+def _with_more_digits(
+    choice: MethodChoice, coarse: Solved, solve: Solve, equations: Equations, earlier: Sequence[Solved]
+) -> Seconds:
     same = [one for one in earlier if one.choice == choice]
-    return same or [solve(choice)]
+    return _seconds(same or [solve(choice)], coarse, equations)
 
 
-def _rounding_grows(equations: Equations, coarse: Solved, fine: Solved, accuracy: float) -> bool:
+def _rounding_grows(equations: Equations, coarse: Solved, distance: Array, accuracy: float) -> bool:
     """Whether an unstable motion has made rounding errors large.
 
     Beside an equilibrium truncation may be none for long, and both solutions round alike: their distance is as small as
     rounding in the first quarter of the samples, and grows to what counts.
     """
-    distance = distance_of_runs(equations.space, coarse.choice.method, coarse.solution, fine.solution)
     early = distance[: len(distance) // 4 + 1].max()
     size = max(1.0, np.abs(coarse.solution.x[: equations.space.nq]).max(initial=0.0))
     return bool(early < AT_ROUNDING * size and distance[-1] > max(GROWN * early, SLACK / 2 * accuracy))
 
 
-def _rounding_counts(equations: Equations, coarse: Solved, fine: Solved) -> bool:
+def _rounding_counts(coarse: Solved, fine: Solved, distance: Array) -> bool:
     """Whether rounding may be a large part of the error.
 
     It may where the tolerance is near rounding, and where a smaller tolerance takes few more steps: then events, breaks
@@ -135,7 +167,6 @@ def _rounding_counts(equations: Equations, coarse: Solved, fine: Solved) -> bool
     """
     method, steps = coarse.choice.method, coarse.solution.steps
     if not method.adaptive:
-        distance = distance_of_runs(equations.space, method, coarse.solution, fine.solution)
         return bool(distance[-1] < ROUNDING_A_STEP * steps)
     few_more = method.kind != "taylor" and fine.solution.steps < MORE_STEPS * steps_ratio(method) * steps
     return coarse.choice.setting < rounding_tolerance(method) or few_more
