@@ -15,12 +15,15 @@ from twolink.simulation import Cost, Event, Explanation, Trajectory, Worlds, exp
 if TYPE_CHECKING:
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
+    from twolink.simulation.sensitivities import Sensitivities, sensitivities
 
 _IMPORTED_WHEN_USED = {
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
     "loop_forces": "twolink.simulation.energy_balance",
     "connect": "twolink.service.client",
+    "Sensitivities": "twolink.simulation.sensitivities",
+    "sensitivities": "twolink.simulation.sensitivities",
 }
 
 
@@ -44,6 +47,7 @@ __all__ = [
     "LoadReport",
     "Robot",
     "Scene",
+    "Sensitivities",
     "Study",
     "Trajectory",
     "Worlds",
@@ -61,6 +65,7 @@ __all__ = [
     "methods",
     "robots",
     "scenes",
+    "sensitivities",
     "simulate",
     "simulate_many",
 ]

@@ -80,14 +80,24 @@ class DenseOutput:
             The method cannot reach a time; code "no-dense-output".
         """
         out = np.empty((len(self.x), len(times)))
-        stepping = METHODS[self.method].kind not in ("taylor", "scipy")
         for group in self._groups(times):
-            out[:, group.places] = group.stored_x
-            late = group.t > group.stored_t
-            if late.any():
-                group = _Group(group.equations, *(values[..., late] for values in group[1:]))
-                out[:, group.places] = self._stepped(group) if stepping else self._solved(group)
+            self._fill(group, out)
         return out
+
+    def states_of(self, piece: int, times: Array) -> Array:
+        """The states (nq + nv, m) at times (m,) from the begin of a piece to its end, where the next one begins."""
+        out = np.empty((len(self.x), len(times)))
+        self._fill(self._group(piece, np.arange(len(times)), times), out)
+        return out
+
+    def _fill(self, group: _Group, out: Array) -> None:
+        """Write the states of a group to their places."""
+        out[:, group.places] = group.stored_x
+        late = group.t > group.stored_t
+        if late.any():
+            group = _Group(group.equations, *(values[..., late] for values in group[1:]))
+            stepping = METHODS[self.method].kind not in ("taylor", "scipy")
+            out[:, group.places] = self._stepped(group) if stepping else self._solved(group)
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
@@ -106,15 +116,18 @@ class DenseOutput:
     def _groups(self, times: Array) -> Iterator[_Group]:
         """The times by pieces; a time at which a piece begins belongs to that piece."""
         number = np.searchsorted([piece.begin for piece in self.pieces], times, side="right") - 1
-        ends = np.cumsum([piece.samples for piece in self.pieces])
         for i in np.unique(number):
-            piece, places = self.pieces[i], np.flatnonzero(number == i)
-            inside = slice(ends[i] - piece.samples, ends[i])
-            stored_t = np.append(piece.begin, self.t[inside])
-            start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
-            stored_x = np.concatenate([start[:, None], self.x[:, inside]], axis=1)
-            before = np.searchsorted(stored_t, times[places], side="right") - 1
-            yield _Group(piece.equations, places, times[places], stored_t[before], stored_x[:, before])
+            yield self._group(int(i), np.flatnonzero(number == i), times)
+
+    def _group(self, number: int, places: Array, times: Array) -> _Group:
+        """Those of the times that have these places, for one piece."""
+        piece, end = self.pieces[number], sum(piece.samples for piece in self.pieces[: number + 1])
+        inside = slice(end - piece.samples, end)
+        stored_t = np.append(piece.begin, self.t[inside])
+        start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
+        stored_x = np.concatenate([start[:, None], self.x[:, inside]], axis=1)
+        before = np.searchsorted(stored_t, times[places], side="right") - 1
+        return _Group(piece.equations, places, times[places], stored_t[before], stored_x[:, before])
 
     def _stepped(self, group: _Group) -> Array:
         """By a step map: all times as one batch of worlds, each with its own end."""

@@ -42,6 +42,12 @@ def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
     return known[name]
 
 
+def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
+    """The same equations with physical constants kept as run-time inputs."""
+    other = replace(equations, parameters=tuple(parameters))
+    return replace(other, content=_content(other))
+
+
 def make_equations(
     robot: Robot,
     q: Array,

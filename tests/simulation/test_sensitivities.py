@@ -1,0 +1,150 @@
+"""Sensitivities: within their own bars of closed forms and of differences of exact motions."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+
+CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-9" upper="9" effort="100" velocity="100"/></joint></robot>"""
+FREE = """<robot name="brick"><link name="brick"><inertial><mass value="2"/><origin xyz="0.1 0 0.05"/>
+<inertia ixx="1" iyy="2" izz="2.5" ixy="0.1" ixz="0" iyz="0"/></inertial></link>
+<link name="arm"><inertial><mass value="1"/><origin xyz="0 0.2 0"/>
+<inertia ixx="0.2" iyy="0.1" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="brick"/><child link="arm"/><axis xyz="0.6 0 0.8"/></joint>
+</robot>"""
+EIGHT = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))  # their error is the eighth power of the step
+
+
+def differences(base: tl.Scene, make, step: float, duration: float, samples: float) -> np.ndarray:
+    """d(q, v)/dp (n, 2 nv) at the samples, from exact motions of scenes make(p - p0)."""
+    robot = base.robot
+
+    def state(shift: float) -> np.ndarray:
+        run = tl.simulate(make(shift), duration, 1e-12, samples=samples, verify=False)
+        return np.concatenate([robot.difference(start, run.q), run.v], axis=1)
+
+    start = tl.simulate(base, duration, 1e-12, samples=samples, verify=False).q
+    return sum(weight * (state(k * step) - state(-k * step)) for k, weight in EIGHT) / step
+
+
+def moved(scene: tl.Scene, entry: int, shift: float) -> tl.Scene:
+    """The scene from a start moved along a tangent direction."""
+    nv = scene.robot.nv
+    change = np.eye(2 * nv)[entry] * shift
+    q, v = scene.robot.integrate(scene.q, change[:nv]), scene.v + change[nv:]
+    return tl.Scene(scene.base, q, v, scene.effects, scene.duration)
+
+
+def require_within_bars(s: tl.Sensitivities, name: str, truth: np.ndarray, noise: float, column: int = 0) -> None:
+    """Require that every entry is within its bar of what differences of motions give, up to their own error."""
+    ours = np.concatenate([s.q[name], s.v[name]], axis=1)[:, :, column]
+    size = 1.0 + np.abs(truth).max()
+    assert (np.abs(ours - truth).max(axis=1) <= s.error[name] + noise * size).all()
+
+
+def test_an_oscillator_has_the_closed_form() -> None:
+    """q = q0 cos wt + v0 / w sin wt with w^2 = k / m: its derivatives by q0, v0 and m are known."""
+    q0, v0, mass, k = 0.3, -0.4, 2.0, 18.0
+    scene = tl.Scene(tl.load_robot(CART), [q0], [v0], [tl.effects.JointSpring({"slide": k})])
+    s = tl.sensitivities(scene, ["q", "v.slide", "cart.mass"], 5.0, 1e-10)
+    t, w = s.run.t, np.sqrt(k / mass)
+    cos, sin = np.cos(w * t), np.sin(w * t)
+    by_w = np.array([-q0 * t * sin + v0 * (t * cos / w - sin / w**2),
+                     -q0 * (sin + w * t * cos) - v0 * t * sin])  # fmt: skip
+    truth = {"q": [cos, -w * sin], "v.slide": [sin / w, cos], "cart.mass": by_w * (-w / (2 * mass))}
+    for name, (q, v) in truth.items():
+        assert s.q[name].shape == (len(t), 1, 1)
+        error = np.maximum(np.abs(s.q[name][:, 0, 0] - q), np.abs(s.v[name][:, 0, 0] - v))
+        assert (error <= s.error[name]).all()
+        assert s.error[name].max() <= 1e-10 * max(1.0, np.abs([q, v]).max())
+
+
+def test_a_motion_at_rest_has_sensitivities_that_grow() -> None:
+    """The upright pendulum stands still, so that its own steps are long, while d q/d q0 = cosh(w t)."""
+    scene = tl.Scene(tl.load_robot("two_link"), [np.pi / 2, 0.0], effects=[tl.effects.Gravity()])
+    s = tl.sensitivities(scene, "q", 2.0, 1e-8, samples=20)
+    a = scene.robot.forward_dynamics_derivatives(scene.q, scene.v, np.zeros(2))[0]
+    squares, vectors = np.linalg.eig(a)
+    assert (squares > 0).all()
+    modes = np.cosh(np.sqrt(squares) * s.run.t[:, None])
+    truth = np.einsum("ij,nj,jk->nik", vectors, modes, np.linalg.inv(vectors))
+    assert np.abs(truth).max() > 100
+    assert (np.abs(s.q["q"] - truth).max(axis=(1, 2)) <= s.error["q"]).all()
+    assert (s.error["q"] <= 1e-8 * np.abs(truth).max(axis=(1, 2)) + 1e-12).all()
+
+
+def test_the_arm_agrees_with_quadruple_precision_to_nine_digits() -> None:
+    scene, step = tl.load_scene("arm-swing"), 1e-6
+    s = tl.sensitivities(scene, ["q", "v"], 3.0, 1e-9, samples=10)
+    for column in range(4):
+        name, k = ("q", "v")[column // 2], column % 2
+        ahead, behind = (
+            tl.simulate(moved(scene, column, shift), 3.0, 1e-20, samples=10, verify=False, precision="quad").precise
+            for shift in (step, -step)
+        )
+        truth = (ahead - behind).astype(float) / (2 * step)
+        ours = np.concatenate([s.q[name], s.v[name]], axis=1)[:, :, k]
+        size = np.maximum.accumulate(np.maximum(1.0, np.abs(truth).max(axis=1)))
+        assert (np.abs(ours - truth).max(axis=1) <= np.minimum(s.error[name], 1e-9 * size) + 1e-10).all()
+        assert s.error[name][-1] <= 1e-9 * size[-1]
+
+
+def test_free_bodies_are_differentiated_in_the_tangent_space() -> None:
+    """A brick with an arm, thrown: six degrees of freedom with a quaternion, and a (cos, sin) pair."""
+    robot = tl.load_robot(FREE, root="free")
+    v = [0.3, -0.2, 1.0, 1.0, -2.0, 0.5, 1.5]
+    q = robot.random_state(1, seed=4)[0][0]
+    scene = tl.Scene(robot, q, v, [tl.effects.Gravity(), tl.effects.JointDamping({"hinge": 0.1})])
+    s = tl.sensitivities(scene, ["q", "v"], 1.0, 1e-8, samples=20)
+    assert s.q["q"].shape == (21, 7, 7)
+    for column in (1, 4, 6, 9, 13):
+        truth = differences(scene, lambda shift, c=column: moved(scene, c, shift), 0.02, 1.0, 20)
+        require_within_bars(s, ("q", "v")[column // 7], truth, 1e-9, column % 7)
+
+
+CONSTANTS = ["forearm.mass", "forearm.com.x", "upper_arm.inertia.yy", "gravity.z", "elbow.origin.z"]
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_physical_constants_agree_with_worlds_that_have_others(name: str) -> None:
+    scene = tl.load_scene("arm-swing")
+    s = tl.sensitivities(scene, [name], 2.0, 1e-8, samples=10)
+    from twolink.algorithms.mechanism import nominal
+
+    shifts, weights = zip(*[(k * sign, weight * sign) for k, weight in EIGHT for sign in (1, -1)], strict=True)
+    step = 0.01
+    values = nominal(scene.robot.model, name) + step * np.array(shifts)
+    worlds = tl.simulate_many(scene, parameters={name: values}, duration=2.0, accuracy=1e-12, verify=False)
+    truth = np.concatenate([worlds.q, worlds.v], axis=1).T @ np.array(weights) / step
+    ours = np.concatenate([s.q[name][-1, :, 0], s.v[name][-1, :, 0]])
+    assert np.abs(truth).max() > 1e-3
+    assert np.abs(ours - truth).max() <= s.error[name][-1] + 1e-8 * (1.0 + np.abs(truth).max())
+
+
+def test_loops_are_differentiated_along_what_they_allow() -> None:
+    scene = tl.load_scene("crank-spring")
+    s = tl.sensitivities(scene, ["q", "v"], 1.0, 1e-8, samples=20)
+    for column in (0, 1, 3):
+        truth = differences(scene, lambda shift, c=column: moved(scene, c, shift), 1e-3, 1.0, 20)
+        require_within_bars(s, ("q", "v")[column // 3], truth, 1e-7, column % 3)
+
+
+def test_the_bar_is_not_far_above_the_error() -> None:
+    scene = tl.load_scene("arm-swing")
+    rough, exact = (tl.sensitivities(scene, "q", 5.0, accuracy, samples=20) for accuracy in (1e-5, 1e-10))
+    error = np.abs(np.concatenate([rough.q["q"] - exact.q["q"], rough.v["q"] - exact.v["q"]], axis=1)).max(axis=(1, 2))
+    assert (error <= rough.error["q"] + exact.error["q"]).all()
+    assert rough.error["q"][-1] <= 1e3 * error.max()
+
+
+def test_names_that_mean_nothing_are_named() -> None:
+    scene = tl.load_scene("arm-swing")
+    with pytest.raises(SceneError, match=r"forearm\.mass") as caught:
+        tl.sensitivities(scene, ["forearm.mas"], 1.0)
+    assert caught.value.code == "unknown-sensitivity"
+    with pytest.raises(SceneError, match="names nothing"):
+        tl.sensitivities(scene, [], 1.0)

@@ -1,0 +1,96 @@
+"""Legs: the smooth pieces of a solution, and the derivatives of its states by those at the begin of each leg.
+
+The states come from the solution, by whatever method it was solved. Between them stand the matrices of
+`variational_steps`; where the error of a matrix is not within the tolerance, its step is divided.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twolink.errors import AccuracyError
+from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.state import Array
+from twolink.integrate.variational_steps import METHOD, VariationalSteps
+
+ROUNDS, MOST_PARTS = 8, 64  # of dividing steps
+NEARLY = 0.9  # of a step that the estimate admits
+
+
+@dataclass(frozen=True)
+class Leg:
+    """The states x (nq + nv, m) of a piece of a solution at times t (m,), with the matrices between them.
+
+    matrices (m - 1, 2 nv, 2 nv + p): the derivatives of each next state by the one before, and by the parameters.
+    """
+
+    steps: VariationalSteps
+    t: Array
+    x: Array
+    matrices: Array
+
+    def along(self, start: Array) -> Array:
+        """S (m, 2 nv + p, k) at the leg's times from S at its begin; the rows of the parameters stay as they are."""
+        states = self.steps.states
+        out = np.empty((len(self.t), *start.shape))
+        out[:] = start
+        for matrix, before, after in zip(self.matrices, out[:-1], out[1:, :states], strict=True):
+            np.matmul(matrix, before, out=after)
+        return out
+
+    def at(self, times: Array, s: Array) -> Array:
+        """S (n, 2 nv, k) at times (n,) within the leg, from S (m, 2 nv + p, k) at its own times."""
+        step = np.searchsorted(self.t, times, side="right") - 1
+        out = s[step, : self.steps.states]
+        late = times > self.t[step]
+        if late.any():
+            begin = step[late]
+            seeds = np.ascontiguousarray(s[begin].transpose(2, 1, 0))
+            found, _ = self.steps.derivatives(self.t[begin], self.x[:, begin], times[late], seeds)
+            out[late] = found.transpose(2, 1, 0)
+        return out
+
+
+def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: Array, tolerance: float) -> Leg:
+    """The leg of a piece of a solution, at these times or more.
+
+    times (m,): from the begin of the piece to its end. Raises AccuracyError where dividing has no end, code
+    "sensitivities-steps".
+    """
+    t, x = times, solution.states_of(number, times)
+    found, square = steps.matrices(t[:-1], x[:, :-1], t[1:], tolerance)
+    for _ in range(ROUNDS):
+        late = ~(square <= 1.0)
+        if not late.any():
+            return Leg(steps, t, x, found)
+        parts = np.ones(len(square), dtype=int)
+        wanted = np.nan_to_num(square[late], nan=np.inf) ** (0.5 / METHOD.error_order) / NEARLY
+        parts[late] = np.clip(np.ceil(wanted), 2, MOST_PARTS)
+        before = np.repeat(np.arange(len(parts)), parts)
+        share = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)
+        t = np.append(t[before] + share * (np.diff(t) / parts)[before], t[-1])
+        x = np.concatenate([x[:, before], x[:, -1:]], axis=1)
+        inner = np.flatnonzero(share)
+        x[:, inner] = solution.states_of(number, t[inner])
+        found, square, again = found[before], square[before], np.flatnonzero(late[before])
+        found[again], square[again] = steps.matrices(t[again], x[:, again], t[again + 1], tolerance)
+    where = float(t[int(np.argmax(~(square <= 1.0)))])
+    raise AccuracyError("the sensitivities cannot be solved so accurately: their steps become too short",
+                        where=f"t = {where:.6g} s", remedy="ask for less accuracy", code="sensitivities-steps",
+                        t=where)  # fmt: skip
+
+
+def halved(leg: Leg, solution: DenseOutput, number: int, times: Array) -> Leg:
+    """The leg of another solution with every step halved, at the times of the first (m,), of which the ends may differ.
+
+    Of order 8, half the step has a 256th of the error.
+    """
+    middle = 0.5 * (times[:-1] + times[1:])
+    every = np.empty(2 * len(times) - 1)
+    every[::2], every[1::2] = times, middle
+    x = solution.states_of(number, every)
+    fine, _ = leg.steps.matrices(every[:-1], x[:, :-1], every[1:], np.inf)
+    states = leg.steps.states
+    matrices = fine[1::2, :, :states] @ fine[::2]
+    matrices[:, :, states:] += fine[1::2, :, states:]
+    return Leg(leg.steps, times, x[:, ::2], matrices)

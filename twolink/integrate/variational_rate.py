@@ -1,0 +1,117 @@
+"""The rate of a state and its derivatives along directions, compiled: the right-hand side of variational equations.
+
+    x' = f(t, x, p),   S' = (df/dx) S + (df/dp) dp
+
+The traced rate is run on dual numbers: no matrix df/dx is formed. One evaluation serves several directions, which share
+the value.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.algorithms.duals import Dual, DualNamespace
+from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.namespaces import Expressions
+from twolink.dynamics.kernels import heyoka
+from twolink.errors import CertificationError, MissingExtraError
+from twolink.integrate.compile_time import announced, compiling_seconds
+from twolink.integrate.compiled_functions import compiled_function
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import traced_rate
+from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.state import Array
+
+QUICK = 1.0  # s of compiling, within which one evaluation serves as many directions as possible
+DERIVATIVE = 2.0  # times as many operations as the value, along one direction
+STATES, AROUND = 4, 0.3  # compared with differences of Pinocchio's rates: so many, within [rad, m, per second]
+STEP = 1e-3  # of these differences, whose error is its fourth power
+AGREEMENT = 1e-6  # relative
+
+
+class VariationalRate(NamedTuple):
+    """Call it with rows (., n) and an array for the results.
+
+    Rows: t, the numbers of the state behind (q, v), the parameters, of each direction those of its parameters, then
+    x = (q, v) and of each direction that of x. Results: the rates of x and of each direction. width: of directions.
+    """
+
+    call: Callable[..., Any]
+    width: int
+    seconds: float
+
+
+def variational_rate(equations: Equations, directions: int) -> VariationalRate:
+    """The compiled rate for so many directions, at best all in one evaluation.
+
+    Raises MissingExtraError without heyoka, and CertificationError when it disagrees with Pinocchio.
+    """
+    if heyoka() is None:
+        raise MissingExtraError("sensitivities need heyoka", remedy="pip install heyoka (Linux)")
+    width = max(1, directions)
+    while width > 1 and _compiling(equations, width) > QUICK:
+        width = -(-width // 2)
+
+    def build() -> Any:
+        with announced(f"the sensitivities of {equations.robot.name}", _compiling(equations, width)):
+            code = _compiled(equations, width)
+            _certify(equations, code, width)
+        return code
+
+    code, seconds = compiled_function(equations.key("variational", str(width)), build)
+    return VariationalRate(code, width, seconds)
+
+
+def _compiling(equations: Equations, width: int) -> float:
+    return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
+
+
+def _compiled(equations: Equations, width: int) -> Any:
+    """heyoka's function."""
+    module, space, count = heyoka(), equations.space, len(equations.parameters)
+    xp, moving = Expressions(module, own_sine=True), equations.moving
+    sizes = [1, space.size - moving, count, width * count, moving, width * moving]
+    rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
+    (t,), numbers, values, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
+    by_value, by_entry = directions.reshape(width, count).T, tangents.reshape(width, moving).T
+    still = [0.0] * width
+    state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)] + [Dual(a, still) for a in numbers]
+    constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value, strict=True)}
+    whole = np.empty(len(state), dtype=object)
+    whole[:] = state
+    out = traced_rate(equations, t, whole, DualNamespace(xp), constants)[:moving]
+    tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
+    entries = [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
+    return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
+
+
+def _certify(equations: Equations, code: Any, width: int) -> None:
+    """Compare with differences of Pinocchio's rates. Raises CertificationError."""
+    space, moving, count = equations.space, equations.moving, len(equations.parameters)
+    random = np.random.default_rng(1)
+    x = np.repeat(equations.start[:, None], STATES, axis=1)
+    x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
+    along = np.zeros((width, space.size, STATES))
+    along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
+    values = np.array([nominal(equations.robot.model, name) for name in equations.parameters]).reshape(count, 1)
+    rows = np.concatenate([np.zeros((1, STATES)), x[moving:], np.repeat(values, STATES, axis=1),
+                           np.zeros((width * count, STATES)), x[:moving],
+                           along[:, :moving].reshape(-1, STATES)])  # fmt: skip
+    ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)
+
+    def rate(shift: float) -> Array:
+        """(width, moving, states)."""
+        return np.array([rate_by_pinocchio(equations, 0.0, x + shift * d)[:moving] for d in along])
+
+    theirs = (8.0 * (rate(STEP) - rate(-STEP)) - (rate(2 * STEP) - rate(-2 * STEP))) / (12.0 * STEP)
+    scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=(0, 1)) + np.nan_to_num(np.abs(ours[0])).max(axis=0)
+    error = np.abs(ours[1:] - theirs).max(axis=(0, 1)) / scale
+    if equations.constraints is not None or not np.isfinite(theirs).all():
+        error[np.isnan(theirs).any(axis=(0, 1)) & (np.arange(STATES) > 0)] = 0.0
+    if not error.max() <= AGREEMENT:
+        raise CertificationError(
+            f"compiled derivatives differ from those of Pinocchio's rates by {np.nanmax(error):.1e}",
+            where=f"x = {x[:, int(np.argmax(error))].tolist()}",
+            remedy="report it with the URDF",
+        )

@@ -1,0 +1,87 @@
+"""The names by which sensitivities are asked for, and the derivatives of the start by what they name."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from twolink.algorithms.mechanism import parameter_names
+from twolink.errors import SceneError, require_known
+from twolink.integrate.assembly import RANK, assembled
+from twolink.integrate.constraints import Constraints
+from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
+from twolink.scenes import Scene
+
+STEP = 1e-3  # of differences of closed positions, whose error is its fourth power
+CLOSED = 1e-9  # rad, m, per second: a start that was moved by less was closed
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What is asked for.
+
+    parameters: the physical constants among it. columns: of each name, the columns that it has. start (2 nv + p, k):
+    the derivatives of the start by each column, and of the parameters.
+    """
+
+    parameters: tuple[str, ...]
+    columns: dict[str, slice]
+    start: np.ndarray
+
+
+def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
+    """What the names ask for. Raises SceneError for an unknown one, code "unknown-sensitivity"."""
+    names = [wrt] if isinstance(wrt, str) else list(wrt)
+    if not names:
+        raise SceneError("it names nothing", argument="wrt", remedy='such as ["q", "v"]')
+    nv, equations = scene.robot.nv, equations_of(scene)
+    of_state = {"q": range(nv), "v": range(nv, 2 * nv)}
+    for joint in scene.robot.joints:
+        of_state[f"q.{joint.name}"] = range(joint.v.start, joint.v.stop)
+        of_state[f"v.{joint.name}"] = range(nv + joint.v.start, nv + joint.v.stop)
+    constants = parameter_names(scene.robot.model)
+    for name in names:
+        require_known(name, (*of_state, *constants), SceneError, "there is nothing named {!r} to differentiate by",
+                      argument="wrt", code="unknown-sensitivity")  # fmt: skip
+    names = list(dict.fromkeys(names))
+    parameters = tuple(name for name in names if name not in of_state)
+    if equations.constraints is not None and any(".origin." in name for name in parameters):
+        raise SceneError("a length changes how loops close, which sensitivities do not follow yet", argument="wrt",
+                         remedy="ask for masses or the initial state", code="sensitivities-lengths")  # fmt: skip
+    rows = 2 * nv + len(parameters)
+    columns, entries = {}, list[int]()
+    for name in names:
+        own = of_state.get(name) or [2 * nv + parameters.index(name)]
+        columns[name] = slice(len(entries), len(entries) + len(own))
+        entries += own
+    start = np.eye(rows)[:, entries]
+    if equations.constraints is not None:
+        start[: 2 * nv] = _assembled_along(scene, equations, start[: 2 * nv])
+    return Wanted(parameters, columns, start)
+
+
+def _assembled_along(scene: Scene, equations: Equations, directions: np.ndarray) -> np.ndarray:
+    """The derivatives (2 nv, k) of the start that closes the loops, along directions (2 nv, k) of the scene's state.
+
+    From a closed start they are taken along what the loops allow: where loops have redundant rows, positions beside the
+    closed ones do not tell where the nearest closed one is.
+    """
+    robot, nv, constraints = scene.robot, scene.robot.nv, cast("Constraints", equations.constraints)
+    nq, start = robot.nq, equations.start[: equations.moving]
+    q, v = scene.q, scene.v
+    if max(equations.assembled) <= CLOSED:
+        q, v = start[:nq], start[nq:]
+        rows = constraints.jacobian_at(q, constraints.all_rows)
+        directions = directions.copy()
+        directions[:nv] -= np.linalg.lstsq(rows, rows @ directions[:nv], rcond=RANK)[0]
+
+    def moved(direction: np.ndarray, step: float) -> np.ndarray:
+        there = np.concatenate([robot.integrate(q, step * direction[:nv]), v + step * direction[nv:]])
+        x = assembled(constraints, there)
+        return np.concatenate([robot.difference(start[:nq], x[:nq]), x[nq:] - start[nq:]])
+
+    out = [(8.0 * (moved(d, STEP) - moved(d, -STEP)) - (moved(d, 2 * STEP) - moved(d, -2 * STEP))) / (12.0 * STEP)
+           for d in directions.T]  # fmt: skip
+    return np.array(out).T.reshape(directions.shape)
