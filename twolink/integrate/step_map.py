@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics.kernels import heyoka, pays_threads
+from twolink.integrate.chain import longest_chain
 from twolink.integrate.compile_time import MAX_IN_PARTS, announced, in_parts, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
@@ -64,8 +65,17 @@ class StepMap:
         # Naming the option takes 0.5 µs, a quarter of a small step.
         if worlds == 1 or not self.compiled or isinstance(self._call, FirstSteps):
             return self._call
-        parallel = pays_threads(worlds, self.equations.operations * self.method.evaluations)
-        return functools.partial(self._call, batch_parallel=parallel)
+        return functools.partial(self._call, batch_parallel=self._on_threads(worlds))
+
+    def steps_at_once(self, worlds: int) -> int:
+        """How many steps of so many worlds one call can make, by `chain.take_steps`."""
+        if self.compiled != "steps" or (worlds > 1 and self._on_threads(worlds)):
+            return 1
+        return longest_chain(worlds, getattr(self._call, "batch_size", 1))
+
+    def _on_threads(self, worlds: int) -> bool:
+        """Whether a call with so many worlds pays threads."""
+        return pays_threads(worlds, self.equations.operations * self.method.evaluations)
 
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from twolink.algorithms import sincos
 from twolink.errors import AccuracyError
+from twolink.integrate.chain import take_steps
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
@@ -231,18 +232,18 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int) -> Array:
     rows, worlds = step_map.rows, state.shape[1]
     width = -(-worlds // lanes) * lanes if step_map.compiled else worlds
     count = max(1, min(count, BLOCK_NUMBERS // (len(state) * width)))
-    states = np.empty((count + 1, len(state), width))
-    states[0, :, :worlds] = state
-    states[0, :, worlds:] = state[:, -1:]
-    call, k, time, end = step_map.call(width), 0, rows.time, states[0, rows.end]
-    last = float(end[0])
+    start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
+    call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
+    if at_once > 1:
+        states = take_steps(call, rows, start, count, at_once)
+        if states is not None:
+            return states[..., :worlds]
+    states = np.empty((count + 1, *start.shape))
+    states[0] = start
+    k, end = 0, start[rows.end]
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
         call(now, new)
-        if width == 1:  # most runs are of one world, and a reduction takes as long as a small step
-            if new.item(time) >= last:
-                break
-            continue
-        going = np.count_nonzero(new[time] < end)
+        going = np.count_nonzero(new[rows.time] < end)
         if going == 0 or (k >= LANES and 2 * going < width):
             break
     return states[: k + 1, :, :worlds]
