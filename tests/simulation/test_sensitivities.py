@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from twolink.algorithms.mechanism import nominal
 from twolink.errors import SceneError
+from twolink.integrate.effect_numbers import effect_numbers, with_number
 
 CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -113,8 +115,6 @@ CONSTANTS = ["forearm.mass", "forearm.com.x", "upper_arm.inertia.yy", "gravity.z
 def test_physical_constants_agree_with_worlds_that_have_others(name: str) -> None:
     scene = tl.load_scene("arm-swing")
     s = tl.sensitivities(scene, [name], 2.0, 1e-8, samples=10)
-    from twolink.algorithms.mechanism import nominal
-
     shifts, weights = zip(*[(k * sign, weight * sign) for k, weight in EIGHT for sign in (1, -1)], strict=True)
     step = 0.01
     values = nominal(scene.robot.model, name) + step * np.array(shifts)
@@ -123,6 +123,40 @@ def test_physical_constants_agree_with_worlds_that_have_others(name: str) -> Non
     ours = np.concatenate([s.q[name][-1, :, 0], s.v[name][-1, :, 0]])
     assert np.abs(truth).max() > 1e-3
     assert np.abs(ours - truth).max() <= s.error[name][-1] + 1e-8 * (1.0 + np.abs(truth).max())
+
+
+EFFECTS = {
+    "joint-damping": (tl.effects.JointDamping({"elbow": 0.05}), "damping.elbow"),
+    "joint-spring": (tl.effects.JointSpring({"elbow": 2.0}, {"elbow": 0.3}), "rest.elbow"),
+    "joint-pd": (tl.effects.JointPD({"elbow": tl.effects.Sine(0.5, 3.0)}, {"elbow": 3.0}), "kp.elbow"),
+    "target": (tl.effects.JointPD({"elbow": tl.effects.Sine(0.5, 3.0)}, {"elbow": 3.0}), "target.elbow.frequency"),
+    "torque": (tl.effects.Torque({"shoulder": tl.effects.Polynomial((0.1, 0.2))}), "inputs.shoulder.coefficients.1"),
+    "friction": (tl.effects.SmoothFriction({"elbow": 0.05}, 0.1), "friction.elbow"),
+    "drag": (tl.effects.AirDrag("forearm", 0.5), "area"),
+}
+
+
+@pytest.mark.parametrize("case", EFFECTS)
+def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> None:
+    effect, path = EFFECTS[case]
+    scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [tl.effects.Gravity(), effect])
+    name = f"effects.1.{path}"
+    s, value = tl.sensitivities(scene, [name], 1.5, 1e-8, samples=10), effect_numbers(scene)[name]
+
+    def changed(shift: float) -> tl.Scene:
+        return scene.with_effects([tl.effects.Gravity(), with_number(effect, path.split("."), value + shift)])
+
+    truth = differences(scene, changed, 1e-3, 1.5, 10)
+    assert np.abs(truth).max() > 1e-4
+    require_within_bars(s, name, truth, 1e-9)
+
+
+def test_a_number_that_is_a_limit_is_refused() -> None:
+    effect = tl.effects.JointPD({"elbow": 0.5}, {"elbow": 3.0}, effort={"elbow": 50.0})
+    scene = tl.Scene(tl.load_robot("two_link"), effects=[effect])
+    with pytest.raises(SceneError) as caught:
+        tl.sensitivities(scene, ["effects.0.effort.elbow"], 0.1)
+    assert caught.value.code.startswith("sensitivities-")
 
 
 def test_loops_are_differentiated_along_what_they_allow() -> None:

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from twolink.algorithms.spatial import add, dot, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, NotNegative, number
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
@@ -58,7 +58,7 @@ class AirDrag(Effect, frozen=True):
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add -rho c A |u| u / 2."""
-        k = -0.5 * float(self.density) * float(self.coefficient) * float(self.area)
+        k = -0.5 * number(self.density) * number(self.coefficient) * number(self.area)
         if k == 0.0:
             return
         point = floats(self.point)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from twolink.algorithms.recursions import newton_euler
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, NotNegative, number
 from twolink.effects.inputs import Input, derivatives_at
 from twolink.effects.joint_checks import Limits, check_joints, check_limits, clamped
 from twolink.effects.motion import Loads, Motion
@@ -71,7 +71,7 @@ class ComputedTorque(Effect, frozen=True):
             entry, dof = motion.coordinate(joint)
             q, v, a = derivatives_at(path, motion.t, motion.xp)
             wanted[dof] = plus(
-                a, times(float(self.kd), minus(v, motion.v[dof])), times(float(self.kp), minus(q, motion.q[entry]))
+                a, times(number(self.kd), minus(v, motion.v[dof])), times(number(self.kp), minus(q, motion.q[entry]))
             )
         torques = newton_euler(motion.mech, motion.own(), motion.v, wanted, None)
         for joint in self.path:

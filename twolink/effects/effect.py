@@ -52,6 +52,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         return ()
 
 
+def number(x: Any) -> Any:
+    """A number as a float, which formulas fold as a constant; a run-time parameter in its place as it is."""
+    return float(x) if isinstance(x, (int, float, np.number)) else x
+
+
 def plain(value: Any) -> Any:
     """NumPy's numbers and arrays as Python's, for what is written down. Raises TypeError for anything else."""
     if isinstance(value, (np.generic, np.ndarray)):

@@ -3,7 +3,7 @@
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
-from twolink.effects.effect import check_name
+from twolink.effects.effect import check_name, number
 from twolink.effects.motion import GROUND, Motion
 from twolink.errors import SceneError
 
@@ -33,5 +33,5 @@ def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Sc
 
 def floats(vector: tuple[float, float, float]) -> Vec:
     """Three numbers as floats, which a formula folds as constants."""
-    x, y, z = map(float, vector)
+    x, y, z = map(number, vector)
     return x, y, z

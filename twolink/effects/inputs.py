@@ -6,7 +6,7 @@ from typing import Any, ClassVar, TypeVar
 import msgspec
 
 from twolink.algorithms.spatial import Scalar, plus, times
-from twolink.effects.effect import Effect
+from twolink.effects.effect import Effect, number
 from twolink.effects.sampled import Piece, Sampled
 
 _E = TypeVar("_E", bound=Effect)
@@ -62,16 +62,16 @@ Input = float | Polynomial | Sine | Sampled
 def value_at(signal: Input | Piece, t: Scalar, xp: Any) -> Scalar:
     """The input at time t. A table is looked up at numbers; in expressions its current piece stands for it."""
     if isinstance(signal, Sine):
-        return plus(times(float(signal.amplitude), xp.sin(signal.frequency * t + signal.phase)), float(signal.mean))
+        return plus(times(number(signal.amplitude), xp.sin(signal.frequency * t + signal.phase)), number(signal.mean))
     return _polynomial(*_series(signal, t))
 
 
 def derivatives_at(signal: Input | Piece, t: Scalar, xp: Any) -> tuple[Scalar, Scalar, Scalar]:
     """The input and its first and second derivatives at time t."""
     if isinstance(signal, Sine):
-        a, w, angle = float(signal.amplitude), float(signal.frequency), signal.frequency * t + signal.phase
+        a, w, angle = number(signal.amplitude), number(signal.frequency), signal.frequency * t + signal.phase
         oscillating = xp.sin(angle)
-        value = plus(times(a, oscillating), float(signal.mean))
+        value = plus(times(a, oscillating), number(signal.mean))
         return value, times(a * w, xp.cos(angle)), times(-a * w * w, oscillating)
     coefficients, t = _series(signal, t)
     once = _derivative(coefficients)
@@ -83,7 +83,7 @@ def _series(signal: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
     piece = signal.piece_at(t) if isinstance(signal, Sampled) else signal
     if isinstance(piece, Piece):
         return list(piece.coefficients), t - piece.start
-    return [float(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
+    return [number(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
 
 
 def _polynomial(coefficients: Any, t: Scalar) -> Scalar:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from twolink.algorithms.spatial import Scalar, minus, plus
 from twolink.dynamics import Robot
-from twolink.effects.effect import NotNegative, check_name
+from twolink.effects.effect import NotNegative, check_name, number
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
 
@@ -56,7 +56,7 @@ def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion)
     """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
     if values is None:
         return dict(enumerate(urdf.tolist()))
-    return {k: float(value) for joint, value in values.items() for k in motion.dofs(joint)}
+    return {k: number(value) for joint, value in values.items() for k in motion.dofs(joint)}
 
 
 def single_joints(robot: Robot) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative, check_name
+from twolink.effects.effect import Effect, NotNegative, check_name, number
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.joint_checks import Limits, check_joints, check_limits, check_subset, clamped
 from twolink.effects.motion import Loads, Motion
@@ -61,8 +61,8 @@ class JointPD(Effect, frozen=True):
             entry, dof = motion.coordinate(joint)
             error = minus(value_at(target, motion.t, motion.xp), motion.q[entry])
             torque = plus(
-                times(float(self.kp[joint]), error),
-                times(-float(self.kd.get(joint, 0.0)), motion.v[dof]),
+                times(number(self.kp[joint]), error),
+                times(-number(self.kd.get(joint, 0.0)), motion.v[dof]),
                 value_at(self.feedforward.get(joint, 0.0), motion.t, motion.xp),
             )
             loads.torque(dof, clamped(torque, joint, self.effort, motion, loads))

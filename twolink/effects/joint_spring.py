@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from twolink.algorithms.spatial import plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, NotNegative, number
 from twolink.effects.joint_checks import check_joints, check_subset
 from twolink.effects.motion import Loads, Motion
 
@@ -32,4 +32,4 @@ class JointSpring(Effect, frozen=True):
         """Add -k (q - q0)."""
         for joint, k in self.stiffness.items():
             entry, dof = motion.coordinate(joint)
-            loads.torque(dof, times(-float(k), plus(motion.q[entry], -float(self.rest.get(joint, 0.0)))))
+            loads.torque(dof, times(-number(k), plus(motion.q[entry], -number(self.rest.get(joint, 0.0)))))

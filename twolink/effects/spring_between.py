@@ -2,7 +2,7 @@
 
 from twolink.algorithms.spatial import add, dot, plus, reciprocal, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, NotNegative, number
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
@@ -58,7 +58,7 @@ class SpringBetween(Effect, frozen=True):
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add T n to the first point and -T n to the second, n the direction from the first to the second."""
         near, far = floats(self.first_point), floats(self.second_point)
-        k, c, rest = float(self.stiffness), float(self.damping), float(self.rest_length)
+        k, c, rest = number(self.stiffness), number(self.damping), number(self.rest_length)
         line = add(motion.position(self.second, far), scale(-1.0, motion.position(self.first, near)))
         constant = plus(-k * rest, value_at(self.force, motion.t, motion.xp))
         tension = scale(k, line)

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
+from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
 from twolink.integrate.methods import Method
@@ -110,7 +110,7 @@ def _around(equations: Equations) -> Array:
 
 def _parameters(equations: Equations) -> Array:
     """The robot's own values of the run-time parameters, (p, 1)."""
-    return np.array([[nominal(equations.robot.model, name)] for name in equations.parameters]).reshape(-1, 1)
+    return np.array([[nominal_value(equations, name)] for name in equations.parameters]).reshape(-1, 1)
 
 
 def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:

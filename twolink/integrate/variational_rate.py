@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twolink.algorithms.duals import Dual, DualNamespace
-from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
-from twolink.errors import CertificationError, MissingExtraError
+from twolink.errors import CertificationError, MissingExtraError, SceneError
 from twolink.integrate.compile_time import announced, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
+from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
@@ -80,7 +80,11 @@ def _compiled(equations: Equations, width: int) -> Any:
     constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value, strict=True)}
     whole = np.empty(len(state), dtype=object)
     whole[:] = state
-    out = traced_rate(equations, t, whole, DualNamespace(xp), constants)[:moving]
+    try:
+        out = traced_rate(equations, t, whole, DualNamespace(xp), constants)[:moving]
+    except TypeError as error:  # a number that is used as a constant
+        raise SceneError(f"one of {', '.join(equations.parameters)} is used as a constant", argument="wrt",
+                         remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
     tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
     entries = [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
     return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
@@ -94,7 +98,7 @@ def _certify(equations: Equations, code: Any, width: int) -> None:
     x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
     along = np.zeros((width, space.size, STATES))
     along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
-    values = np.array([nominal(equations.robot.model, name) for name in equations.parameters]).reshape(count, 1)
+    values = np.array([nominal_value(equations, name) for name in equations.parameters]).reshape(count, 1)
     rows = np.concatenate([np.zeros((1, STATES)), x[moving:], np.repeat(values, STATES, axis=1),
                            np.zeros((width * count, STATES)), x[:moving],
                            along[:, :moving].reshape(-1, STATES)])  # fmt: skip

@@ -14,9 +14,9 @@ from typing import cast
 
 import numpy as np
 
-from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics.kernels import pays_threads
+from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.state import Array, StateSpace
@@ -40,8 +40,7 @@ class VariationalSteps:
         self.states = 2 * equations.space.nv
         self.directions = self.states + len(equations.parameters)
         self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions)
-        model = equations.robot.model
-        self._values = np.array([nominal(model, name) for name in equations.parameters]).reshape(-1, 1)
+        self._values = np.array([nominal_value(equations, name) for name in equations.parameters]).reshape(-1, 1)
 
     def starting(self, equations: Equations) -> "VariationalSteps":
         """The same for the numbers of another piece of these equations."""

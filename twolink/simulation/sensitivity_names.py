@@ -10,6 +10,7 @@ from twolink.algorithms.mechanism import parameter_names
 from twolink.errors import SceneError, require_known
 from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints
+from twolink.integrate.effect_numbers import effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
@@ -41,7 +42,7 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     for joint in scene.robot.joints:
         of_state[f"q.{joint.name}"] = range(joint.v.start, joint.v.stop)
         of_state[f"v.{joint.name}"] = range(nv + joint.v.start, nv + joint.v.stop)
-    constants = parameter_names(scene.robot.model)
+    constants = (*parameter_names(scene.robot.model), *effect_numbers(scene))
     for name in names:
         require_known(name, (*of_state, *constants), SceneError, "there is nothing named {!r} to differentiate by",
                       argument="wrt", code="unknown-sensitivity")  # fmt: skip

@@ -1,0 +1,102 @@
+"""Numbers of effects by name, such as "effects.1.damping.elbow": looking them up, and putting others in their place.
+
+A name is the place of the effect in the scene and the fields, keys and positions that lead to the number. Those of what
+acts while the robot moves are parameters of the equations, as the robot's physical constants are.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+
+from twolink.algorithms.mechanism import nominal
+from twolink.effects.effect import Effect
+from twolink.effects.sampled import Sampled
+from twolink.effects.switching import SwitchingEffect
+from twolink.integrate.equations import Equations
+from twolink.scenes import Scene
+
+PREFIX = "effects."
+
+
+def effect_numbers(scene: Scene) -> dict[str, float]:
+    """The numbers of what acts while the robot moves, by name."""
+    found = {}
+    for place, effect in enumerate(scene.effects):
+        released = isinstance(effect, SwitchingEffect)
+        for acting in effect.acting() if isinstance(effect, SwitchingEffect) else (effect,):
+            if type(acting).act is not Effect.act:
+                start = (str(place), "of") if released else (str(place),)
+                found.update({PREFIX + ".".join((*start, *path)): value for path, value in _numbers(acting)})
+    return found
+
+
+def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equations:
+    """The equations with other numbers in their effects, which may be expressions; names of other things are left."""
+    chosen = {name: value for name, value in values.items() if name.startswith(PREFIX)}
+    if not chosen:
+        return equations
+    effects = list(equations.effects)
+    for name, value in chosen.items():
+        found = _found(equations, name)
+        if found is not None:
+            effects[found[0]] = with_number(effects[found[0]], found[1], value)
+    return replace(equations, effects=tuple(effects))
+
+
+def nominal_value(equations: Equations, name: str) -> float:
+    """The scene's own value of a parameter, SI units; 0 of an effect that was released.
+
+    Raises QueryError for an unknown physical constant.
+    """
+    if not name.startswith(PREFIX):
+        return nominal(equations.robot.model, name)
+    found = _found(equations, name)
+    if found is None:
+        return 0.0
+    value: Any = equations.effects[found[0]]
+    for key in found[1]:
+        value = _parts(value)[key]
+    return float(value)
+
+
+def _found(equations: Equations, name: str) -> tuple[int, list[str]] | None:
+    """Which of the equations' effects has the number, and the path to it there; None where it acts no more."""
+    _, place, *path = name.split(".")
+    places = equations.places[: len(equations.effects)]
+    if int(place) not in places:
+        return None
+    i = places.index(int(place))
+    return i, path[1:] if path[0] == "of" and not hasattr(equations.effects[i], "of") else path
+
+
+def _parts(value: Any) -> dict[str, Any]:
+    """What a value consists of, by name; nothing for a number, a text or a table."""
+    if isinstance(value, msgspec.Struct) and not isinstance(value, Sampled):
+        return {name: getattr(value, name) for name in value.__struct_fields__}
+    if isinstance(value, Mapping):
+        return {str(key): part for key, part in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return {str(i): part for i, part in enumerate(value)}
+    return {}
+
+
+def _numbers(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], float]]:
+    for name, part in _parts(value).items():
+        if isinstance(part, (int, float)) and not isinstance(part, bool):
+            yield (*path, name), float(part)
+        else:
+            yield from _numbers(part, (*path, name))
+
+
+def with_number(value: Any, path: Sequence[str], number: Any) -> Any:
+    """An effect, or a part of one, with another number at the end of a path."""
+    if not path:
+        return number
+    key, rest = path[0], path[1:]
+    if isinstance(value, msgspec.Struct):
+        return msgspec.structs.replace(value, **{key: with_number(getattr(value, key), rest, number)})
+    if isinstance(value, Mapping):
+        return {k: with_number(part, rest, number) if str(k) == key else part for k, part in value.items()}
+    return tuple(with_number(part, rest, number) if str(i) == key else part for i, part in enumerate(value))
