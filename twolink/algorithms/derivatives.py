@@ -183,7 +183,7 @@ def _flow_to_parent(pose: Pose, body: _Flow) -> Mat:
     """Z in the parent's frame: R Z R^T + r (R P)^T."""
     flow, momentum = body.flow, sp.outward(pose, body.momentum)
     for turn in reversed(pose.turns):
-        flow = sp.product(sp.product(turn, flow), sp.transpose(turn))
+        flow = sp.congruence(turn, flow)
     x, y, z = (sp.add(flow[r], sp.scale(pose.origin[r], momentum)) for r in range(3))
     return x, y, z
 

@@ -48,6 +48,19 @@ def gravity_torque(mech: Mechanism, q: Scalars, xp: Any = None) -> list[Scalar]:
 
 def newton_euler(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_ext: Wrenches | None) -> list[Scalar]:
     """Table 5.1 of Featherstone from the bodies' poses: accelerations outwards, forces inwards."""
+    force = body_forces(mech, at, v, a, f_ext)
+    tau = [sp.plus(sp.times(mech.armature[k], a[k]), sp.times(mech.damping[k], v[k])) for k in range(mech.nv)]
+    for i in reversed(mech.bodies):
+        joint, p = mech.joints[i], mech.parents[i]
+        for k, s in zip(joint.dofs, joint.subspace, strict=True):
+            tau[k] = sp.plus(tau[k], sp.spatial_dot(s, force[i]))
+        if p:
+            force[p] = sp.spatial_add(force[p], sp.force_to_parent(at[i], force[i]))
+    return tau
+
+
+def body_forces(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_ext: Wrenches | None) -> list[Spatial]:
+    """The force that moves each body alone, less the wrench on it: the outward pass of Featherstone table 5.1."""
     w: list[Vec] = [ZERO]
     moved: list[Spatial] = [(sp.scale(-1.0, mech.gravity), ZERO)]
     gradient: list[Mat] = [sp.acceleration_gradient(ZERO, ZERO)]
@@ -61,21 +74,10 @@ def newton_euler(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars, f_
         w.append(sp.add(turned, relative[1]))
         gradient.append(sp.acceleration_gradient(w[i], moved[i][1]))
         force.append(sp.inertial_force(mech.inertias[i], moved[i][0], gradient[i]))
-    subtract_wrenches(force, f_ext)
-    tau = [sp.plus(sp.times(mech.armature[k], a[k]), sp.times(mech.damping[k], v[k])) for k in range(mech.nv)]
-    for i in reversed(mech.bodies):
-        joint, p = mech.joints[i], mech.parents[i]
-        for k, s in zip(joint.dofs, joint.subspace, strict=True):
-            tau[k] = sp.plus(tau[k], sp.spatial_dot(s, force[i]))
-        if p:
-            force[p] = sp.spatial_add(force[p], sp.force_to_parent(at[i], force[i]))
-    return tau
-
-
-def subtract_wrenches(force: list[Spatial], f_ext: Wrenches | None) -> None:
-    """Subtract the wrench on each body from the force that its joint must transmit, in place."""
-    for i, w in (f_ext or {}).items():
-        force[i] = sp.spatial_add(force[i], sp.spatial_scale(-1.0, ((w[0], w[1], w[2]), (w[3], w[4], w[5]))))
+    for i, wrench in (f_ext or {}).items():
+        x, y, z, *moment = (sp.negative(component) for component in wrench)
+        force[i] = sp.spatial_add(force[i], ((x, y, z), (moment[0], moment[1], moment[2])))
+    return force
 
 
 def crba(mech: Mechanism, q: Scalars, xp: Any = None) -> Matrix:

@@ -9,6 +9,7 @@ Constants are Python floats. A product with the constant 0, 1 or -1, or a sum wi
 operation behind: what a mechanism does not have costs nothing once its equations are traced.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -133,11 +134,49 @@ def full(s: Sym) -> Mat:
     return (s[0], s[1], s[2]), (s[1], s[3], s[4]), (s[2], s[4], s[5])
 
 
-def congruence(m: Mat, s: Sym) -> Sym:
-    """m s m^T for a symmetric s: six entries."""
-    half = product(m, full(s))
-    xx, xy, xz, yy, yz, zz = (dot(half[i], m[j]) for i, j in ENTRIES)
-    return xx, xy, xz, yy, yz, zz
+def congruence(m: Mat, n: Mat) -> Mat:
+    """m n m^T for a rotation m.
+
+    A turn about a coordinate axis, by the angle with cosine a and sine b, moves the block ((p, q), (r, s)) of n to
+    ((p + b u, a u - r), (a u - q, s - b u)) with u = a (q + r) - b (p - s), since a^2 + b^2 = 1: 4 products, not 12.
+    """
+    fixed = _fixed_axis(m)
+    if fixed is None:
+        return product(product(m, n), transpose(m))
+    i, j, sign = fixed
+    (i1, i2), (j1, j2) = _AROUND[i], _AROUND[j]
+    a, b = m[i1][j1], m[i1][j2]
+    u = minus(times(a, plus(n[j1][j2], n[j2][j1])), times(b, minus(n[j1][j1], n[j2][j2])))
+    out: Matrix = [[0.0] * 3 for _ in range(3)]
+    out[i][i] = n[j][j]
+    out[i1][i1], out[i2][i2] = plus(n[j1][j1], times(b, u)), minus(n[j2][j2], times(b, u))
+    out[i1][i2] = times(sign, minus(times(a, u), n[j2][j1]))
+    out[i2][i1] = times(sign, minus(times(a, u), n[j1][j2]))
+    for k in (i1, i2):
+        out[k][i] = times(sign, plus(times(m[k][j1], n[j1][j]), times(m[k][j2], n[j2][j])))
+        out[i][k] = times(sign, plus(times(m[k][j1], n[j][j1]), times(m[k][j2], n[j][j2])))
+    x, y, z = ((row[0], row[1], row[2]) for row in out)
+    return x, y, z
+
+
+_AROUND = ((1, 2), (2, 0), (0, 1))  # the axes around each axis
+
+
+def _fixed_axis(m: Mat) -> tuple[int, int, float] | None:
+    """(i, j, sign) where a rotation moves axis j to the axis i, or against it, and turns the axes around by an angle.
+
+    None where there is no such axis, or where all axes stay coordinate axes.
+    """
+    for i, j in itertools.product(range(3), repeat=2):
+        around = [m[k][n] for k in _AROUND[i] for n in _AROUND[j]]
+        if constant(m[i][j]) and abs(m[i][j]) == 1.0 and not any(constant(x) and x == 0.0 for x in around):
+            return i, j, m[i][j]
+    return None
+
+
+def upper(m: Mat) -> Sym:
+    """The entries of a symmetric matrix."""
+    return m[0][0], m[0][1], m[0][2], m[1][1], m[1][2], m[2][2]
 
 
 def skew(a: Vec) -> Mat:
@@ -264,7 +303,7 @@ def inertia_to_parent(pose: Pose, body: Inertia) -> Inertia:
     turned, r, second = outward(pose, body.first), pose.origin, body.second
     first = add(turned, scale(body.mass, r))
     for turn in reversed(pose.turns):
-        second = congruence(turn, second)
+        second = upper(congruence(turn, full(second)))
     xx, xy, xz, yy, yz, zz = (
         plus(second[k], times(r[i], first[j]), times(turned[i], r[j])) for k, (i, j) in enumerate(ENTRIES)
     )
