@@ -5,6 +5,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError, QueryError, SceneError
+from twolink.hard.extended_precision import extended_reference
 from twolink.lagrange import two_link
 
 RNG = np.random.default_rng(5)
@@ -123,3 +124,45 @@ def test_parameters_are_the_physics() -> None:
         inertia[0, 1] += 0.0
         bias = arm.bias(np.zeros(2), np.zeros(2))
         np.testing.assert_allclose(v / t, np.linalg.solve(inertia, -bias), rtol=1e-5)
+
+
+def test_bars_hold_where_an_unstable_motion_makes_rounding_large() -> None:
+    """Beside the upright equilibrium truncation is nearly nothing; one second solution agrees by chance with the first,
+    and such bars were up to 5 times too small."""
+    beside = np.array([[1.34006437e-08, 3.87022564e-08], [1.06947832e-07, 1.20585962e-07],
+                       [-6.04451023e-07, -5.12432790e-07], [-3.54260210e-08, -1.31556265e-08]])  # fmt: skip
+    q = beside + np.array([np.pi / 2, 0.0])
+    scene = tl.load_scene("arm-swing")
+    worlds = tl.simulate_many(scene, q=q, duration=2.5, accuracy=1e-7)
+    assert worlds.error is not None
+    for start, end, bar in zip(q, worlds.q, worlds.error, strict=True):
+        one = tl.Scene(tl.load_robot("two_link"), start, effects=scene.effects)
+        reference, doubt = extended_reference(one, np.array([0.0, 2.5]))
+        assert doubt[-1] <= 0.01 * bar
+        assert np.abs(end - reference[-1]).max() <= bar
+
+
+def test_worlds_out_of_reach_are_not_solved_again() -> None:
+    """Two of five worlds are chaotic: no tolerance of double precision keeps 1e-6 in them for 30 s."""
+    v, scene = np.array([[0.0, 0.0], [9.0, -9.0], [0.1, 0.0], [-8.0, 9.0], [0.0, 0.1]]), tl.load_scene("arm-swing")
+    q = np.tile([-np.pi / 2, 0.0], (5, 1))
+    worlds = tl.simulate_many(scene, q=q, v=v, duration=30.0)
+    once = tl.simulate_many(scene, q=q, v=v, duration=30.0, verify=False)
+    assert worlds.kept is not None
+    assert worlds.kept.tolist() == [True, False, True, False, True]
+    assert worlds.steps[[1, 3]].tolist() == once.steps[[1, 3]].tolist()
+
+
+@pytest.mark.parametrize("count", [3, 200])
+def test_progress_goes_on_to_the_end_and_may_stop_it(count: int) -> None:
+    """200 worlds are shared by threads, where there is more than one."""
+    scene, seen = tl.load_scene("arm-swing"), list[float]()
+    tl.simulate_many(scene, q=starts(count), duration=2.0, verify=False, progress=seen.append)
+    assert seen[-1] == 2.0
+    assert seen == sorted(seen)
+
+    def stop(_: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tl.simulate_many(scene, q=starts(count), duration=2.0, progress=stop)

@@ -23,7 +23,7 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics.arguments import UNIT_TOLERANCE
-from twolink.dynamics.threads import is_forked_child, thread_count
+from twolink.dynamics.threads import is_forked_child, is_shared, thread_count
 from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
@@ -186,7 +186,7 @@ def pays_threads(count: int, work: int) -> bool:
 
     If so, heyoka is kept to TWOLINK_THREADS.
     """
-    if count * work < THREADS_FROM or is_forked_child():
+    if count * work < THREADS_FROM or is_forked_child() or is_shared():
         return False
     threads, module = thread_count(), heyoka()
     if module.get_nthreads() != threads:

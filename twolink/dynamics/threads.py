@@ -1,10 +1,16 @@
-"""Threads of batches: how many (TWOLINK_THREADS), and whether this process may use a thread pool at all."""
+"""Threads: how many (TWOLINK_THREADS), whether this process may use a thread pool at all, and sharing work."""
 
 import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 
 from twolink.errors import QueryError
 
 LIMIT = 1024
+LOOK = 0.1  # s: between two reports of what threads work on
+
+_own = threading.local()
 
 _child = [False]
 if hasattr(os, "register_at_fork"):
@@ -31,3 +37,37 @@ def thread_count() -> int:
         what = f"{text[:40]!r} is not a number of threads"
         raise QueryError(what, where="TWOLINK_THREADS", remedy=f"set it to 1 or more, up to {LIMIT}")
     return number
+
+
+def is_shared() -> bool:
+    """Whether this thread does a part of work that threads share: then what it calls shall use no more threads."""
+    return getattr(_own, "sharing", False)
+
+
+def share(parts: Sequence[Callable[[threading.Event], None]], report: Callable[[], None]) -> None:
+    """Do all parts, on as many threads as there may be, and report now and then and at the end.
+
+    A part is called with an event; once that is set, its result is not wanted any more. An exception of a part or of
+    the report ends the others and is raised.
+    """
+    stopped = threading.Event()
+    if len(parts) == 1:
+        parts[0](stopped)
+        report()
+        return
+
+    def begin() -> None:
+        _own.sharing = True
+
+    with ThreadPoolExecutor(thread_count(), initializer=begin) as pool:
+        futures = {pool.submit(part, stopped) for part in parts}
+        try:
+            while futures:
+                done, futures = wait(futures, LOOK)
+                for future in done:
+                    future.result()
+                report()
+        except BaseException:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
+            raise

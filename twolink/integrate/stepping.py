@@ -4,14 +4,17 @@
 and events are looked for. `integrate` runs one world through it, and `integrate_many` many worlds to the same times.
 """
 
+import functools
 import itertools
 import math
+import threading
 from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from twolink.algorithms import sincos
+from twolink.dynamics.threads import is_forked_child, share, thread_count
 from twolink.errors import AccuracyError
 from twolink.integrate.chain import take_steps
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
@@ -25,7 +28,8 @@ from twolink.integrate.step_map import LANES, StepMap
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
 BLOCK = 256  # steps between two looks at what they gave
-BLOCK_NUMBERS = 4_000_000  # in a block: with many worlds it has fewer steps
+BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
+CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one
 SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
@@ -148,7 +152,7 @@ def integrate_many(
     step_map: StepMap,
     x0: Array,
     times: Array,
-    setting: float,
+    setting: float | Array,
     parameters: Array | None = None,
     progress: Progress | None = None,
     min_steps: float = MIN_STEPS,
@@ -162,12 +166,12 @@ def integrate_many(
         Initial states.
     times : ndarray (m,)
         Sample times, increasing, s.
-    setting : float
+    setting : float or ndarray (n,)
         The tolerance of an adaptive method, or the step of another, s.
     parameters : ndarray (p, n), optional
         Run-time parameters of each world.
     progress : callable, optional
-        Called with the time that all worlds have reached after each block of steps.
+        Called now and then with the mean of the times that worlds have reached.
     min_steps : float
         The smallest number of steps of an adaptive method.
 
@@ -197,14 +201,36 @@ def integrate_many(
         state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, parameters,
                                    (end - start) / min_steps)  # fmt: skip
         state[rows.time, lost] = stop
-        for block in advance(step_map, state, limit, lanes=LANES):
-            state[:moving, block.worlds[block.outcome != FINE]] = np.nan
-            take_samples(step_map, block, times, out, parameters)
-            if progress is not None:
-                progress(float(block.t[-1].min()))
+        _to_the_end(step_map, state, limit, times, out, progress)
         x = state[:moving]
         counts += state[[rows.accepted, rows.rejected]].astype(int)
     return out.swapaxes(1, 2), counts[0], counts[1]
+
+
+def _to_the_end(
+    step_map: StepMap, state: Array, limit: int, times: Array, out: Array, progress: Progress | None
+) -> None:
+    """Advance all worlds of `state` (rows, n) to their ends, in chunks that threads share, with samples into `out`."""
+    rows, count = step_map.rows, state.shape[1]
+    moving, first = out.shape[2], step_map.equations.space.size + len(rows)
+    shared = step_map.compiled == "steps" and not is_forked_child()  # Pinocchio's data are not for several threads
+    chunk = min(CHUNK, -(-count // (LANES * thread_count())) * LANES) if shared and count >= 2 * SMALL else count
+
+    def part(begin: int, stopped: threading.Event) -> None:
+        own, samples = state[:, begin : begin + chunk], out[:, begin : begin + chunk]
+        for block in advance(step_map, own, limit, lanes=LANES):
+            own[:moving, block.worlds[block.outcome != FINE]] = np.nan
+            take_samples(step_map, block, times, samples, own[first:] if len(own) > first else None)
+            if stopped.is_set():
+                return
+            if progress is not None and chunk >= count:
+                report()
+
+    def report() -> None:
+        if progress is not None:
+            progress(float(state[rows.time].mean()))
+
+    share([functools.partial(part, begin) for begin in range(0, count, chunk)], report)
 
 
 def advance(step_map: StepMap, state: Array, limit: int, block_steps: int = BLOCK, lanes: int = 1) -> Iterator[Block]:
@@ -254,21 +280,22 @@ def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, para
 
     A sample within a step is one step from the state before it: as exact as the method.
     """
-    reached = np.searchsorted(times, block.t, side="right")  # samples up to each state
-    counts = np.diff(reached, axis=0)
-    step, column = np.nonzero(counts)
-    if not step.size:
+    before, reached = np.searchsorted(times, block.t[[0, -1]], side="right")
+    counts = reached - before
+    if not counts.any():
         return
-    counts = counts[step, column]
-    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)  # 0, 1, ... within each step
-    sample = np.repeat(reached[step, column], counts) + number
-    step, column = np.repeat(step, counts), np.repeat(column, counts)
+    column = np.repeat(np.arange(len(counts)), counts)
+    sample = before[column] + np.arange(len(column)) - np.repeat(np.cumsum(counts) - counts, counts)
+    step = np.count_nonzero(block.t[:, column] < times[sample], axis=0) - 1
     states, worlds, size = block.states.swapaxes(1, 2), block.worlds[column], out.shape[2]
+    at_end = times[sample] == block.t[step + 1, column]  # where a step ended, its own state
+    out[sample[at_end], worlds[at_end]] = states[step[at_end] + 1, column[at_end], :size]
+    if at_end.all():
+        return
+    step, column, sample, worlds = step[~at_end], column[~at_end], sample[~at_end], worlds[~at_end]
     x = states[step, column, : step_map.equations.space.size].T
     values = None if parameters is None else parameters[:, worlds]
     out[sample, worlds] = step_map.partial(x, block.t[step, column], times[sample], values)[:size].T
-    at_end = times[sample] == block.t[step + 1, column]  # where a step ended, its own state
-    out[sample[at_end], worlds[at_end]] = states[step[at_end] + 1, column[at_end], :size]
 
 
 def start_state(
@@ -276,7 +303,7 @@ def start_state(
     x: Array,
     start: float | Array,
     end: float | Array,
-    setting: float,
+    setting: float | Array,
     parameters: Array | None = None,
     longest: float = math.inf,
     rate: Array | None = None,

@@ -5,8 +5,6 @@ away and takes other steps, so that the two do not have the same errors. Where r
 error, it has more digits, or there are two that are perturbed in opposite directions (`verification`).
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from twolink.integrate.methods import Method
@@ -24,7 +22,7 @@ SLACK = 4e-3
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in both solutions
 
 
-def error_bar(distance: Array, rounding: Array, safety: float = SAFETY) -> Array:
+def error_bar(distance: Array, rounding: Array, safety: float | Array = SAFETY) -> Array:
     """A bound on the error at each sample that does not decrease in time.
 
     Parameters
@@ -33,7 +31,7 @@ def error_bar(distance: Array, rounding: Array, safety: float = SAFETY) -> Array
         Distance of two solutions at each sample, rad or m.
     rounding : ndarray (n, ...)
         Bound on errors that both have, rad or m. The start has none.
-    safety : float
+    safety : float or ndarray (...)
         By which the distance is multiplied.
 
     Returns
@@ -88,18 +86,11 @@ def bar_of_run(space: StateSpace, coarse: Solution, looks: Array, distance: Arra
     return bar.take(np.searchsorted(looks, np.arange(len(coarse.t))))  # between two looks, that of the later one
 
 
-def bar_of_worlds(space: StateSpace, coarse: Array, others: Sequence[Array]) -> Array:
-    """The error bar of each world at the end (n,), from states (m, size, n) at m times; NaN for a lost world."""
+def distance_of_worlds(space: StateSpace, coarse: Array, fine: Array) -> Array:
+    """The distance of q (m, n), rad or m, of states (m, size, n) at m times; 0 where one is not finite."""
     moments, _, worlds = coarse.shape
-    finite = np.asarray(np.isfinite([coarse, *others]).all(axis=(0, 2)))
+    finite = np.isfinite(coarse + fine).all(axis=1)
     distance = np.zeros((moments, worlds))
-    for i in range(1, moments):
-        good = finite[i]
-        q = space.rows(coarse[i][:, good])[0]
-        distances = [space.distance(q, space.rows(other[i][:, good])[0]) for other in others]
-        distance[i, good] = np.max(distances, axis=0)
-    size = np.abs(np.nan_to_num(coarse[:, : space.nq])).max(axis=1, initial=0.0)
-    safety = SAFETY if len(others) == 1 else SAFETY_OF_SEVERAL
-    bar: Array = error_bar(distance, ROUNDING * size, safety)[-1]
-    bar[~finite[-1]] = np.nan
-    return bar
+    for i, good in enumerate(finite):
+        distance[i, good] = space.distance(space.rows(coarse[i][:, good])[0], space.rows(fine[i][:, good])[0])
+    return distance

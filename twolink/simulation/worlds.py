@@ -1,6 +1,5 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,21 +10,16 @@ from twolink.dynamics import Robot
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import first_tolerance, second_tolerance, steps_ratio
-from twolink.integrate.methods import METHODS, Method
-from twolink.integrate.perturbation import second_solution
+from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
-from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import integrate_many
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import SLACK, bar_of_worlds
-from twolink.simulation.refinement import rounding_tolerance
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import ShownAsText
+from twolink.simulation.world_solving import can_be_finer, solve_worlds
 from twolink.simulation.world_states import close_loops, world_states
 
 LOOKS = 17  # times at least at which errors are looked at
@@ -103,7 +97,7 @@ def simulate_many(
         Simulated time, s; by default the scene's own.
     accuracy : float
         Bound on the global error of q, rad or m. Worlds whose error bar is above it are solved again with smaller
-        tolerances; a bar that is still above is reported in `error`.
+        tolerances, where those can reach it; a bar that is still above is reported in `error`.
     samples : int
         Number of equally spaced times to keep besides the end.
     verify : bool
@@ -129,22 +123,18 @@ def simulate_many(
     close_loops(steps_by.equations, states, bool(values))
     parameter_rows = np.array(list(values.values())) if values else None
     times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
-    looks = with_looks(times, LOOKS)
-    method = steps_by.method
-    tolerance = first_tolerance(method, accuracy)
-    if verify and not _can_be_finer(method, tolerance):
+    looks, method = with_looks(times, LOOKS) if verify else times, steps_by.method
+    if verify and not can_be_finer(steps_by, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
-    start = time.perf_counter()
-    x, steps, rejected = integrate_many(steps_by, states, looks, tolerance, parameter_rows, progress)
-    seconds = time.perf_counter() - start
-    error = _verify(steps_by, states, looks, tolerance, parameter_rows, accuracy, x, steps) if verify else None
-    cost = Cost(method.name, tolerance, int(steps.sum()), int((steps + rejected).sum()) * method.evaluations, seconds,
-                time.perf_counter() - start - seconds, steps_by.compile_seconds, int(rejected.sum()),
-                steps_by.compiled, "a batch")  # fmt: skip
-    qs, vs = _configurations(steps_by.equations, x[np.searchsorted(looks, times)])
+    solved = solve_worlds(steps_by, states, looks, accuracy, parameter_rows, progress, verify=verify)
+    steps, rejected = int(solved.steps.sum()), int(solved.rejected.sum())
+    cost = Cost(method.name, solved.tolerance, steps, (steps + rejected) * method.evaluations, solved.seconds,
+                solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
+    qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(looks, times)])
     kept = slice(0, samples + 1 if samples else 0)
-    return Worlds(scene.robot, end, qs[-1], vs[-1], error, accuracy, steps, cost, times[kept], qs[kept], vs[kept])
+    return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, times[kept], qs[kept],
+                  vs[kept])  # fmt: skip
 
 
 def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -174,38 +164,3 @@ def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
                          remedy="simulate them one by one: tl.simulate")  # fmt: skip
     equations.require(0.0, end)
     return step_map(equations, METHODS["dop853"], whole=True)
-
-
-def _can_be_finer(method: Method, tolerance: float) -> bool:
-    """Whether a smaller tolerance solves more accurately."""
-    return tolerance / 4 > smallest_tolerance(method)
-
-
-def _verify(
-    steps_by: StepMap,
-    states: np.ndarray,
-    times: np.ndarray,
-    tolerance: float,
-    parameters: np.ndarray | None,
-    accuracy: float,
-    x: np.ndarray,
-    steps: np.ndarray,
-) -> np.ndarray:
-    """The error bar of each world (n,); worlds beyond the accuracy are solved again, into `x` and `steps`."""
-    smallest, perturbation = smallest_tolerance(steps_by.method), second_solution(steps_ratio(steps_by.method))
-    both = (perturbation, perturbation.opposite)
-    error = np.full(states.shape[1], np.nan)
-    worlds, current = np.arange(states.shape[1]), x
-    while True:
-        values = None if parameters is None else parameters[:, worlds]
-        perturbations = both if tolerance < rounding_tolerance(steps_by.method) else both[:1]
-        tolerance = max(second_tolerance(steps_by.method, tolerance), smallest)
-        others = [integrate_many(steps_by, one.shifted(states[:, worlds]), times, tolerance, values, None,
-                                 one.min_steps)[0] for one in perturbations]  # fmt: skip
-        bar = bar_of_worlds(steps_by.equations.space, current, others) + SLACK * accuracy
-        error[worlds], x[:, :, worlds] = bar, current
-        worlds = worlds[bar > accuracy]  # not the lost ones, whose bar is NaN
-        if not worlds.size or not _can_be_finer(steps_by.method, tolerance):
-            return error
-        values = None if parameters is None else parameters[:, worlds]
-        current, steps[worlds], _ = integrate_many(steps_by, states[:, worlds], times, tolerance, values)
