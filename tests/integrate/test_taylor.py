@@ -163,3 +163,42 @@ def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> N
     run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, 1e-10, method="taylor")
                     for e in ([*effects, idle], effects))  # fmt: skip
     np.testing.assert_allclose(run.q, without.q, rtol=0, atol=2e-10)
+
+
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Of each integrator that is built from now on, whether it is optimized; none is at hand."""
+    found: list[bool] = []
+    build = taylor._build
+    monkeypatch.setenv("TWOLINK_CACHE", "off")
+    monkeypatch.setattr(taylor, "_pool", {})
+    monkeypatch.setattr(taylor, "_spent", {})
+    monkeypatch.setattr(taylor, "_build", lambda *a, **how: (found.append(not how), build(*a, **how))[1])
+    return found
+
+
+def test_the_second_time_the_code_is_optimized(built: list[bool]) -> None:
+    """The first solution is by code that is compiled sooner; the motion is the same but for rounding."""
+    equations, times = equations_of(rods()), np.linspace(0, 1, 11)
+    first, second, third = (taylor.solve(equations, times, 1e-10) for _ in range(3))
+    assert built == [False, True]
+    assert first.compile_seconds > 0.0
+    np.testing.assert_allclose(first.x, second.x, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(second.x, third.x)
+
+
+def test_a_long_run_goes_on_with_optimized_code(built: list[bool], monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the code that was compiled sooner has taken as long as compiling, within one run; with forces of a piece."""
+    equations = equations_of(Scene(rods().robot, effects=[*GRAVITY, tl.effects.Torque({"elbow": pushes()})]))
+    times = np.linspace(0, 3, 601)
+    expected = taylor.solve(equations, times, 1e-18, precision="extended")
+    monkeypatch.setattr(taylor, "_spent", {})
+    monkeypatch.setattr(taylor, "taylor_seconds", lambda _: 0.0)
+    found = taylor.solve(equations, times, 1e-18, precision="extended")
+    assert built == [False, True]
+    np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-14)
+
+
+def pushes() -> object:
+    """A torque with values that hold from time to time."""
+    return tl.effects.Sampled(times=[0.0, 1.0, 3.5], values=[0.3, -0.2, 0.0], interpolation="hold", beyond="zero")

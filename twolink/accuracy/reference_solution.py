@@ -17,9 +17,8 @@ from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate import scipy_solver, taylor
-from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
+from twolink.integrate.compile_time import MAX_COMPILING, taylor_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import TAYLOR_EVALUATIONS
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
@@ -59,7 +58,7 @@ def first_reference(equations: Equations, times: Array) -> ReferenceSolution:
     """
     if heyoka() is None:
         return _by_scipy(equations, times, "heyoka is not installed")
-    seconds = compiling_seconds(int(equations.operations * TAYLOR_EVALUATIONS))
+    seconds = taylor_seconds(equations)
     if seconds > MAX_COMPILING:
         return _by_scipy(equations, times, f"Taylor's method would take about {seconds:.0f} s to compile")
     if np.finfo(np.longdouble).eps < 1e-18:

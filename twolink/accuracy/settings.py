@@ -3,9 +3,9 @@
 import importlib
 
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
+from twolink.integrate.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import TAYLOR_EVALUATIONS, first_setting
+from twolink.integrate.method_choice import first_setting
 from twolink.integrate.methods import Method
 from twolink.integrate.solver import smallest_tolerance
 

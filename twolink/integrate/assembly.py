@@ -61,18 +61,29 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
 
 def _chosen(jacobians: Sequence[np.ndarray], rank: int, used: np.ndarray) -> list[int]:
     """`rank` rows whose smallest singular value over all places is large: by QR with pivoting, then by exchanges."""
-    from scipy.linalg import qr
 
     def smallest(rows: list[int]) -> float:
         return float(min(np.linalg.svd(j[rows], compute_uv=False)[-1] for j in jacobians))
 
-    chosen = sorted(int(i) for i in qr(jacobians[0].T, pivoting=True, mode="economic")[2][:rank])
+    chosen = sorted(_pivots(jacobians[0], rank))
     best, improved = smallest(chosen), len(used) > rank
     while improved:
         others = [int(j) for j in used if j not in chosen]
         trial = max((sorted({*chosen} - {i} | {j}) for i in chosen for j in others), key=smallest)
         improved = smallest(trial) > BETTER * best
         chosen, best = (trial, smallest(trial)) if improved else (chosen, best)
+    return chosen
+
+
+def _pivots(matrix: np.ndarray, rank: int) -> list[int]:
+    """The rows that QR with pivoting takes: the longest, then the longest beside those taken (SciPy imports 0.15 s)."""
+    left, chosen = matrix.copy(), list[int]()
+    for _ in range(rank):
+        lengths = np.linalg.norm(left, axis=1)
+        lengths[chosen] = -1.0
+        chosen.append(int(np.argmax(lengths)))
+        unit = left[chosen[-1]] / max(1e-300, lengths[chosen[-1]])
+        left -= np.outer(left @ unit, unit)
     return chosen
 
 

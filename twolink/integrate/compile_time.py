@@ -13,6 +13,8 @@ MAX_IN_PARTS = 300.0  # s: of a scene with constraints or events, whose steps wo
 WORTH_A_WARNING = 5.0  # s
 PROJECTED = 5.0  # evaluations that compile as slowly as the projection in a step
 PROJECTION = 1.3  # the same of the projection alone
+TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
+UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often: two to eight times as soon compiled
 log = logging.getLogger("twolink")
 
 
@@ -40,6 +42,11 @@ def parts_seconds(equations: Equations) -> float:
     """Seconds to compile the rate and, of constraints, the projection."""
     projection = PROJECTION if equations.constraints is not None else 0.0
     return compiling_seconds(equations.operations) + compiling_seconds(projection * equations.operations)
+
+
+def taylor_seconds(equations: Equations) -> float:
+    """Seconds to compile Taylor's method."""
+    return compiling_seconds(equations.operations * TAYLOR_EVALUATIONS)
 
 
 @contextlib.contextmanager

@@ -32,7 +32,6 @@ CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
 ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
 STIFF = 1e6  # decay times in a run: an explicit method takes a step in each
-TAYLOR_EVALUATIONS = 12.0  # of straight code, which take as long to compile as Taylor's method
 TAYLOR_STEPS, TAYLOR_OPERATION = 370, 1.5e-10  # times the order squared, and twice that when compiled compactly
 
 

@@ -69,23 +69,23 @@ def map_in_parts(equations: Equations, method: Method, rate_code: Any, projectio
     return call
 
 
-def compiled_rate(equations: Equations) -> Any:
+def compiled_rate(equations: Equations, **options: Any) -> Any:
     """heyoka's function of the rows t, x and the run-time parameters: x' (size,)."""
     module = heyoka()
     xp, first = Expressions(module), 1 + equations.space.size
     rows = np.array([module.expression(f"x{i}") for i in range(first + len(equations.parameters))], dtype=object)
     constants = dict(zip(equations.parameters, rows[first:], strict=True))
     out = traced_rate(equations, rows[0], rows[1:first], xp, constants)
-    return module.cfunc([xp.lift(e) for e in out], vars=list(rows))
+    return module.cfunc([xp.lift(e) for e in out], vars=list(rows), **options)
 
 
-def compiled_projection(equations: Equations) -> Any:
+def compiled_projection(equations: Equations, **options: Any) -> Any:
     """heyoka's function of the rows x and the run-time parameters: x (size,) on its manifold."""
     module = heyoka()
     xp, size = Expressions(module), equations.space.size
     rows = np.array([module.expression(f"x{i}") for i in range(size + len(equations.parameters))], dtype=object)
     out = projected(equations, rows[:size], xp, dict(zip(equations.parameters, rows[size:], strict=True)))
-    return module.cfunc([xp.lift(e) for e in out], vars=list(rows))
+    return module.cfunc([xp.lift(e) for e in out], vars=list(rows), **options)
 
 
 def compiled_map(equations: Equations, method: Method) -> Any:

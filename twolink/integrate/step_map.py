@@ -15,7 +15,7 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.chain import longest_chain
-from twolink.integrate.compile_time import MAX_IN_PARTS, announced, in_parts, parts_seconds, step_seconds
+from twolink.integrate.compile_time import MAX_IN_PARTS, UNOPTIMIZED, announced, in_parts, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
 from twolink.integrate.first_steps import FirstSteps, pays
@@ -148,7 +148,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False, wh
     name = _name(equations, method)
     first = not (parts or whole) and pays(equations, method, name) and not is_at_hand(name)
     if parts or first:
-        call, seconds = _in_parts(equations, method)
+        call, seconds = _in_parts(equations, method, first)
         return StepMap(
             equations, method, FirstSteps(equations, method, name, call) if first else call, "parts", seconds
         )
@@ -174,23 +174,27 @@ def _compiled(equations: Equations, method: Method) -> Any:
     return compiled
 
 
-def _in_parts(equations: Equations, method: Method) -> tuple[Map, float]:
-    """The map on a compiled rate and a compiled projection, and the seconds of compiling or loading them."""
+def _in_parts(equations: Equations, method: Method, first: bool) -> tuple[Map, float]:
+    """The map on a compiled rate and a compiled projection, and the seconds of compiling or loading them.
+
+    first: for the first steps only, by code that is compiled sooner and runs longer.
+    """
+    options, kind = (UNOPTIMIZED, ("first",)) if first else ({}, ())
 
     def rate_code() -> Any:
         with announced(f"the motion of {equations.robot.name}", parts_seconds(equations)):
-            code = compiled_rate(equations)
+            code = compiled_rate(equations, **options)
             certify_rate(equations, code)
         return code
 
     def projection_code() -> Any:
-        code = compiled_projection(equations)
+        code = compiled_projection(equations, **options)
         certify_projection(equations, code)
         return code
 
-    rate, seconds = compiled_function(equations.key("rate"), rate_code)
+    rate, seconds = compiled_function(equations.key("rate", *kind), rate_code)
     projection = None
     if equations.constraints is not None:
-        projection, more = compiled_function(equations.key("projection"), projection_code)
+        projection, more = compiled_function(equations.key("projection", *kind), projection_code)
         seconds += more
     return map_in_parts(equations, method, rate, projection), seconds

@@ -15,6 +15,7 @@ import logging
 import math
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -25,6 +26,7 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
+from twolink.integrate.compile_time import UNOPTIMIZED, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.formulas import traced_rate
@@ -98,21 +100,57 @@ def solve(
         # Loops compile in about a second. Straight code is twice as fast, but compiles for minutes where it is long.
         loops = equations.space.nv >= COMPACT_FROM or precision != "double"
         name = equations.key("taylor", str(order_of(tolerance)), precision, "compact" if loops else "straight")
-        start = time.perf_counter()
-        integrator = _take(name) or _build(name, equations, tolerance, precision, loops)
-        seconds = time.perf_counter() - start
+        code = _Code(name, equations, lambda name, **how: _build(name, equations, tolerance, precision, loops, **how))
+        names.add(name)
         try:
-            solution = _propagate(integrator, equations, times, progress, precision, min_steps)
+            solution = _propagate(code, equations, times, progress, precision, min_steps)
         finally:
-            _pool.setdefault(name, []).append(integrator)
-        return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=seconds)
+            _pool.setdefault(code.name, []).append(code.integrator)
+        return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=code.compile_seconds)
 
-    return in_pieces(equations, times, piece)
+    names: set[str] = set()
+    solution = in_pieces(equations, times, piece)
+    if precision == "double":  # what is solved again is solved often, and some bits of it change once
+        _spent.update(dict.fromkeys(names, math.inf))
+    return solution
 
 
 _pool: dict[str, list[Any]] = {}
+_spent: dict[str, float] = {}  # s, of solving by code without optimization, by the name of the optimized one
 _lock = threading.Lock()
 MAX_POOL = 64
+
+
+class _Code:
+    """An integrator that no thread is using: compiled without optimization until that has cost as much as compiling.
+
+    It takes a seventh of the time to compile, and twice the time to run.
+    """
+
+    def __init__(self, name: str, equations: Equations, build: Callable[..., Any]) -> None:
+        self._best, self._build, self.compile_seconds = name, build, 0.0
+        self._limit = taylor_seconds(equations)
+        at_hand = bool(_pool.get(name)) or cache.has(name)
+        best = at_hand or _spent.get(name, 0.0) > self._limit
+        self.name, self.integrator = self._made(best)
+
+    def _made(self, best: bool) -> tuple[str, Any]:
+        name, options = (self._best, {}) if best else (f"{self._best}-first", UNOPTIMIZED)
+        start = time.perf_counter()
+        integrator = _take(name) or self._build(name, **options)
+        self.compile_seconds += time.perf_counter() - start
+        return name, integrator
+
+    def spend(self, seconds: float) -> None:
+        """Count what solving took; go on with optimized code where that has become worth its compiling."""
+        if self.name == self._best:
+            return
+        _spent[self._best] = _spent.get(self._best, 0.0) + seconds
+        if _spent[self._best] > self._limit:
+            name, integrator = self._made(best=True)
+            integrator.time, integrator.state[:], integrator.pars[:] = (
+                self.integrator.time, self.integrator.state, self.integrator.pars)  # fmt: skip
+            self.name, self.integrator = name, integrator
 
 
 def _take(name: str) -> Any:
@@ -127,7 +165,9 @@ def _take(name: str) -> Any:
     return content if type(content).__name__.startswith("taylor_adaptive") else None
 
 
-def _build(name: str, equations: Equations, tolerance: float, precision: Precision, compact: bool) -> Any:
+def _build(
+    name: str, equations: Equations, tolerance: float, precision: Precision, compact: bool, **options: Any
+) -> Any:
     module, start = heyoka(), time.perf_counter()
     log.info("compiling Taylor's method of order %d for %s", order_of(tolerance), equations.robot.name)
     xp = Expressions(module)
@@ -145,7 +185,9 @@ def _build(name: str, equations: Equations, tolerance: float, precision: Precisi
     system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("companion"), companion)]
     kind = _kind(precision)
     start_values = [kind(0.0)] * (size + 1)
-    integrator = module.taylor_adaptive(system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance))
+    integrator = module.taylor_adaptive(
+        system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance), **options
+    )
     cache.store(name, integrator)
     log.info("compiled in %.1f s", time.perf_counter() - start)
     return integrator
@@ -160,14 +202,14 @@ def _exact_constants(equations: Equations, module: Any) -> dict[str, Any]:
 
 
 def _propagate(
-    integrator: Any,
+    code: _Code,
     equations: Equations,
     times: Array,
     progress: Progress | None,
     precision: Precision,
     min_steps: float,
 ) -> Solution:
-    size, kind = equations.moving, _kind(precision)
+    size, kind, integrator = equations.moving, _kind(precision), code.integrator
     x0, rows = equations.start[:size].astype(kind), equations.start[size:].astype(kind)
     integrator.time = kind(times[0])
     integrator.state[:size] = x0
@@ -181,7 +223,9 @@ def _propagate(
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
-            taken, states = _grid(integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
+            start = time.perf_counter()
+            taken, states = _grid(code.integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
+            code.spend(time.perf_counter() - start)
             steps += taken
             out[done:stop] = states[1:, :size]
             done = stop

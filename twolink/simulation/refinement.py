@@ -6,10 +6,10 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
-from twolink.integrate.compile_time import MAX_COMPILING, compiling_seconds
+from twolink.integrate.compile_time import MAX_COMPILING, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS
-from twolink.integrate.method_choice import TAYLOR_EVALUATIONS, MethodChoice, second_tolerance
+from twolink.integrate.method_choice import MethodChoice, second_tolerance
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.solver import smallest_tolerance
 from twolink.simulation.trajectory import Trajectory
@@ -60,10 +60,8 @@ def more_digits(equations: Equations, steps: int = 0, *, costly: bool = False) -
     """
     if not equations.analytic or heyoka() is None or np.finfo(np.longdouble).eps > 1e-18:
         return None
-    if not costly:
-        compiling = compiling_seconds(equations.operations * TAYLOR_EVALUATIONS)
-        if compiling > MAX_COMPILING or steps > MANY_STEPS:
-            return None
+    if not costly and (taylor_seconds(equations) > MAX_COMPILING or steps > MANY_STEPS):
+        return None
     return MethodChoice(METHODS["taylor"], MORE_DIGITS, "more digits", "extended")
 
 

@@ -22,7 +22,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.effects.motion import Motion
 from twolink.effects.switching import Contact
 from twolink.errors import CertificationError
-from twolink.integrate.compile_time import compiling_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import dynamics, lock_torques, motion_of
@@ -140,7 +140,7 @@ def _compiled(evaluator: Evaluator) -> Any:
     xp = Expressions(module)
     rows = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
     values = evaluator.formulas(mechanism(equations.robot.model), rows[0], rows[1:], xp)
-    compiled = module.cfunc([xp.lift(e) for e in values], vars=list(rows))
+    compiled = module.cfunc([xp.lift(e) for e in values], vars=list(rows), **UNOPTIMIZED)
     state = np.array(equations.start[:, None])
     moving = slice(equations.space.nq, equations.moving)
     # Not at rest: there the direction of sliding is rounding, which differs.
