@@ -21,8 +21,8 @@ FACE = {
     tl: ["Book", "Cost", "Event", "Explanation", "LoadReport", "Robot", "Scene", "Sensitivities", "Study",
          "Trajectory",
          "Worlds", "Wrench", "accuracy_study", "connect", "effects", "energy_book", "errors", "explain",
-         "lagrange", "load_robot", "load_scene", "loop_forces", "methods", "robots", "scenes",
-         "sensitivities", "simulate",          "simulate_many"],
+         "identify", "lagrange", "load_robot", "load_scene", "loop_forces", "methods", "robots", "scenes",
+         "sensitivities", "simulate", "simulate_many"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "forward_dynamics_derivatives", "inverse_dynamics_derivatives",
@@ -44,6 +44,7 @@ def test_names_are_there() -> None:
 
 
 def test_no_public_function_is_shadowed_by_a_module() -> None:
+    import twolink.identification.identify
     import twolink.service.client
     import twolink.simulation.energy_balance
     import twolink.simulation.explanation

@@ -13,11 +13,13 @@ from twolink.scenes import Scene, load_scene, scenes
 from twolink.simulation import Cost, Event, Explanation, Trajectory, Worlds, explain, simulate, simulate_many
 
 if TYPE_CHECKING:
+    from twolink.identification.identify import identify
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
 
 _IMPORTED_WHEN_USED = {
+    "identify": "twolink.identification.identify",
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
     "loop_forces": "twolink.simulation.energy_balance",
@@ -58,6 +60,7 @@ __all__ = [
     "energy_book",
     "errors",
     "explain",
+    "identify",
     "lagrange",
     "load_robot",
     "load_scene",

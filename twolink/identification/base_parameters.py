@@ -1,0 +1,142 @@
+"""Base parameters: the combinations of parameters that joint torques can show, each with its name in words.
+
+Columns of the regressor that depend on each other linearly belong to parameters of which only combinations act:
+Y_d = Y_b K, so tau = Y_b (pi_b + K pi_d), and the entries of pi_b + K pi_d are the base parameters.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from twolink.dynamics import Robot
+from twolink.identification.selection import Selection, select
+
+RANK = 1e-8
+"""Columns, scaled to length 1, are dependent where what is left of one is shorter than this. URDFs write right angles
+with 6 to 16 digits; rounding of the regressor is 1e-15."""
+_COEFFICIENT = 1e-9  # of a combination, below which a parameter is left out of it
+_NOISE = 3.0  # what is left of a column must be this many times as long as its own error
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Base parameters of `names`: B theta, with B (r, k) of rank r.
+
+    names: (k,) of all parameters. members: (r,), the column that leads each combination (coefficient 1).
+    matrix: B. unseen: names that no torque depends on.
+    """
+
+    names: tuple[str, ...]
+    members: tuple[int, ...]
+    matrix: np.ndarray
+    unseen: tuple[str, ...]
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """The base parameters in words, such as "upper_arm.origin_inertia.yy + 0.25 forearm.mass"."""
+        return tuple(in_words(self.names, row) for row in self.matrix)
+
+    @property
+    def null_space(self) -> np.ndarray:
+        """A basis (k, k - r) of the changes of the parameters that change no torque, orthonormal."""
+        return np.asarray(scipy.linalg.null_space(self.matrix))
+
+    def not_identifiable(self) -> tuple[str, ...]:
+        """What cannot be told, in words: parameters that do not act, and sums of which only the whole acts."""
+        alone = [f"{name}: no torque depends on it" for name in self.unseen]
+        sums = [text for text, row in zip(self.combinations, self.matrix, strict=True) if np.count_nonzero(row) > 1]
+        return (*alone, *(f"only the sum {text}" for text in sums))
+
+
+def in_words(names: tuple[str, ...], row: np.ndarray) -> str:
+    """A linear combination of parameters in words, the one with coefficient 1 that leads it first."""
+    lead = next((k for k, c in enumerate(row) if c == 1.0), 0)
+    text = names[lead]
+    for k, c in enumerate(row):
+        if k != lead and c != 0.0:
+            size = "" if abs(abs(c) - 1) < 1e-9 else f"{abs(c):.6g} "
+            text += f" {'-' if c < 0 else '+'} {size}{names[k]}"
+    return text
+
+
+def base_parameters(robot: Robot, parameters: Selection | list[str] | None = None, seed: int = 0) -> BaseParameters:
+    """The base parameters of a robot: what the joint torques of some motion can show.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    parameters : sequence of str, optional
+        Names or patterns of `robot.parameter_names`; all parameters of the bodies by default.
+    seed : int
+        Seed of the random states whose regressor is looked at.
+
+    Returns
+    -------
+    BaseParameters
+
+    Raises
+    ------
+    QueryError
+        For an unknown parameter.
+
+    References
+    ----------
+    Gautier 1991, "Numerical calculation of the base inertial parameters of robots", J. Robotic Systems 8.
+    """
+    chosen = parameters if isinstance(parameters, Selection) else select(robot, parameters)
+    count = 8 + 3 * len(chosen.names) // robot.nv
+    q, v = robot.random_state(count, seed)
+    a = np.random.default_rng(seed).uniform(-3, 3, v.shape)
+    regressor = robot.regressor(q, 2 * v, a) @ chosen.columns
+    return independent(chosen.names, regressor.reshape(-1, len(chosen.names)))
+
+
+def independent(names: tuple[str, ...], columns: np.ndarray, error: np.ndarray | None = None) -> BaseParameters:
+    """The combinations that a regressor (n, k) shows, and those that it does not.
+
+    error: the errors (n, k) of its columns, where they are known; a column must stand out of them.
+    """
+    k = len(names)
+    stacked = columns if error is None else np.hstack([columns, error])
+    small = np.asarray(np.linalg.qr(stacked, mode="r"))
+    lengths = np.linalg.norm(small[:, :k], axis=0)
+    seen = lengths > 1e-12 * lengths.max(initial=0.0)
+    scale = np.where(seen, lengths, 1.0)
+    scaled, errors = small[:, :k] / scale, np.zeros((len(small), k)) if error is None else small[:, k:] / scale
+    order = [j for j in range(k) if seen[j]]
+    members, dependence = _sweep(scaled, errors, order)
+    diagonal, pivots = scipy.linalg.qr(scaled[:, order], mode="r", pivoting=True)
+    if error is None and len(members) != int(np.sum(np.abs(np.diag(diagonal)) > RANK)):
+        members, dependence = _sweep(scaled, errors, [order[j] for j in pivots])
+    matrix = np.zeros((len(members), k))
+    matrix[range(len(members)), members] = 1.0
+    for j, coefficients in dependence.items():
+        here = coefficients * scale[j] / scale[members[: len(coefficients)]]
+        matrix[: len(here), j] = np.where(np.abs(coefficients) > _COEFFICIENT, here, 0.0)
+    unseen = tuple(name for name, here in zip(names, seen, strict=True) if not here)
+    return BaseParameters(names, tuple(members), matrix, unseen)
+
+
+def _sweep(columns: np.ndarray, errors: np.ndarray, order: list[int]) -> tuple[list[int], dict[int, np.ndarray]]:
+    """Take columns in this order, each that depends on no earlier ones; the others by their coefficients in those."""
+    members: list[int] = []
+    dependence: dict[int, np.ndarray] = {}
+    basis = np.empty((len(columns), 0))
+    triangle = np.empty((0, 0))
+    for j in order:
+        first = basis.T @ columns[:, j]
+        left = columns[:, j] - basis @ first
+        again = basis.T @ left  # orthogonalised twice: as good as Householder's
+        left, first = left - basis @ again, first + again
+        coefficients = scipy.linalg.solve_triangular(triangle, first) if members else first
+        floor = np.linalg.norm(errors[:, j] - errors[:, members] @ coefficients)
+        length = float(np.linalg.norm(left))
+        if length <= max(RANK, _NOISE * float(floor)):
+            dependence[j] = coefficients
+            continue
+        members.append(j)
+        basis = np.column_stack([basis, left / length])
+        triangle = np.block([[triangle, first[:, None]], [np.zeros((1, len(first))), np.array([[length]])]])
+    return members, dependence

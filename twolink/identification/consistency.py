@@ -1,0 +1,223 @@
+"""Parameters that real bodies can have, as near as possible to the robot's own and to what the data say.
+
+A body with mass density rho >= 0 has the pseudo-inertia P = integral of (x, 1)(x, 1)^T rho dV, positive semidefinite,
+and linear in its ten parameters (Wensing, Kim and Slotine 2018). Sought is theta that makes
+
+    |B theta - estimate|^2_(covariance^-1) / 2 + weight sum over bodies of [tr(P0^-1 P) - log det(P0^-1 P) - 4]
+
+least. The sum is the Bregman divergence from the robot's own bodies P0 (Lee, Wensing and Park 2020): it keeps P
+positive definite, and decides only what the data do not show. The problem is convex, also where some parameters of a
+body are held, so Newton's method finds its one minimum; in log-Cholesky parameters (Rucker and Wensing 2022) it is not
+convex, and parameters cannot be held.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics import Robot
+from twolink.dynamics.regressors import JOINT_PARAMETERS
+from twolink.identification.selection import Selection
+
+_WEIGHT = (
+    1e-3  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
+)
+_EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
+_THIN = 1e-6  # thin rods and point masses are allowed: P may lack this share of its second moments
+_STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """The nearest parameters that real bodies can have.
+
+    parameters: by name, of those that were looked for. vector (p,): all of pi.
+    distance: how far the estimate had to move, in standard errors of the combination that moved most.
+    moved: that combination. verdict: in words.
+    """
+
+    parameters: dict[str, float]
+    vector: np.ndarray
+    distance: float
+    moved: str
+
+    @property
+    def consistent(self) -> bool:
+        """Whether bodies with these parameters exist within three standard errors of the estimate."""
+        return self.distance < 3.0
+
+    @property
+    def verdict(self) -> str:
+        """What the distance means."""
+        if self.distance < 0.1:
+            return "physically consistent"
+        text = f"the nearest bodies that can exist are {self.distance:.2g} standard errors away ({self.moved})"
+        return text if self.consistent else f"{text}: check units, signs, and forces that the model lacks"
+
+    def __str__(self) -> str:
+        return f"consistency: {self.verdict}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """A record for JSON."""
+        return {"consistent": self.consistent, "distance": self.distance, "moved": self.moved,
+                "verdict": self.verdict, "parameters": self.parameters}  # fmt: skip
+
+    def robot_of(self, robot: Robot) -> Robot:
+        """The robot with these parameters; damping and friction go to its model's damping and dryFrictionLimit."""
+        names, vector = robot.parameter_names, self.vector
+
+        def change(model: pin.Model) -> None:
+            for j in range(1, model.njoints):
+                model.inertias[j] = pin.Inertia.FromDynamicParameters(vector[10 * (j - 1) : 10 * j])
+            armature, damping, friction = (np.array(x) for x in (model.armature, model.damping,
+                                                                 model.upperDryFrictionLimit))  # fmt: skip
+            for name in self.parameters:
+                joint, _, kind = name.rpartition(".")
+                if kind in JOINT_PARAMETERS:
+                    place = model.idx_vs[model.getJointId(joint)]
+                    {"armature": armature, "damping": damping, "friction": friction}[kind][place] = vector[
+                        names.index(name)
+                    ]
+            model.armature, model.damping = armature, damping
+            model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
+
+        return robot.changed(change)
+
+
+def consistent(
+    robot: Robot, chosen: Selection, combinations: tuple[str, ...], matrix: np.ndarray, estimate: np.ndarray,
+    covariance: np.ndarray,
+) -> Consistency:  # fmt: skip
+    """The parameters theta that real bodies can have, nearest to the estimate of B theta (matrix (r, k))."""
+    floor = _EXACT * np.maximum(np.abs(estimate), np.abs(matrix) @ np.abs(chosen.nominal) + 1e-12)
+    errors = np.sqrt(np.diag(covariance))
+    inexact = covariance + np.diag(np.maximum(floor**2 - errors**2, 0.0))
+    scale = np.sqrt(np.diag(inexact))
+    whiten = np.linalg.inv(np.linalg.cholesky(inexact / np.outer(scale, scale))) / scale
+    domains = _domains(robot, chosen, np.abs(matrix.T) @ (np.abs(estimate) + errors))
+    theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains)
+    gaps = np.abs(matrix @ theta - estimate) / scale
+    worst = int(np.argmax(gaps))
+    values = dict(zip(chosen.names, theta.tolist(), strict=True))
+    return Consistency(values, chosen.parameters(robot, theta), float(gaps[worst]), combinations[worst])
+
+
+@dataclass(frozen=True)
+class _Domain:
+    """A matrix start + sum_k slopes[k] (theta_k - nominal_k) that has to be positive definite; inverse: of start."""
+
+    start: np.ndarray
+    slopes: np.ndarray
+    inverse: np.ndarray
+
+
+def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain]:
+    """The pseudo-inertias of the bodies that change, and the joints' parameters, which are not negative."""
+    found = []
+    pi = robot.parameter_values
+    bodies = 10 * (robot.model.njoints - 1)
+    for first in range(0, bodies, 10):
+        slopes = np.stack([_pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
+        if slopes.any():
+            start = _thickened(_pseudo_inertia(pi[first : first + 10]), robot.mass)
+            found.append(_Domain(start, slopes, np.linalg.inv(start)))
+    for k, column in enumerate(chosen.columns.T):
+        if column[bodies:].any():
+            start = np.array([[max(chosen.nominal[k], 1e-3 * sizes[k], 1e-12)]])
+            found.append(_Domain(start, np.eye(len(chosen.names))[k][:, None, None], 1 / start))
+    return found
+
+
+def _pseudo_inertia(body: np.ndarray) -> np.ndarray:
+    """P (4, 4) of the ten parameters: second moments, first moment, mass; linear in them."""
+    mass, x, y, z, xx, xy, yy, xz, yz, zz = body
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    first = np.array([[x], [y], [z]])
+    return np.block([[np.trace(inertia) / 2 * np.eye(3) - inertia, first], [first.T, np.array([[mass]])]])
+
+
+def _thickened(pseudo: np.ndarray, mass: float) -> np.ndarray:
+    """P, where it is thin with more second moment in every direction and some mass, to be positive definite."""
+    moved = pseudo.copy()
+    moved[3, 3] = max(moved[3, 3], 1e-9 * mass)
+    central = moved[:3, :3] - np.outer(moved[:3, 3], moved[:3, 3]) / moved[3, 3]
+    wanted = _THIN * max(np.trace(central), 1e-6 * moved[3, 3])
+    moved[:3, :3] += max(wanted - float(np.linalg.eigvalsh(central)[0]), 0.0) * np.eye(3)
+    return moved
+
+
+def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain]) -> np.ndarray:
+    """The minimum by Newton steps, with weights of the divergence that fall to the last one (path following)."""
+    change = np.zeros(matrix.shape[1])
+    weight = max(1.0, float(target @ target))
+    while True:
+        value = _objective(matrix, target, domains, change, weight)
+        for _ in range(_STEPS):
+            step, length = _step(matrix, target, domains, change, weight)
+            trial = _objective(matrix, target, domains, change + length * step, weight)
+            while trial > value and length > 1e-9:
+                length /= 2
+                trial = _objective(matrix, target, domains, change + length * step, weight)
+            gain = value - trial
+            if gain > 0:
+                change, value = change + length * step, trial
+            if gain <= 0.1 * weight:
+                break
+        if weight <= _WEIGHT:
+            return change
+        weight = max(weight / 3, _WEIGHT)
+
+
+def _step(
+    matrix: np.ndarray, target: np.ndarray, domains: list[_Domain], change: np.ndarray, weight: float
+) -> tuple[np.ndarray, float]:
+    """Newton's step by linear least squares, and how much of it goes at most 0.95 of the way to the boundary."""
+    blocks, right = [matrix], [target - matrix @ change]
+    for domain in domains:
+        rows, left = _rows(domain, np.linalg.cholesky(_at(domain, change)))
+        blocks.append(rows)
+        right.append(left)
+    weights = [1.0, *[np.sqrt(weight)] * len(domains)]
+    system = np.vstack([w * block for w, block in zip(weights, blocks, strict=True)])
+    scale = np.maximum(np.linalg.norm(system, axis=0), 1e-300)
+    known = np.concatenate([w * part for w, part in zip(weights, right, strict=True)])
+    step = np.linalg.lstsq(system / scale, known, rcond=None)[0] / scale
+    least = min((_least(rows @ step) for rows in blocks[1:]), default=0.0)
+    return np.asarray(step), min(1.0, 0.95 / max(-least, 1e-300))
+
+
+def _least(entries: np.ndarray) -> float:
+    """The least eigenvalue of a symmetric matrix in one row of entries."""
+    size = round(len(entries) ** 0.5)
+    return float(np.linalg.eigvalsh(entries.reshape(size, size))[0])
+
+
+def _at(domain: _Domain, change: np.ndarray) -> np.ndarray:
+    return np.asarray(domain.start + np.tensordot(change, domain.slopes, axes=1))
+
+
+def _rows(domain: _Domain, factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows R and gap g of the divergence's second-order model |R step - g|^2 / 2 at P = F F^T.
+
+    Its Hessian is tr(P^-1 E_i P^-1 E_j) = R^T R with the columns vec(F^-1 E_i F^-T) in R, its gradient -R^T g with
+    g = vec(1 - F^T P0^-1 F).
+    """
+    inner = np.linalg.inv(factor)
+    rows = (inner @ domain.slopes @ inner.T).reshape(len(domain.slopes), -1).T
+    return rows, (np.eye(len(factor)) - factor.T @ domain.inverse @ factor).ravel()
+
+
+def _objective(
+    matrix: np.ndarray, target: np.ndarray, domains: list[_Domain], change: np.ndarray, weight: float
+) -> float:
+    value = 0.5 * float(np.sum((matrix @ change - target) ** 2))
+    for domain in domains:
+        now = _at(domain, change)
+        try:
+            factor = np.linalg.cholesky(now)
+        except np.linalg.LinAlgError:
+            return np.inf
+        value += weight * float(np.sum(domain.inverse * now) - 2 * np.sum(np.log(np.diag(factor))))
+    return value

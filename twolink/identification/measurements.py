@@ -1,0 +1,168 @@
+"""Measurements of a motion: checked arrays, accelerations where they are missing, and data files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twolink.dynamics import Robot
+from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.named_queries import joint_columns
+from twolink.errors import QueryError
+from twolink.identification.differentiation import SMALLEST, rate, smooth
+from twolink.io.tables import read_table
+
+_NARROWER = 0.7  # of the widest window that the noise allows: errors of a fall with its fourth power
+_LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Samples t (n,), q (n, nq), v, a, tau (n, nv).
+
+    half: samples on each side of the filter's window; 0 where v and a were measured.
+    coarse: the same samples with velocities and accelerations by a wider window, for the filter's error.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    tau: np.ndarray
+    half: int = 0
+    coarse: Measurements | None = None
+
+    def states(self, size: int = 2_000) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """(q, v, a) in parts of at most `size` samples."""
+        for i in range(0, len(self.t), size):
+            yield self.q[i : i + size], self.v[i : i + size], self.a[i : i + size]
+
+
+def measurements(
+    robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike, a: ArrayLike | None, half: int | None
+) -> Measurements:
+    """Checked samples. Without a, v is differentiated; without v, q is filtered and differentiated twice.
+
+    Raises
+    ------
+    QueryError
+        For wrong shapes or values that are not finite; codes "times", "too-few-samples", "constant-data" and "units".
+    """
+    times = _times(t)
+    given = {"q": configuration("q", q, robot.nq, robot.joints), "tau": array("tau", tau, robot.nv)}
+    given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
+    for name, x in given.items():
+        if x.shape != (len(times), x.shape[-1]):
+            what = f"expected shape ({len(times)}, {x.shape[-1]}), got {x.shape}"
+            raise QueryError(what, argument=name, remedy="give one row for each of the times t")
+    if v is None and a is not None:
+        raise QueryError("accelerations came without velocities", argument="v", remedy="give v, or leave a out too")
+    if np.ptp(given["q"], axis=0).max() == 0.0 and not any(np.ptp(given[k]) for k in ("v", "a") if k in given):
+        what, remedy = "the robot never moves: all samples are the same", "measure motions, or several poses"
+        raise QueryError(what, argument="q", remedy=remedy, code="constant-data")
+    if a is not None:
+        return Measurements(times, given["q"], given["v"], given["a"], given["tau"])
+    if v is not None:
+        return _with_rate_of_v(robot, times, given, half or SMALLEST)
+    wide = _filtered(robot, times, given, None if half is None else max(half + 1, round(half / _NARROWER)))
+    chosen = _filtered(robot, times, given, half or max(SMALLEST, round(_NARROWER * wide.half)))
+    if wide.half == chosen.half:
+        wide = _filtered(robot, times, given, wide.half + 1)
+    return replace(_cut(chosen, wide.half - chosen.half), coarse=wide)
+
+
+def _times(t: ArrayLike) -> np.ndarray:
+    times = array("t", t, np.shape(t)[-1] if np.ndim(t) else 1)
+    if times.ndim != 1:
+        raise QueryError(
+            f"expected shape (n,), got {times.shape}", argument="t", remedy="give one time for each sample"
+        )
+    steps = np.diff(times)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0)) + 1
+        what = f"t[{row}] = {times[row]:.9g} s does not come after t[{row - 1}] = {times[row - 1]:.9g} s"
+        raise QueryError(what, argument="t", remedy="sort the samples by time and drop repeated ones", code="times")
+    return times
+
+
+def _with_rate_of_v(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int) -> Measurements:
+    """Accelerations by differentiating measured velocities."""
+    if len(t) < 2 * half + 1:
+        what = f"{len(t)} samples are too few to differentiate v, expected at least {2 * half + 1}"
+        raise QueryError(what, argument="t", remedy="give more samples, or a", code="too-few-samples")
+    _check_units(robot, t, given["q"], given["v"])
+    part = slice(half, len(t) - half)
+    q, v, tau = (given[name][part] for name in ("q", "v", "tau"))
+    other = rate(t, given["v"], half + 2)
+    m = Measurements(t[part], q, v, rate(t, given["v"], half), tau, half)
+    if not len(other):
+        return m
+    m = _cut(m, 2)
+    return replace(m, coarse=replace(m, a=other))
+
+
+def _check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+    """Refuse velocities that are a multiple of the rate of the positions. Raises QueryError (code "units")."""
+    moved = robot.difference(q[:-1], q[1:])
+    expected = (v[1:] + v[:-1]) / 2 * np.diff(t)[:, None]
+    for joint in robot.joints:
+        x, y = moved[:, joint.v].ravel(), expected[:, joint.v].ravel()
+        alike = abs(x @ y) / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
+        ratio = float(x @ y / max(x @ x, 1e-300))
+        if alike > 0.9 and not 1 / 3 < abs(ratio) < 3:
+            guess = next((text for scale, text in _LIKELY.items() if abs(np.log(abs(ratio) / scale)) < 0.1), "")
+            what = f"v of joint {joint.name!r} is {ratio:.4g} times the rate of its q; {guess}".rstrip("; ")
+            raise QueryError(what, argument="v", remedy="give rad, m and s throughout", code="units")
+
+
+def _filtered(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int | None) -> Measurements:
+    smoothed = smooth(robot, t, given["q"], half)
+    part = slice(smoothed.half, len(t) - smoothed.half)
+    return Measurements(t[part], smoothed.q, smoothed.v, smoothed.a, given["tau"][part], smoothed.half)
+
+
+def _cut(m: Measurements, drop: int) -> Measurements:
+    part = slice(drop, len(m.t) - drop)
+    return Measurements(m.t[part], m.q[part], m.v[part], m.a[part], m.tau[part], m.half)
+
+
+def read_measurements(robot: Robot, path: Path) -> dict[str, np.ndarray | None]:
+    """t, q, v, a and tau from a .csv, .parquet or .npz file: the arguments of `identify`.
+
+    Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau. v and a may be missing. An .npz file may
+    hold whole arrays t, q, v, a, tau instead.
+
+    Raises
+    ------
+    TwolinkError
+        The file cannot be read.
+    QueryError
+        A column is missing (code "column-missing").
+    """
+    content, _ = read_table(path)
+    out: dict[str, np.ndarray | None] = {"t": content.get("t"), "v": None, "a": None}
+    for name in ("q", "v", "a", "tau"):
+        if name in content:
+            out[name] = np.asarray(content[name])
+            continue
+        size = robot.nq if name == "q" else robot.nv
+        numbered, by_joint = [f"{name}{i}" for i in range(size)], [c for c, _ in joint_columns(robot.joints, name)]
+        wanted = numbered if numbered[0] in content else by_joint
+        missing = [column for column in wanted if column not in content]
+        if not missing:
+            out[name] = np.column_stack([content[column] for column in wanted])
+        elif name in ("q", "tau") or len(missing) < len(wanted):
+            raise _missing(path, missing[0], list(content))
+    if out["t"] is None:
+        raise _missing(path, "t", list(content))
+    return out
+
+
+def _missing(path: Path, column: str, there: list[str]) -> QueryError:
+    what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
+    remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
+    return QueryError(what, where=str(path), remedy=remedy, code="column-missing")

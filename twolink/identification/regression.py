@@ -1,0 +1,145 @@
+"""Linear regression of joint torques, y = G x + e, with covariances that hold for the residuals there are.
+
+ordinary   all torques count alike
+weighted   torques count by the noise of their joint, which the residuals show (Aitken 1935)
+robust     weighted, and residuals beyond 1.345 standard deviations count less (Huber 1964)
+total      weighted, and the regressor has errors of known covariance too (Golub and Van Loan 1980)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+METHODS = ("ordinary", "weighted", "robust", "total")
+_HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
+_EPSILON = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """x (r,) with its covariance (r, r).
+
+    residuals (n, nv): y - G x. noise (nv,): their standard deviation by joint.
+    correlated: whether residuals follow each other in time, as unmodelled forces and filters make them; the covariance
+    then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
+    rounding (r,): a bound on the error of x from rounding.
+    """
+
+    x: np.ndarray
+    covariance: np.ndarray
+    residuals: np.ndarray
+    noise: np.ndarray
+    correlated: bool
+    condition: float
+    rounding: np.ndarray
+
+
+def fit(columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None) -> Fit:
+    """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total"."""
+    noise, full = np.ones(y.shape[1]), np.ones(y.shape, dtype=bool)
+    weights = np.ones(y.shape)
+    for _ in range(40):
+        x, leverage = _solve(columns, y, weights)
+        residuals = y - columns @ x
+        before, noise = noise, _noise(residuals, leverage, y, method == "robust")
+        if method == "ordinary" or np.allclose(before, noise, rtol=1e-6, atol=0):
+            break
+        weights = np.broadcast_to(1 / noise, y.shape)
+        if method == "robust":
+            share = _HUBER / np.maximum(np.abs(residuals / noise), 1e-300)
+            full = share >= 1
+            weights = weights * np.sqrt(np.minimum(1.0, share))
+    if method == "total" and error is not None:
+        x = _total(columns / noise[:, None], y / noise, error / noise[:, None], x)
+        residuals = y - columns @ x
+    lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
+    scaled = columns / lengths
+    covariance, correlated = _covariance(scaled, residuals, weights, noise, full)
+    singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
+    condition = float(singular[0] / singular[-1])
+    # Golub and Van Loan, Matrix Computations, section 5.3.8
+    left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
+    rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
+    return Fit(x, covariance / np.outer(lengths, lengths), residuals, noise, correlated, condition, rounding)
+
+
+def _solve(columns: np.ndarray, y: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The weighted least-squares solution, and the leverages (n, nv) of the torques."""
+    flat = (columns * weights[..., None]).reshape(y.size, -1)
+    lengths = np.linalg.norm(flat, axis=0)
+    q, r = scipy.linalg.qr(flat / lengths, mode="economic")
+    x = scipy.linalg.solve_triangular(r, q.T @ (y * weights).ravel()) / lengths
+    return np.asarray(x), np.sum(q**2, axis=1).reshape(y.shape)
+
+
+def _triangle(columns: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(columns.reshape(-1, columns.shape[-1]), mode="r"))
+
+
+def _noise(residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: bool) -> np.ndarray:
+    """The standard deviation (nv,) of each joint's torques; not below their rounding."""
+    free = np.maximum(len(residuals) - leverage.sum(axis=0), 1.0)
+    if robust:
+        spread = np.median(np.abs(residuals), axis=0) / 0.6745 * np.sqrt(len(residuals) / free)
+    else:
+        spread = np.sqrt(np.sum(residuals**2, axis=0) / free)
+    return np.asarray(np.maximum(spread, 16 * _EPSILON * max(np.abs(y).max(), 1e-300)))
+
+
+def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """x that makes |G x - y|^2 / ((x, -1)^T (C + diag(0, s^2)) (x, -1)) least.
+
+    C is the covariance of the errors of a row of (G, y). The solution is a generalised eigenvector. s^2, the noise of
+    the torques, is what C leaves of the variance of the residuals (1 here) that a first solution has.
+    """
+    both = _triangle(np.concatenate([columns, y[..., None]], axis=-1))
+    flat = error.reshape(-1, len(both))
+    spread = flat.T @ flat / len(flat)
+    change = np.append(first, -1.0)
+    spread[-1, -1] += max(1.0 - float(change @ spread @ change), 0.01)
+    lengths = np.linalg.norm(both, axis=0)
+    inverse = scipy.linalg.inv(both / lengths)
+    ratio = inverse.T @ (spread / np.outer(lengths, lengths)) @ inverse
+    vector = inverse @ np.linalg.eigh(ratio)[1][:, -1] / lengths
+    return np.asarray(-vector[:-1] / vector[-1])
+
+
+def _covariance(
+    columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray
+) -> tuple[np.ndarray, bool]:
+    """The covariance A^-1 B A^-1 of x, and whether residuals are correlated in time.
+
+    A = sum of w^2 G^T G over residuals of full weight. B = sum of w^4 s_k^2 G^T G for independent residuals of joint k;
+    for correlated ones, or some of less weight, Newey and West's (1987) from the scores w^2 G^T e.
+    """
+    n, dofs, r = columns.shape
+    flat = (columns * (weights * full)[..., None]).reshape(-1, r)
+    inverse = np.linalg.inv(flat.T @ flat)
+    length = _correlation_length(residuals / noise)
+    if length == 0 and full.all():
+        flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
+        middle = flat.T @ flat
+    else:
+        score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
+        middle = score.T @ score
+        for step in range(1, length + 1):
+            part = (1 - step / (length + 1)) * (score[step:].T @ score[:-step])
+            middle += part + part.T
+        middle *= n * dofs / (n * dofs - r)
+    covariance = inverse @ middle @ inverse
+    return (covariance + covariance.T) / 2, length > 0
+
+
+def _correlation_length(residuals: np.ndarray) -> int:
+    """Samples over which residuals (n, nv) follow each other, 0 where their correlation is that of white noise."""
+    n = len(residuals)
+    if n < 20:
+        return 0
+    total = np.sum(residuals**2)
+    if abs(np.sum(residuals[1:] * residuals[:-1])) < 4 * total / np.sqrt(residuals.size):
+        return 0
+    for lag in range(1, n // 8):
+        if np.sum(residuals[lag:] * residuals[:-lag]) < 0.1 * total:
+            return 3 * lag
+    return n // 4
