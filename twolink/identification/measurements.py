@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,7 +131,7 @@ def _cut(m: Measurements, drop: int) -> Measurements:
     return Measurements(m.t[part], m.q[part], m.v[part], m.a[part], m.tau[part], m.half)
 
 
-def read_measurements(robot: Robot, path: Path) -> dict[str, np.ndarray | None]:
+def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
     """t, q, v, a and tau from a .csv, .parquet or .npz file: the arguments of `identify`.
 
     Columns are t, then q0, q1, ... or q.JOINT, and so on for v, a and tau. v and a may be missing. An .npz file may
@@ -144,7 +145,7 @@ def read_measurements(robot: Robot, path: Path) -> dict[str, np.ndarray | None]:
         A column is missing (code "column-missing").
     """
     content, _ = read_table(path)
-    out: dict[str, np.ndarray | None] = {"t": content.get("t"), "v": None, "a": None}
+    out: dict[str, Any] = {"t": content.get("t"), "v": None, "a": None}
     for name in ("q", "v", "a", "tau"):
         if name in content:
             out[name] = np.asarray(content[name])
