@@ -5,8 +5,17 @@ excite all parameters. This room knows no scene, no simulation and no command li
 """
 
 from twolink.identification.base_parameters import BaseParameters, base_parameters
+from twolink.identification.excitation import ExcitingMotion, exciting_motion
 from twolink.identification.found_urdf import write_urdf
 from twolink.identification.identify import identify
 from twolink.identification.result import Identification
 
-__all__ = ["BaseParameters", "Identification", "base_parameters", "identify", "write_urdf"]
+__all__ = [
+    "BaseParameters",
+    "ExcitingMotion",
+    "Identification",
+    "base_parameters",
+    "exciting_motion",
+    "identify",
+    "write_urdf",
+]
