@@ -1,8 +1,10 @@
 """The rate x' by Pinocchio's algorithms, state by state: the reference that compiled steps are compared with."""
 
 import contextlib
+import math
 from collections.abc import Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +31,18 @@ def rate(equations: Equations, t: Any, x: Array) -> Array:
         a[finite] = _accelerations(equations, at, q[finite], v[finite], numbers)
     constant = np.zeros((len(x) - space.moving, x.shape[1]))
     return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), a.T, constant])
+
+
+_starts: WeakKeyDictionary[Equations, tuple[float, Array]] = WeakKeyDictionary()
+
+
+def rate_at_start(equations: Equations, t: float) -> Array:
+    """x' (size, 1) of the equations' start, kept as long as they are: it takes as long as ten steps of a small robot."""
+    at, found = _starts.get(equations, (math.nan, np.empty(0)))
+    if at != t:
+        found = rate(equations, t, equations.start[:, None])
+        _starts[equations] = (t, found)
+    return found
 
 
 def _accelerations(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:

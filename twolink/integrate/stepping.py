@@ -20,6 +20,7 @@ from twolink.integrate.chain import take_steps
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.pinocchio_rate import rate_at_start
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_control import initial_state
@@ -102,6 +103,7 @@ def integrate(
     equations, method = step_map.equations, step_map.method
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
     longest = longest or (end - start) / MIN_STEPS
+    rate = rate_at_start(equations, start)[: equations.moving] if rate is None else rate
     state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest, rate=rate)
     out = np.empty((size, len(times)))
     out[:, 0] = equations.start

@@ -196,7 +196,8 @@ def _trajectory(
         error = bar_of_run(equations.space, solution, _numbers(solution, looks), seconds.distance, seconds.safety)
         error[1:] += SLACK * (accuracy or 0.0)
     # An event may end the run at a time that was not asked for.
-    kept = np.ones(len(solution.t), dtype=bool) if len(times) >= LOOKS else np.isin(solution.t, times)
+    all_asked = len(times) >= LOOKS or np.array_equal(solution.t, times)
+    kept = np.ones(len(solution.t), dtype=bool) if all_asked else np.isin(solution.t, times)
     kept[-1] |= not solution.interrupted
     q, v = equations.space.rows(solution.x.compress(kept, axis=1))
     events = solution.events
