@@ -7,12 +7,13 @@ from pathlib import Path
 
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
-PLAIN, VERIFIED = "twolink", "twolink, verified"
+PLAIN, VERIFIED, SAMPLED = "twolink", "twolink, verified", "twolink, 200 samples/s"
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)  # rad
 BARS = {
-    "arm-swing": {1e-3: 10.0, 1e-6: 20.0, 1e-9: 20.0, 1e-12: 20.0},
-    "ur5": {1e-6: 5.0, 1e-9: 5.0},
-    "panda": {1e-6: 5.0, 1e-9: 5.0},
+    "arm-swing": {1e-3: 20.0, 1e-6: 40.0, 1e-9: 50.0, 1e-12: 60.0},
+    "ur5": {1e-6: 10.0, 1e-9: 15.0, 1e-12: 20.0},
+    "panda": {1e-6: 10.0, 1e-9: 15.0, 1e-12: 20.0},
+    "talos": {1e-6: 5.0},
 }
 """How many times faster than the cheapest peer twolink is to be, unverified."""
 VERIFY_BAR = 3.0  # times the seconds, with the error bar
@@ -33,16 +34,16 @@ class Entry:
 
     @property
     def ours(self) -> bool:
-        """Whether this is twolink, with or without the error bar."""
-        return self.contestant in (PLAIN, VERIFIED)
+        """Whether this is twolink."""
+        return self.contestant in (PLAIN, VERIFIED, SAMPLED)
 
 
 def print_scene(entries: list[Entry], doubt: float) -> None:
     """All entries of one scene, then who is cheapest for each error, and the cost of verifying."""
-    print(f"  {'contestant':<22}{'setting':<18}{'error, rad':>11}{'ms':>11}{'evaluations':>13}{'calls':>7}")
+    print(f"  {'contestant':<24}{'setting':<18}{'error, rad':>11}{'ms':>11}{'evaluations':>13}{'calls':>7}")
     for e in entries:
         evaluations = "" if e.evaluations is None else str(e.evaluations)
-        print(f"  {e.contestant:<22}{e.setting:<18}{e.error_rad:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
+        print(f"  {e.contestant:<24}{e.setting:<18}{e.error_rad:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
               f"{e.calls:>7}")  # fmt: skip
     bars = BARS.get(entries[0].scene, {})
     print(f"  {'error':<8}{'cheapest peer':<41}{'ms':>10}   {'twolink':<16}{'ms':>10}{'ratio':>8}  bar")
@@ -112,7 +113,7 @@ def picture(entries: list[Entry], path: Path) -> None:
         for name, (colour, marker) in styles.items():
             best = _unbeaten(e for e in entries if e.scene == scene and e.contestant == name)
             axis.plot([e.error_rad for e in best], [e.seconds for e in best], label=name, color=colour, marker=marker,
-                      linewidth=2.4 if name in (PLAIN, VERIFIED) else 0.9, markersize=4)  # fmt: skip
+                      linewidth=2.4 if name in (PLAIN, VERIFIED, SAMPLED) else 0.9, markersize=4)  # fmt: skip
         for level in LEVELS:
             axis.axvline(level, color="0.6", linewidth=0.8, linestyle=":", zorder=1)
         axis.set(xscale="log", yscale="log", xlim=(0.3, 1e-14), xlabel="error: max |q - reference| (rad)")

@@ -59,10 +59,10 @@ def test_the_summary_says_what_is_met(capsys: pytest.CaptureFixture[str]) -> Non
         return Entry("arm-swing", who, "accuracy 1e-03", error, seconds, None, 3)
 
     peers = [entry("SciPy RK45", 1e-4, 0.5), entry("Drake radau3", 1e-7, 1.0)]
-    print_scene([*peers, entry("twolink", 1e-7, 0.04), entry("twolink, verified", 1e-7, 0.1)], doubt=1e-17)
+    print_scene([*peers, entry("twolink", 1e-7, 0.02), entry("twolink, verified", 1e-7, 0.05)], doubt=1e-17)
     lines = capsys.readouterr().out.splitlines()
     verdicts = {line.split()[0]: line for line in lines if line.strip().startswith("1e-")}
-    assert verdicts["1e-03"].endswith("12.5x  10x met")
-    assert verdicts["1e-06"].endswith("25.0x  20x met")
-    assert verdicts["1e-09"].endswith("20x missed")
+    assert verdicts["1e-03"].endswith("25.0x  20x met")
+    assert verdicts["1e-06"].endswith("50.0x  40x met")
+    assert verdicts["1e-09"].endswith("50x missed")
     assert lines[-1].endswith("1e-03 2.50; bar 3x met")

@@ -37,7 +37,7 @@ _starts: WeakKeyDictionary[Equations, tuple[float, Array]] = WeakKeyDictionary()
 
 
 def rate_at_start(equations: Equations, t: float) -> Array:
-    """x' (size, 1) of the equations' start, kept as long as they are: it takes as long as ten steps of a small robot."""
+    """x' (size, 1) of the equations' start, kept as long as they are; else it takes as long as ten steps of an arm."""
     at, found = _starts.get(equations, (math.nan, np.empty(0)))
     if at != t:
         found = rate(equations, t, equations.start[:, None])

@@ -5,6 +5,7 @@ constraints), at Drake's usual 1 ms.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -74,12 +75,12 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 
 
 def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """a (nv,) of q and v by the plant's time derivatives, for joints whose q is one number."""
+    """a (nv,) of q and v by the plant's time derivatives; of a free body it is Drake's, in other axes."""
     plant, q_at, v_at = _build(task, 0.0)
     context, state = plant.CreateDefaultContext(), np.empty(len(q_at) + len(v_at))
 
     def derivatives(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        state[q_at], state[len(q) + v_at] = q, v
+        state[q_at], state[len(q) + v_at] = to_peer(replace(task, q=q, v=v), body_spin=False)
         plant.SetPositionsAndVelocities(context, state)
         rates: np.ndarray = plant.EvalTimeDerivatives(context).CopyToVector()
         return np.asarray(rates[len(q) + v_at])

@@ -5,6 +5,7 @@ once a step, as a controller does it. mj_step with `nstep` advances; mujoco.roll
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -68,12 +69,12 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 
 
 def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """a (nv,) of q and v by mj_forward, for joints whose q is one number."""
+    """a (nv,) of q and v by mj_forward; of a free body it is MuJoCo's, in other axes."""
     model = build(task)
     data, (q_at, v_at) = mujoco.MjData(model), _columns(task, model)
 
     def forward(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        data.qpos[q_at], data.qvel[v_at] = q, v
+        data.qpos[q_at], data.qvel[v_at] = to_peer(replace(task, q=q, v=v), body_spin=True)
         mujoco.mj_forward(model, data)
         return np.array(data.qacc[v_at])
 
