@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from tests.dynamics.states import close, states
 from twolink.algorithms import functions
 from twolink.dynamics import compiled, kernels
 from twolink.dynamics.certificates import certify
+from twolink.dynamics.threads import do_all
 from twolink.errors import CertificationError, MissingExtraError, QueryError
 from twolink.lagrange.pinocchio_arm import arm_urdf
 
@@ -95,6 +97,12 @@ def test_shapes_broadcast_and_layouts_are_kept(robot: tl.Robot) -> None:
     assert fast.forward_dynamics(q[:0], v[:0], w[:0]).shape == (0, robot.nv)
 
 
+def test_one_array_may_stand_for_several_arguments() -> None:
+    robot = tl.load_robot("two_link")
+    columns = np.random.default_rng(3).uniform(-1, 1, (2, 50)).T
+    assert np.array_equal(robot.compiled().bias(columns, columns), robot.compiled().bias(columns, columns.copy()))
+
+
 def test_batches_of_every_size_give_the_same_bits() -> None:
     """Chunks, remainders of the vector width and threads do not change an answer."""
     robot = tl.load_robot("ur5")
@@ -168,6 +176,11 @@ def test_unknown_parameters_are_refused() -> None:
     kept = robot.compiled(parameters=["forearm.mass"])
     with pytest.raises(QueryError, match="finite"):
         kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": np.nan})
+    for wrong in (np.ones(3), [1.0, 2.0], 5):
+        with pytest.raises(QueryError, match="parameters: expected a mapping of name to value"):
+            kept.gravity_torque([0.0, 0.0], parameters=wrong)  # type: ignore[arg-type]
+    with pytest.raises(QueryError, match="rows of different lengths"):
+        kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": [1.0, [2.0, 3.0]]})  # type: ignore[list-item]
     with pytest.raises(QueryError, match="cannot be compiled"):
         functions.function(robot.model, "forward_dynamic")
     with pytest.raises(QueryError, match="did you mean 'tip'"):
@@ -319,11 +332,30 @@ def test_the_threads_setting_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     import heyoka
 
     robot = tl.load_robot("two_link")
-    q = np.zeros((200_000, 2))
-    for threads in ("1", "2"):
-        monkeypatch.setenv("TWOLINK_THREADS", threads)
-        robot.bias(q, q, engine="compiled")
-        assert heyoka.get_nthreads() == int(threads)
+    rows, columns, used = np.zeros((200_000, 2)), np.zeros((2, 200_000)).T, set[int]()
+
+    def chunk(*arguments: Any) -> bool:
+        used.add(threading.get_ident())
+        return answer(*arguments)
+
+    answer = kernels.Kernel._chunk
+    monkeypatch.setattr(kernels.Kernel, "_chunk", chunk)
+    for threads in (1, 2):
+        monkeypatch.setenv("TWOLINK_THREADS", str(threads))
+        robot.bias(columns, columns, engine="compiled")
+        assert heyoka.get_nthreads() == threads
+        used.clear()
+        robot.bias(rows, rows, engine="compiled")
+        assert 1 <= len(used) <= threads
     monkeypatch.setenv("TWOLINK_THREADS", "many")
     with pytest.raises(QueryError, match="TWOLINK_THREADS"):
-        robot.bias(q, q, engine="compiled")
+        robot.bias(rows, rows, engine="compiled")
+
+
+def test_tasks_are_shared_by_so_many_threads() -> None:
+    """Each task waits until all three have begun."""
+    barrier = threading.Barrier(3)
+    do_all(range(3), lambda _: barrier.wait(20), 3)
+    assert not barrier.broken
+    with pytest.raises(ZeroDivisionError):
+        do_all(range(2), lambda n: 1 / n, 2)

@@ -27,20 +27,21 @@ def positive(
     return number
 
 
-def array(name: str, value: ArrayLike, size: int) -> np.ndarray:
-    """`value` as finite float64 of shape (..., size). Raises QueryError that names the argument."""
+def array(name: str, value: ArrayLike, size: int | None) -> np.ndarray:
+    """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument."""
     if isinstance(value, np.ma.MaskedArray):
         raise QueryError("expected an array, got one with a mask", argument=name, remedy="fill it: value.filled(...)")
     try:
         out = np.asarray(value)
     except ValueError:
-        what, remedy = "expected an array, got rows of different lengths", f"give shape (..., {size})"
+        remedy = "give one number for each state" if size is None else f"give shape (..., {size})"
+        what = "expected an array, got rows of different lengths"
         raise QueryError(what, argument=name, remedy=remedy) from None
     if out.dtype != np.float64:
         if out.dtype.kind not in "fiu":
             raise QueryError(f"expected real numbers, got {out.dtype}", argument=name, remedy="convert it to float")
         out = out.astype(np.float64)
-    if out.ndim == 0 or out.shape[-1] != size:
+    if size is not None and (out.ndim == 0 or out.shape[-1] != size):
         what = f"expected shape (..., {size}), got {out.shape}"
         raise QueryError(what, argument=name, remedy=_shape_remedy(out, size))
     if not np.isfinite(out).all():

@@ -181,7 +181,7 @@ class Compiled:
         arrays = {k: shaped(k, value, sizes[k]) for k, value in {**arguments, **forces}.items()}
         arrays |= self._parameter_arrays(parameters)
         batch = batch_shape(**arrays)
-        result = kernel([columns_or_rows(a, batch) for a in arrays.values()])
+        result = kernel([states(a, batch) for a in arrays.values()])
         if result is None:
             return self._by_pinocchio(name, arguments, wrenches, arrays)
         return result if result.shape[: -len(kernel.shape)] == batch else result.reshape(*batch, *kernel.shape)
@@ -199,7 +199,11 @@ class Compiled:
         return out
 
     def _parameter_arrays(self, parameters: Parameters) -> dict[str, Array]:
-        values = dict(parameters or {})
+        values = {} if parameters is None else parameters
+        if not isinstance(values, Mapping):
+            what = f"expected a mapping of name to value, got {type(values).__name__}"
+            name = self.parameters[0] if self.parameters else "name"
+            raise QueryError(what, argument="parameters", remedy=f"parameters={{{name!r}: value}}")
         for name in values:
             if name not in self.parameters:
                 remedy = f"robot.compiled(parameters=[{name!r}])"
@@ -207,8 +211,8 @@ class Compiled:
                 raise QueryError(f"{name!r} is not kept as a parameter", argument="parameters", remedy=remedy)
         arrays = {}
         for name in self.parameters:
-            value = np.asarray(values.get(name, nominal(self.robot.model, name)))
-            arrays[name] = array(f"parameters[{name!r}]", value[..., None], 1)
+            given = values.get(name, nominal(self.robot.model, name))
+            arrays[name] = array(f"parameters[{name!r}]", given, None)[..., None]
         return arrays
 
     def _by_pinocchio(
@@ -235,8 +239,6 @@ def shaped(name: str, value: ArrayLike, size: int) -> Array:
     return array(name, value, size)
 
 
-def columns_or_rows(a: Array, batch: tuple[int, ...]) -> Array:
-    """(n, size) of the batch: as it is where its memory holds one state a column or a row, else copied to rows."""
-    if len(batch) == 1 and a.ndim == 2 and len(a) == batch[0] and (a.flags.f_contiguous or a.flags.c_contiguous):
-        return a
-    return rows(a, batch)
+def states(a: Array, batch: tuple[int, ...]) -> Array:
+    """(n, size) of the batch: a view where one axis leads, else rows."""
+    return np.broadcast_to(a, (*batch, a.shape[-1])) if len(batch) == 1 else rows(a, batch)

@@ -23,14 +23,15 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics.arguments import UNIT_TOLERANCE
-from twolink.dynamics.threads import is_forked_child, is_shared, thread_count
+from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_count
 from twolink.robots.joint_layout import joint_layouts
 
-CHUNK_BYTES = 2**21  # of inputs and outputs together: they stay in the cache
-CHUNK_WORK = 6_000_000  # operations of a chunk at least: smaller chunks spend their time in calls
-STACK_BYTES = 2**25
-LANES = 8  # chunks are multiples of it, as of every vector length that heyoka takes
-THREADS_FROM = 1_000_000  # operations in a call from which threads pay (scripts/bench_queries.py)
+CHUNK_BYTES = 2**22  # of a chunk's inputs and outputs: threads that share smaller ones wait for the interpreter
+KEPT_BYTES = 2**25  # of buffers
+STREAMS = 48  # rows of a large batch that a core can follow at once: with more of them, chunks are faster
+LANES = 16  # chunks are multiples of it, as of every vector length that is compiled
+THREADS_FROM = 1_000_000  # operations in a call from which heyoka's threads pay (scripts/bench_queries.py)
+SHARED_FROM = 4_000_000  # operations in a batch from which threads that share its chunks pay
 SINE = 20  # operations of our sine or cosine
 SMALL = 200  # operations of a kernel that is small
 
@@ -89,88 +90,95 @@ class Kernel:
     def __call__(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
         """The results (n, *shape) for arguments (n, size) each; None when the guard is not finite.
 
-        Arrays whose memory holds one state a column (transposed views) are taken as they are, and the result is such
-        a view; others go through cache-sized buffers.
+        Where the memory of all arguments holds one state a column (transposed views), so does the result's. A function
+        of few numbers then takes the arguments as they are; otherwise they go through buffers that stay in the cache.
         """
-        if not len(arguments[0]):
-            return np.empty((0, *self.shape))
-        if all(_is_columns(a) for a in arguments):
-            return self._columns([a.T for a in arguments])
-        return self._rows(arguments)
-
-    def _columns(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Arguments (size, n) whole: heyoka's threads share the call."""
-        count, entries = arguments[0].shape[1], math.prod(self.shape)
-        out = np.empty((entries + 1, count))
-        pars = {"pars": _stacked(arguments[1:])} if len(arguments) > 1 else {}
-        self.cfunc(arguments[0], outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
-        if not math.isfinite(out[-1].sum()):
-            return None
-        odd = count % LANES
-        if odd:  # heyoka answers an incomplete vector by scalar code, which may round differently
-            tail = self._rows([np.ascontiguousarray(a[:, -odd:].T) for a in arguments])
-            if tail is None:
-                return None
-            out[:-1, -odd:] = tail.reshape(odd, entries).T
-        return out[:-1].T.reshape(count, *self.shape) if len(self.shape) != 1 else out[:-1].T
-
-    def _rows(self, arguments: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Arguments (n, size) through buffers that hold one state a column, a chunk at a time."""
         count, entries = len(arguments[0]), math.prod(self.shape)
-        width = sum(self.sizes) + entries + 1
-        chunk = max(512, CHUNK_BYTES // (8 * width), CHUNK_WORK // max(1, self.work)) // LANES * LANES
-        result = np.empty((count, entries))
-        for start in range(0, count, chunk):
-            if not self._chunk(arguments, result, start, min(start + chunk, count)):
-                return None
-        return result.reshape(count, *self.shape)
+        columns, begun = [a.T for a in arguments], 0
+        if all(_is_columns(a) for a in arguments):
+            out = np.empty((entries + 1, count))
+            result = out[:-1]
+            if self._width <= STREAMS:
+                pars = {"pars": _stacked(columns)} if len(columns) > 1 else {}
+                self.cfunc(columns[0], outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
+                if not math.isfinite(out[-1].sum()):
+                    return None
+                begun = count - count % LANES  # heyoka's scalar code, which may round differently, answers the rest
+        else:
+            result = np.empty((count, entries)).T
+        if not self._in_chunks([x[:, begun:] for x in columns], result[:, begun:]):
+            return None
+        return result.T if len(self.shape) == 1 else result.T.reshape(count, *self.shape)
 
-    def _chunk(self, arguments: Sequence[np.ndarray], result: np.ndarray, start: int, stop: int) -> bool:
-        """Write the states from start to stop into the result; returns whether the guard is finite."""
-        entries, count = result.shape[1], stop - start
-        first, parameters, out = self._buffers(-(-count // LANES) * LANES, entries)
-        first[:, :count] = arguments[0][start:stop].T
-        first[:, count:] = arguments[0][stop - 1, :, None]  # the last state fills up the last vector
+    @property
+    def _width(self) -> int:
+        """Numbers a state that the compiled function reads and writes, the guard included."""
+        return sum(self.sizes) + math.prod(self.shape) + 1
+
+    def _in_chunks(self, columns: Sequence[np.ndarray], result: np.ndarray) -> bool:
+        """Write the results of columns of states; threads share the chunks. Returns whether the guard is finite."""
+        count = result.shape[1]
+        alone = count * self.work < SHARED_FROM or is_forked_child() or is_shared()
+        threads = 1 if alone else thread_count()
+        parts = max(1, -(-count * 8 * self._width // (CHUNK_BYTES * threads))) * threads
+        # An odd number of vectors: rows a multiple of 4 KiB apart would compete for the same place in the cache.
+        length = (-(-count // (parts * LANES)) | 1) * LANES
+        finite = [True]
+
+        def evaluate(start: int) -> None:
+            part = slice(start, start + length)
+            if finite[0] and not self._chunk([x[:, part] for x in columns], result[:, part]):
+                finite[0] = False
+
+        do_all(range(0, count, length), evaluate, threads)
+        return finite[0]
+
+    def _chunk(self, columns: Sequence[np.ndarray], result: np.ndarray) -> bool:
+        """Write the results of one chunk; returns whether the guard is finite."""
+        entries, count = result.shape
+        width = -(-count // LANES) * LANES
+        first, parameters, out = _buffers((self.sizes[0], sum(self.sizes[1:]), entries + 1), width)
+        first[:, :count] = columns[0]
         row = 0
-        for values, size in zip(arguments[1:], self.sizes[1:], strict=True):
-            parameters[row : row + size, :count] = values[start:stop].T
-            parameters[row : row + size, count:] = values[stop - 1, :, None]
-            row += size
+        for values in columns[1:]:
+            parameters[row : row + len(values), :count] = values
+            row += len(values)
+        for inputs in (first, parameters):
+            inputs[:, count:] = inputs[:, count - 1 : count]  # the last state fills up the last vector
         pars = {"pars": parameters} if row else {}
-        self.cfunc(first, outputs=out, batch_parallel=pays_threads(count, self.work), **pars)
+        self.cfunc(first, outputs=out, batch_parallel=False, **pars)
         if not math.isfinite(out[-1].sum()):
             return False
-        if entries < 5:
-            for k in range(entries):  # a column at a time: four times faster than a transposed copy of so few
-                result[start:stop, k] = out[k, :count]
+        if entries < count // 64:
+            for k in range(entries):  # a row at a time: up to four times faster than a transposed copy
+                result[k] = out[k, :count]
         else:
-            result[start:stop] = out[:-1, :count].T
+            result[:] = out[:-1, :count]
         return True
 
-    def _buffers(self, count: int, entries: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This thread's buffers for `count` states, kept from call to call."""
-        rows = (self.sizes[0], sum(self.sizes[1:]), entries + 1)
-        key = (count, *rows)
-        if getattr(_local, "key", None) != key:
-            _local.key, _local.buffers = key, tuple(np.empty((n, count)) for n in rows)
-        buffers: tuple[np.ndarray, np.ndarray, np.ndarray] = _local.buffers
-        return buffers
+
+def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
+    """All but the first of the arrays (size, n) one under the other; one that is not the first's memory stays there."""
+    first, *others = columns
+    if len(others) == 1 and not np.may_share_memory(first, others[0]):
+        return others[0]
+    out = _buffers((sum(len(a) for a in others),), first.shape[1])[0]
+    return np.concatenate(others, out=out)
 
 
-def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (size, n) one under the other, in this thread's buffer; one alone is taken as it is.
+def _buffers(rows: Sequence[int], count: int) -> list[np.ndarray]:
+    """Arrays of so many rows of `count` numbers, in memory that this thread keeps from call to call.
 
-    The buffer is kept from call to call up to STACK_BYTES: new memory costs as much as copying.
+    It is kept up to KEPT_BYTES: new memory costs as much as copying.
     """
-    if len(arrays) == 1:
-        return arrays[0]
-    shape = (sum(len(a) for a in arrays), arrays[0].shape[1])
-    buffer: np.ndarray | None = getattr(_local, "stack", None)
-    if buffer is None or buffer.shape != shape:
-        buffer = np.empty(shape)
-        if buffer.nbytes <= STACK_BYTES:
-            _local.stack = buffer
-    return np.concatenate(arrays, out=buffer)
+    total = sum(rows) * count
+    memory: np.ndarray | None = getattr(_local, "memory", None)
+    if memory is None or len(memory) < total:
+        memory = np.empty(total)
+        if memory.nbytes <= KEPT_BYTES:
+            _local.memory = memory
+    ends = itertools.accumulate(n * count for n in rows)
+    return [memory[end - n * count : end].reshape(n, count) for n, end in zip(rows, ends, strict=True)]
 
 
 def _work(operations: Mapping[str, int]) -> int:
@@ -213,7 +221,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     """
     module = heyoka()
     counts = count_operations(model, function, parameters)
-    variant = min(range(len(counts)), key=lambda i: sum(counts[i].values()))
+    variant = min(range(len(counts)), key=lambda i: _work(counts[i]) + counts[i].get("*", 0))
     first, *others = function.arguments
     variables = [module.expression(f"x{i}") for i in range(first[1])]
     index = itertools.count()
@@ -227,7 +235,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     outputs.append(_guard(module, model, inputs, outputs, list(traced.reach.values()), variables))
     # The instructions of a small kernel wait for each other's results: two vectors at a time use the waiting time. A
     # large kernel would run out of registers (scripts/bench_queries.py).
-    options = {"batch_size": LANES} if _work(counts[variant]) <= SMALL else {}
+    options = {"batch_size": 2 * module.recommended_simd_size()} if _work(counts[variant]) <= SMALL else {}
     compiled = module.cfunc(outputs, vars=variables, **options)
     sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))
     return Kernel(function.name, function.shape, sizes, compiled, counts[variant])

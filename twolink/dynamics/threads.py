@@ -1,9 +1,11 @@
 """Threads: how many (TWOLINK_THREADS), whether this process may use a thread pool at all, and sharing work."""
 
+import functools
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any
 
 from twolink.errors import QueryError
 
@@ -71,3 +73,28 @@ def share(parts: Sequence[Callable[[threading.Event], None]], report: Callable[[
             stopped.set()
             pool.shutdown(cancel_futures=True)
             raise
+
+
+def do_all(tasks: Iterable[Any], work: Callable[[Any], object], threads: int) -> None:
+    """Call work(task) for each task, on this thread and threads - 1 others. The first exception is raised.
+
+    For tasks of less than a millisecond: the threads are kept for the next call.
+    """
+    waiting = iter(tasks)
+
+    def take() -> None:
+        for task in waiting:  # `next` of an iterator in C is atomic
+            work(task)
+
+    helpers = [_pool(threads).submit(take) for _ in range(threads - 1)]
+    try:
+        take()
+    finally:
+        for helper in helpers:
+            if not helper.cancel():  # one that has not begun has nothing left to do
+                helper.result()
+
+
+@functools.cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads - 1, "twolink-batch")
