@@ -11,7 +11,6 @@ import pytest
 
 from twolink.service.settings import Settings
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of Litestar, for names that 3.0 will not have
 Send = Callable[[Any], Awaitable[None]]
 QUERY = "/v1/robots/two_link/bias"
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import io
 import json
 import logging
 import os
 import resource
 import signal
+import subprocess
+import sys
+import tempfile
 import threading
 from pathlib import Path
 from typing import Any
@@ -23,7 +25,7 @@ from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
 from tests.service.urdfs import pendulum
 from twolink.service.keyed_locks import KeyedLocks
-from twolink.service.logs import AccessLog, Answered, configure, logged_path
+from twolink.service.logs import AccessLog, Answered, configure
 
 BIAS = "/v1/robots/two_link/bias"
 REFUSED = {
@@ -98,23 +100,22 @@ def test_every_answer_has_an_id_by_which_the_log_names_it(tmp_path: Path) -> Non
     assert "secret" not in served.log
 
 
-def test_a_log_that_nobody_reads_loses_lines_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
-    entry = Answered(0.0, "id", "127.0.0.1", "GET", "/health", 200, 10, 0.001)
-
-    async def work(form: Any, count: int, most: int) -> str:
-        stream = io.StringIO()
-        log = AccessLog(form, stream, most)
+def written(form: Any, path: bytes, count: int = 1, most: int = 10) -> str:
+    """What the access log writes about some requests."""
+    with tempfile.TemporaryFile() as file:
+        log = AccessLog(form, file.fileno(), most)
         for _ in range(count):
-            log.note(entry)
-        await asyncio.to_thread(log.close)
-        return stream.getvalue()
+            log.note(Answered(0.0, "id", "127.0.0.1", "GET", path, 200, 10, 0.001))
+        log.close()
+        file.seek(0)
+        return file.read().decode()
 
-    assert (
-        asyncio.run(work("text", 3, 10)).splitlines()
-        == ["1970-01-01T00:00:00.000Z 127.0.0.1 GET /health 200 10 bytes 1.0 ms id"] * 3
-    )
-    assert asyncio.run(work("off", 3, 10)) == ""
-    assert asyncio.run(work("json", 20, 10)).count("\n") == 10
+
+def test_a_log_that_nobody_reads_loses_lines_and_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    line = "1970-01-01T00:00:00.000Z 127.0.0.1 GET /health 200 10 bytes 1.0 ms id"
+    assert written("text", b"/health", 3).splitlines() == [line] * 3
+    assert written("off", b"/health", 3) == ""
+    assert written("json", b"/health", 20).count("\n") == 10
     assert "10 lines of the access log were dropped" in caplog.text
 
 
@@ -132,9 +133,25 @@ def test_a_line_of_the_log_is_one_line_whatever_it_is_about(capsys: pytest.Captu
     entry = json.loads(line)
     assert (entry["level"], entry["message"].splitlines()[0]) == ("error", "it failed")
     assert entry["message"].endswith("two\nlines")
-    path = logged_path({"raw_path": b"/a\r\n2026 forged \xff" + b"x" * 10_000})
-    assert path.isprintable()
-    assert len(path) < 1000
+    for form in ("text", "json"):
+        line = written(form, b"/a\r\n2026 forged \xff" + b"x" * 10_000).removesuffix("\n")
+        assert line.isprintable()
+        assert len(line) < 1000
+
+
+def test_a_service_ends_though_nobody_reads_its_log() -> None:
+    code = """
+import os
+from twolink.service.logs import AccessLog, Answered
+reads, writes = os.pipe()
+log = AccessLog("text", writes)
+for _ in range(5000):
+    log.note(Answered(0.0, "id", "127.0.0.1", "GET", b"/health"))
+log.close()
+print("closed", len(os.read(reads, 2**20)) > 4096)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout.split() == ["closed", "True"]
 
 
 def test_no_lock_outlives_its_use() -> None:

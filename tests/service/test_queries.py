@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import socket
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -206,3 +208,40 @@ def test_the_service_answers_while_it_computes_and_its_own_process_never_compile
     libraries = Path(f"/proc/{served.process.pid}/maps").read_text()
     assert "pinocchio" in libraries
     assert "heyoka" not in libraries
+
+
+@pytest.mark.parametrize(("body", "status"), [
+    (b'{"q": [0.1, 0.2], "v": [1, 2]}', b"200"),
+    (b'{"q": [0.1, 0.2], "w": [1, 2]}', b"400"),
+    (b'{"q": [0.1]}', b"422"),
+])  # fmt: skip
+def test_a_small_query_has_the_same_answer_however_it_arrives(http: httpx.Client, body: bytes, status: bytes) -> None:
+    def head(more: bytes) -> bytes:
+        return f"POST {DYNAMICS} HTTP/1.1\r\nHost: localhost\r\nX-Request-ID: mine\r\n".encode() + more + b"\r\n\r\n"
+
+    length = b"Content-Length: %d" % len(body)
+    whole = head(length) + body
+    ways = {
+        "whole": [whole],
+        "in pieces": [head(length), body[:9], body[9:]],
+        "announced": [head(length + b"\r\nExpect: 100-continue"), body],
+        "in chunks": [head(b"Transfer-Encoding: chunked") + b"%x\r\n%b\r\n0\r\n\r\n" % (len(body), body)],
+        "behind others": [b"GET /health HTTP/1.1\r\nHost: localhost\r\n\r\n" + 2 * whole],
+        "last": [head(length + b"\r\nConnection: close") + body],
+    }
+    http.get("/v1/robots/two_link")  # it is loaded
+    answers = {}
+    for way, pieces in ways.items():
+        with socket.create_connection(("127.0.0.1", http.base_url.port or 0), 20) as connection:
+            for piece in pieces:
+                connection.sendall(piece)
+                time.sleep(0.05)
+            connection.shutdown(socket.SHUT_WR)
+            text = b"".join(iter(lambda: connection.recv(2**16), b""))
+        lines = text[text.rindex(b"HTTP/1.1 ") :].splitlines()
+        dropped = (b"date:", b"connection: close")
+        answers[way] = sorted(line for line in lines if not line.startswith(dropped))
+        assert lines[0].split()[1] == status, way
+        assert b"x-request-id: mine" in lines
+    for way, answer in answers.items():
+        assert answer == answers["in chunks"], way

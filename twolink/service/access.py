@@ -4,18 +4,13 @@ import hmac
 from typing import Any
 from urllib.parse import urlsplit
 
+from twolink.service.http_io import Header, headers_of
 from twolink.service.problems import Refusal
 from twolink.service.settings import Settings, ip_address
 
-Header = tuple[bytes, bytes]
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
     "font-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-SECURITY: tuple[Header, ...] = (
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-resource-policy", b"same-origin"),
 )
 DENY_ALL: Header = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
 _OPEN_PATHS = (
@@ -40,11 +35,10 @@ class AccessControl:
 
     def check(self, scope: Any) -> bytes | None:
         """Raise Refusal unless the request may pass. Returns the foreign origin it came from, if one is allowed."""
-        headers = dict(scope["headers"])
-        host = headers.get(b"host", b"")
+        headers = headers_of(scope)
+        host, origin = headers.get(b"host", b""), headers.get(b"origin")
         if host not in self._checked_hosts:
             self._check_host(host)
-        origin = headers.get(b"origin")
         foreign = None if origin is None or _is_own(origin, host) else origin
         if foreign is not None and foreign not in self._origins:
             remedy = "start the service with --allow-origin"

@@ -4,16 +4,16 @@ import math
 from typing import Annotated, Any, Literal
 
 from litestar import MediaType, Request, Response, delete, get, post
-from litestar.params import Parameter
+from litestar.params import QueryParameter
 from litestar.response import File, Stream
 
 from twolink.service.components import Shared
 from twolink.service.results import MAX_POINTS, MEDIA, result_bytes, result_file, samples_json
 from twolink.service.store import ACTIVE, LISTED_JOBS
 
-Points = Annotated[int, Parameter(ge=2, le=MAX_POINTS)]
-Limit = Annotated[int, Parameter(ge=1, le=LISTED_JOBS)]
-Frames = Annotated[int, Parameter(ge=2, le=3600)]
+Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
+Limit = Annotated[int, QueryParameter(ge=1, le=LISTED_JOBS)]
+Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
 # The playback brings its scripts with it; it is shut off from the service it came from.
 PLAYBACK_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
@@ -93,7 +93,7 @@ def _results(path: str, kind: str) -> list[Any]:
 
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
     async def figure(
-        service: Shared, job: str, form: Annotated[Literal["svg", "png"], Parameter(query="format")] = "svg"
+        service: Shared, job: str, form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg"
     ) -> Response[bytes]:
         """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
         content = await result_bytes(service, kind, job, f"figure.{form}")
@@ -103,7 +103,7 @@ def _results(path: str, kind: str) -> list[Any]:
     async def result(
         service: Shared,
         job: str,
-        form: Annotated[Literal["json", "csv", "parquet", "npz"], Parameter(query="format")] = "json",
+        form: Annotated[Literal["json", "csv", "parquet", "npz"], QueryParameter(name="format")] = "json",
         points: Points = MAX_POINTS,
     ) -> Response[bytes] | File:
         """A simulation's samples: columns t, q.JOINT, v.JOINT, energy, error; JSON is thinned to at most `points`.

@@ -9,10 +9,11 @@ import math
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-from litestar.params import Dependency
+from litestar.di import NamedDependency
+from litestar.params import SkipValidation
 
 from twolink.dynamics.threads import thread_count
 from twolink.errors import TwolinkError
@@ -168,4 +169,4 @@ async def _measure_lag(metrics: Metrics) -> None:
         metrics.loop_lag.observe(max(0.0, time.perf_counter() - planned))
 
 
-Shared = Annotated[Service, Dependency(skip_validation=True)]  # what handlers ask for as `service`
+Shared = NamedDependency[SkipValidation[Service]]  # what handlers ask for as `service`

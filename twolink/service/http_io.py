@@ -5,12 +5,17 @@ from collections.abc import Coroutine, Sequence
 from typing import Any, TypeVar
 
 from twolink.service import npz
-from twolink.service.access import SECURITY, Header
 from twolink.service.admission import hold
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 
 T = TypeVar("T")
+Header = tuple[bytes, bytes]
+SECURITY: tuple[Header, ...] = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
 JSON = "application/json"
 XML = ("application/xml", "text/xml", "application/urdf+xml")
 ZIP = ("application/zip", "application/x-zip-compressed")
@@ -23,11 +28,15 @@ UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what cu
 
 def header(scope: Any, name: bytes) -> bytes:
     """A header of a request, b"" when it has none of that name."""
-    headers: list[Header] = scope["headers"]
-    for key, value in headers:
-        if key == name:
-            return value
-    return b""
+    return headers_of(scope).get(name, b"")
+
+
+def headers_of(scope: Any) -> dict[bytes, bytes]:
+    """The headers of a request by name, the first one where a name comes again."""
+    by_name: dict[bytes, bytes] | None = scope.get("twolink.headers")
+    if by_name is None:
+        by_name = scope["twolink.headers"] = dict(reversed(scope["headers"]))
+    return by_name
 
 
 def media_type(value: bytes) -> str:
@@ -95,7 +104,7 @@ async def _disconnected(receive: Any) -> None:
 
 async def send_answer(send: Any, status: int, headers: Sequence[Header], body: bytes) -> None:
     """Send an answer of one piece, with the security headers."""
-    length = (b"content-length", str(len(body)).encode())
+    length = (b"content-length", b"%d" % len(body))
     await send({"type": "http.response.start", "status": status, "headers": [*headers, length, *SECURITY]})
     await send_body(send, body)
 

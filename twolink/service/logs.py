@@ -1,13 +1,13 @@
 """What the service writes to stderr: a line for each request, and what its operator must know; as text or as JSON."""
 
-import asyncio
+import contextlib
 import functools
 import logging
-import sys
+import os
+import threading
 import time
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal, TextIO
+from typing import Literal
 
 import msgspec
 
@@ -17,6 +17,7 @@ LogForm = Literal["text", "json", "off"]
 _LONGEST_PATH = 300
 _DELAY = 0.2  # seconds in which lines are gathered, so that writing costs little
 _MOST_LINES = 50_000
+_LAST_WORDS = 2.0  # seconds to write what waits at the end
 
 
 class Answered(msgspec.Struct):
@@ -26,7 +27,7 @@ class Answered(msgspec.Struct):
     request_id: str
     client: str
     method: str
-    path: str
+    path: bytes
     status: int = 0
     bytes: int = 0
     seconds: float = 0.0
@@ -68,69 +69,68 @@ def configure(form: LogForm) -> None:
 class AccessLog:
     """A line for each request, written by a thread: a reader of stderr that stops must not stop the service.
 
-    most: lines that wait to be written; more are dropped, and counted.
+    file: the descriptor it writes to. most: lines that wait to be written; more are dropped, and counted.
     """
 
-    def __init__(self, form: LogForm, stream: TextIO | None = None, most: int = _MOST_LINES) -> None:
+    def __init__(self, form: LogForm, file: int = 2, most: int = _MOST_LINES) -> None:
         self._on = form != "off"
         self._line = _json_line if form == "json" else _text_line
-        self._stream = stream or sys.stderr
-        self._thread = ThreadPoolExecutor(1, "twolink-log")
+        self._file, self._most, self._dropped = file, most, 0
         self._waiting: deque[Answered] = deque()
-        self._most, self._dropped = most, 0
-        self._writing = False
+        self._has_lines, self._ending = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._write, name="twolink-log", daemon=True)
+        self._thread.start()
 
     def note(self, entry: Answered) -> None:
-        """Write a line soon. To be called in the event loop."""
+        """Write a line soon."""
         if not self._on:
             return
         if len(self._waiting) >= self._most:
             self._dropped += 1
             return
+        entry.path = entry.path[:_LONGEST_PATH]
         self._waiting.append(entry)
-        if not self._writing:
-            self._write_soon()
-
-    def _write_soon(self) -> None:
-        self._writing = True
-        asyncio.get_running_loop().call_later(_DELAY, self._flush)
-
-    def _flush(self) -> None:
-        work = asyncio.get_running_loop().run_in_executor(self._thread, self._write)
-        work.add_done_callback(self._flushed)
-
-    def _flushed(self, work: asyncio.Future[None]) -> None:
-        work.exception()  # stderr is closed: there is nobody to tell
-        self._writing = False
-        if self._waiting:
-            self._write_soon()
+        if not self._has_lines.is_set():
+            self._has_lines.set()
 
     def _write(self) -> None:
-        dropped, self._dropped = self._dropped, 0
-        lines = [self._line(self._waiting.popleft()) for _ in range(len(self._waiting))]
-        self._stream.write("".join(lines))
-        self._stream.flush()
-        if dropped:
-            logging.getLogger("twolink.service").warning("%d lines of the access log were dropped", dropped)
+        is_last = False
+        while not is_last:
+            self._has_lines.wait()
+            is_last = self._ending.wait(_DELAY)
+            self._has_lines.clear()
+            dropped, self._dropped = self._dropped, 0
+            lines = "".join([self._line(self._waiting.popleft()) for _ in range(len(self._waiting))]).encode()
+            with contextlib.suppress(OSError):  # stderr is closed: there is nobody to tell
+                while lines:  # not by sys.stderr: no lock of it may be held where this thread is left behind
+                    lines = lines[os.write(self._file, lines) :]
+            if dropped:
+                logging.getLogger("twolink.service").warning("%d lines of the access log were dropped", dropped)
 
     def close(self) -> None:
-        """Write what waits."""
-        self._thread.submit(self._write)
-        self._thread.shutdown()
+        """Write what waits, unless nobody reads it."""
+        self._ending.set()
+        self._has_lines.set()
+        self._thread.join(_LAST_WORDS)
 
 
 def _json_line(entry: Answered) -> str:
-    return msgspec.json.encode({**msgspec.structs.asdict(entry), "time": _stamp(entry.time)}).decode() + "\n"
+    return (
+        msgspec.json.encode(
+            {**msgspec.structs.asdict(entry), "time": _stamp(entry.time), "path": _path(entry.path)}
+        ).decode()
+        + "\n"
+    )
 
 
 def _text_line(entry: Answered) -> str:
     return (
-        f"{_stamp(entry.time)} {entry.client} {entry.method} {entry.path} {entry.status} "
+        f"{_stamp(entry.time)} {entry.client} {entry.method} {_path(entry.path)} {entry.status} "
         f"{entry.bytes} bytes {entry.seconds * 1e3:.1f} ms {entry.request_id}\n"
     )
 
 
-def logged_path(scope: Any) -> str:
-    """The path of a request as it was sent, cut where it is long, without anything that ends a line."""
-    text = scope.get("raw_path", b"")[:_LONGEST_PATH].decode("ascii", "backslashreplace")
+def _path(raw: bytes) -> str:
+    """The path of a request as it was sent, without anything that ends a line."""
+    text = raw.decode("ascii", "backslashreplace")
     return text if text.isprintable() else ascii(text)

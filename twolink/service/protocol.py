@@ -12,12 +12,14 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from twolink.service.admission import Shares, busy, client_of
-from twolink.service.http_io import SLICE
-from twolink.service.problems import Refusal, answer_of
+from twolink.service.http_io import SLICE, header
+from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 
 _OTHER_FILES = 200  # that are no connections: the database, worker processes, results
 _URL_BYTES = 8192
+_HEADERS = 100  # of a request: to read one takes longer than a hundred bytes of its value
+_SMALL_DIGITS = 4  # of the length of a body that is waited for: the application has nothing to do before
 _PIPELINED = 16  # requests of a connection that wait for the answer to an earlier one
 _PIECE = 4096  # bytes that are parsed at once before a body, so that their number is known
 _GRACE = 5.0  # seconds before the smallest rate holds
@@ -73,6 +75,7 @@ class Protocol(HttpToolsProtocol):
         self._limits = limits
         self._holder: str | None = None  # the client, if the connection is counted
         self._answered: Any = None  # the request that is answered
+        self._small: tuple[Any, Any] | None = None  # the request, and the application, that wait for a small body
         self._timer: TimerHandle | None = None
         self._refusal: Refusal | None = None
         self._begun: float | None = None  # when the request that arrives has begun
@@ -82,6 +85,7 @@ class Protocol(HttpToolsProtocol):
         self._unused = 0  # bytes since its begin or its last piece of body: headers, trailers, extensions of chunks
         self._ended: float | None = None  # when it was refused
         self._stuck: float | None = None  # since when bytes wait to be sent
+        self._idle_since: float | None = None  # when the last answer was sent
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
@@ -120,7 +124,7 @@ class Protocol(HttpToolsProtocol):
             self._piece = len(piece)
             self._unused += self._piece
             super().data_received(piece)
-            if self._unused > self._limits.header:
+            if self._unused > self._limits.header or len(self.headers or ()) > _HEADERS:
                 self._end_with(self._too_large())
             data = data[self._piece :]
 
@@ -137,6 +141,8 @@ class Protocol(HttpToolsProtocol):
         if len(self.url) > _URL_BYTES:
             what = f"the URL has {len(self.url)} bytes, the limit is {_URL_BYTES}"
             raise self._refuse(Refusal(414, what, where="URL", remedy="send it in the body"))
+        if len(self.headers) > _HEADERS:
+            raise self._refuse(self._too_large())
         self._in_body = True
         super().on_headers_complete()
         self.headers = []  # of trailers, which nobody reads
@@ -150,11 +156,44 @@ class Protocol(HttpToolsProtocol):
         """The whole request has arrived."""
         self._begun, self._unused, self._in_body = None, 0, False
         super().on_message_complete()
+        if self._small is not None:
+            small, self._small = self._small, None
+            self._answer_small(*small)
 
     def _start_asgi_task(self, cycle: Any, app: Any) -> None:
-        """Have the application answer a request."""
-        self._answered = cycle
-        super()._start_asgi_task(cycle, app)
+        """Have the application answer a request, at once when a small body has arrived, or else in a task."""
+        self._answered, self._idle_since = cycle, None
+        is_small = 1 <= len(header(cycle.scope, b"content-length")) <= _SMALL_DIGITS
+        if is_small and cycle is self.cycle and not cycle.waiting_for_100_continue and hasattr(app, "answer_now"):
+            self._small = cycle, app
+        else:
+            super()._start_asgi_task(cycle, app)
+
+    def _answer_small(self, cycle: Any, app: Any) -> None:
+        """Answer without a task, if the application does."""
+        answer = None
+        if cycle.keep_alive and not self.flow.write_paused:
+            answer = app.answer_now(cycle.scope, bytes(cycle.body))
+        if answer is None:
+            super()._start_asgi_task(cycle, app)
+            return
+        headers, body = answer
+        date = b"".join(b"%s: %s\r\n" % header for header in self.server_state.default_headers)
+        length = b"content-length: %d\r\n\r\n" % len(body)
+        self.transport.write(b"".join((STATUS_LINE[200], date, headers, length, body)))
+        cycle.response_started = cycle.response_complete = True
+        self.on_response_complete()
+
+    def on_response_complete(self) -> None:
+        """As of uvicorn, which sets a timer for each request: `_check` looks at the time anyway."""
+        self.server_state.total_requests += 1
+        if self.transport.is_closing():
+            return
+        self.flow.resume_reading()
+        if self.pipeline:
+            self._start_asgi_task(*self.pipeline.pop())
+        else:
+            self._idle_since = self.loop.time()
 
     def resume_writing(self) -> None:
         """The client has read what was sent to it."""
@@ -170,14 +209,15 @@ class Protocol(HttpToolsProtocol):
             self._begun = now  # the client waits for the service
         reading = 0.0 if self._begun is None else now - self._begun
         ended = self._ended is not None and now - self._ended > _LINGER
+        idle = self._begun is None and now - (self._idle_since or now) > self.timeout_keep_alive
         too_slow = reading > limits.seconds or self._arrived < limits.rate * (reading - _GRACE)
-        if ended or too_slow or (self._stuck is not None and now - self._stuck > SLICE / limits.rate):
+        if ended or idle or too_slow or (self._stuck is not None and now - self._stuck > SLICE / limits.rate):
             self.transport.abort()
         else:
             self._timer = self.loop.call_later(min(_CHECK, limits.seconds), self._check)
 
     def _too_large(self) -> Refusal:
-        what = f"the headers have more than {self._limits.header:.0f} bytes"
+        what = f"more than {_HEADERS} headers, or more than {self._limits.header:.0f} bytes of them"
         return Refusal(431, what, where="headers", remedy="leave out what the service does not need")
 
     def _refuse(self, refusal: Refusal) -> httptools.HttpParserError:
@@ -197,7 +237,7 @@ class Protocol(HttpToolsProtocol):
             self.transport.abort()
             return
         self._ended = self.loop.time()
-        status, headers, body = answer_of(refusal)
+        status, headers, body = self.app.refuse(refusal, self.client)
         headers = [*headers, (b"content-length", str(len(body)).encode()), (b"connection", b"close")]
         lines = b"".join(b"%s: %s\r\n" % header for header in headers)
         self.transport.write(b"%s%s\r\n%s" % (STATUS_LINE[status], lines, body))

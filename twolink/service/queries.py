@@ -56,6 +56,14 @@ class Queries:
         self._metrics.states.inc(count)
         return 200, _HEADERS[reply], content
 
+    def answer_now(self, scope: Any, body: bytes, key: str, what: str) -> bytes | None:
+        """The answer in JSON to a few states in JSON, if the robot is loaded, else None. Raises as `answer`."""
+        robot = self._robots.loaded(key)
+        is_json = media_type(header(scope, b"content-type")) in (JSON, *UNSPECIFIED)
+        if robot is None or not is_json or len(body) >= IN_LOOP or npz.MEDIA_TYPE.encode() in header(scope, b"accept"):
+            return None
+        return self._answer_if_small(robot, what, body)
+
     def _answer_if_small(self, robot: Robot, what: str, body: bytes) -> bytes | None:
         """The answer to a few states, else None. Their number is below that from which functions are compiled."""
         arguments = arguments_from_json(what, body)
