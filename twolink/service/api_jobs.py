@@ -4,7 +4,7 @@ import math
 from typing import Annotated, Any, Literal
 
 from litestar import MediaType, Request, Response, delete, get, post
-from litestar.params import QueryParameter
+from litestar.params import FromPath, FromQuery, QueryParameter
 from litestar.response import File, Stream
 
 from twolink.service.components import Shared
@@ -50,7 +50,9 @@ def _shared(path: str, kind: str) -> list[Any]:
     tags = [path]
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
-    async def list_jobs(service: Shared, limit: Limit = LISTED_JOBS, before: float = math.inf) -> list[dict[str, Any]]:
+    async def list_jobs(
+        service: Shared, limit: Limit = LISTED_JOBS, before: FromQuery[float] = math.inf
+    ) -> list[dict[str, Any]]:
         """The newest jobs without their results, and without requests of more than 16 kB.
 
         At most `limit` jobs, those `created` before the time `before`: the last one's `created` asks for the next page.
@@ -58,29 +60,29 @@ def _shared(path: str, kind: str) -> list[Any]:
         return await service.jobs.all(kind, before, limit)
 
     @get(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"A {kind}'s state and result")
-    async def show_job(service: Shared, job: str) -> dict[str, Any]:
+    async def show_job(service: Shared, job: FromPath[str]) -> dict[str, Any]:
         """state: queued, running, done, failed, cancelled or interrupted."""
         return await service.jobs.view(kind, job)
 
     @get(f"/v1/{path}/{{job:str}}/events", tags=tags, summary=f"A {kind}'s progress as server-sent events")
-    async def events(service: Shared, job: str) -> Stream:
+    async def events(service: Shared, job: FromPath[str]) -> Stream:
         """Events `progress` and at last `end`, each with the job as JSON, without request and result."""
         await service.jobs.view(kind, job)
         headers = {"Cache-Control": "no-store"}
         return Stream(service.jobs.events(kind, job), media_type="text/event-stream", headers=headers)
 
     @post(f"/v1/{path}/{{job:str}}/cancel", tags=tags, summary=f"Cancel a {kind}", status_code=202)
-    async def cancel(service: Shared, job: str) -> dict[str, Any]:
+    async def cancel(service: Shared, job: FromPath[str]) -> dict[str, Any]:
         """End a job that waits or runs. A job that has ended does not change."""
         return await service.jobs.cancel(kind, job)
 
     @post(f"/v1/{path}/{{job:str}}/run", tags=tags, summary=f"Run a {kind} again", status_code=202)
-    async def run_again(service: Shared, job: str) -> dict[str, Any]:
+    async def run_again(service: Shared, job: FromPath[str]) -> dict[str, Any]:
         """Run a job again that failed, was cancelled or was interrupted. Others do not change."""
         return await service.jobs.again(kind, job)
 
     @delete(f"/v1/{path}/{{job:str}}", tags=tags, summary=f"Delete a {kind} and its result", status_code=204)
-    async def remove(service: Shared, job: str) -> None:
+    async def remove(service: Shared, job: FromPath[str]) -> None:
         """Delete a job; a running one is cancelled first."""
         await service.jobs.remove(kind, job)
 
@@ -93,7 +95,9 @@ def _results(path: str, kind: str) -> list[Any]:
 
     @get(f"/v1/{path}/{{job:str}}/figure", tags=tags, summary=f"A {kind}'s figure")
     async def figure(
-        service: Shared, job: str, form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg"
+        service: Shared,
+        job: FromPath[str],
+        form: Annotated[Literal["svg", "png"], QueryParameter(name="format")] = "svg",
     ) -> Response[bytes]:
         """As `plot` draws it: q, v, energy and error bar over time; or seconds over error, by method."""
         content = await result_bytes(service, kind, job, f"figure.{form}")
@@ -102,7 +106,7 @@ def _results(path: str, kind: str) -> list[Any]:
     @get(f"/v1/{path}/{{job:str}}/result", tags=tags, summary=f"A {kind}'s result")
     async def result(
         service: Shared,
-        job: str,
+        job: FromPath[str],
         form: Annotated[Literal["json", "csv", "parquet", "npz"], QueryParameter(name="format")] = "json",
         points: Points = MAX_POINTS,
     ) -> Response[bytes] | File:
@@ -119,7 +123,7 @@ def _results(path: str, kind: str) -> list[Any]:
 
 
 @get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
-async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[bytes]:
+async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> Response[bytes]:
     """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}."""
     await service.jobs.require_done("simulation", job)
     folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
@@ -128,7 +132,7 @@ async def motion(service: Shared, job: str, frames: Frames = 600) -> Response[by
 
 
 @get("/v1/simulations/{job:str}/playback", tags=["simulations"], summary="A page that plays the motion")
-async def playback(service: Shared, job: str) -> Response[bytes]:
+async def playback(service: Shared, job: FromPath[str]) -> Response[bytes]:
     """One HTML file that needs no network."""
     content = await result_bytes(service, "simulation", job, "playback.html")
     return Response(content, media_type=MediaType.HTML, headers={"Content-Security-Policy": PLAYBACK_POLICY})

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 from litestar import MediaType, Request, Response, delete, get, post
 from litestar.datastructures import MultiDict
+from litestar.params import FromPath
 
 from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
@@ -40,7 +41,7 @@ def _about(name: str) -> dict[str, Any]:
 
 
 @get("/v1/robots/{robot:str}", tags=["robots"], summary="Inspect a robot")
-async def inspect_robot(service: Shared, robot: str) -> dict[str, Any]:
+async def inspect_robot(service: Shared, robot: FromPath[str]) -> dict[str, Any]:
     """Sizes, joints with limits, links, and the load report: what was read, ignored, repaired and assumed."""
     uploaded = await service.store.run(service.store.robot, robot)
     if uploaded is not None:
@@ -142,7 +143,7 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
-async def visuals(service: Shared, robot: str) -> Response[bytes]:
+async def visuals(service: Shared, robot: FromPath[str]) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     await service.robots.require(robot)
     store, limit = service.store, service.settings.quotas.disk_mb * 2**20
@@ -156,7 +157,7 @@ async def visuals(service: Shared, robot: str) -> Response[bytes]:
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)
-async def delete_robot(service: Shared, robot: str) -> None:
+async def delete_robot(service: Shared, robot: FromPath[str]) -> None:
     """Delete an uploaded robot. The results computed with it stay."""
     if robot in catalogue():
         raise Refusal(409, "robots of the catalogue stay", where="path: robot", remedy="delete uploaded ones")

@@ -3,6 +3,7 @@
 from typing import Any
 
 from litestar import MediaType, Request, Response, get, post
+from litestar.params import FromPath
 
 from twolink.integrate.methods import methods
 from twolink.scenes import bundled_scenes, scenes
@@ -19,7 +20,7 @@ async def list_scenes() -> list[dict[str, Any]]:
 
 
 @get("/v1/scenes/{scene:str}", tags=["scenes"], summary="A bundled scene's content")
-async def show_scene(scene: str) -> dict[str, Any]:
+async def show_scene(scene: FromPath[str]) -> dict[str, Any]:
     """The content of its scene file, which simulations take as their scene."""
     if scene not in bundled_scenes():
         raise Refusal(404, f"there is no scene {scene[:80]!r}", where="path: scene", remedy="GET /v1/scenes lists them")

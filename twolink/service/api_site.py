@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from litestar import MediaType, Request, Response, get
+from litestar.params import FromPath
 
 from twolink._version import __version__
 from twolink.service import metrics
@@ -66,7 +67,7 @@ async def viewer() -> Response[str]:
 
 
 @get("/page/{path:path}", include_in_schema=False)
-async def page_file(path: Path) -> Response[bytes]:
+async def page_file(path: FromPath[Path]) -> Response[bytes]:
     """The page's scripts, styles and pictures."""
     return _file(str(path).lstrip("/"))
 
