@@ -32,6 +32,12 @@ def effect_numbers(scene: Scene) -> dict[str, float]:
     return found
 
 
+def all_effect_numbers(scene: Scene) -> dict[str, float]:
+    """The numbers of all effects, by name: also of those that change the robot's constants or that switch."""
+    return {PREFIX + ".".join((str(place), *path)): value
+            for place, effect in enumerate(scene.effects) for path, value in _numbers(effect)}  # fmt: skip
+
+
 def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equations:
     """The equations with other numbers in their effects, which may be expressions; names of other things are left."""
     chosen = {name: value for name, value in values.items() if name.startswith(PREFIX)}
@@ -43,6 +49,11 @@ def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equa
         if found is not None:
             effects[found[0]] = with_number(effects[found[0]], found[1], value)
     return replace(equations, effects=tuple(effects))
+
+
+def physical(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of values by name that are physical constants of the robot."""
+    return {name: value for name, value in values.items() if not name.startswith(PREFIX)}
 
 
 def nominal_value(equations: Equations, name: str) -> float:

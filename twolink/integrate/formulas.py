@@ -19,7 +19,7 @@ from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.effects import Effect
 from twolink.effects.motion import Loads, Motion
 from twolink.integrate.constraints import locked_matrix
-from twolink.integrate.effect_numbers import PREFIX, with_effect_numbers
+from twolink.integrate.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.state import Array
 
@@ -111,11 +111,10 @@ def constraint_forces(equations: Equations, mech: Mechanism, x: Array, xp: Any) 
 def traced_rate(equations: Equations, t: Any, x: Array, xp: Any, constants: Mapping[str, Any] | None = None) -> Array:
     """x' (size,) as expressions of x (size,), traced over the robot's constants."""
     space, values = equations.space, constants or {}
-    physical = {name: value for name, value in values.items() if not name.startswith(PREFIX)}
     equations = with_effect_numbers(equations, values)
     # Stages stray from unit lengths: there the acceleration is that of the nearest configuration, as by Pinocchio.
     unit = space.normalized(x, xp)
-    a = accelerations(equations, mechanism(equations.robot.model, physical), t, unit, xp)
+    a = accelerations(equations, mechanism(equations.robot.model, physical(values)), t, unit, xp)
     constant = [0.0] * (space.size - space.moving)
     lifted = np.array([xp.lift(value) for value in (*a, *constant)], dtype=object)
     return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), lifted])
@@ -126,7 +125,7 @@ def projected(equations: Equations, x: Array, xp: Any, constants: Mapping[str, A
     x = equations.space.normalized(x, xp)
     if equations.constraints is None:
         return x
-    mech = equations.mechanism if xp is Numbers else mechanism(equations.robot.model, constants)
+    mech = equations.mechanism if xp is Numbers else mechanism(equations.robot.model, physical(constants or {}))
     moving = equations.moving
     free = equations.layout.free(list(x[moving:]))
     return np.concatenate([equations.constraints.projected(mech, x[:moving], xp, free), x[moving:]])

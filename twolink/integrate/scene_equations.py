@@ -19,6 +19,7 @@ from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
 from twolink.integrate.constraints import all_constraints
+from twolink.integrate.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
@@ -112,8 +113,10 @@ def _operations(equations: Equations) -> int:
     """The operations of one evaluation of the accelerations."""
     tape = Tape()
     x = [tape.variable() for _ in range(equations.space.size)]
-    mech = mechanism(equations.robot.model, {name: tape.variable() for name in equations.parameters})
-    return sum(tape.count(accelerations(equations, mech, tape.variable(), x, tape)).values())
+    values = {name: tape.variable() for name in equations.parameters}
+    mech = mechanism(equations.robot.model, physical(values))
+    own = with_effect_numbers(equations, values)
+    return sum(tape.count(accelerations(own, mech, tape.variable(), x, tape)).values())
 
 
 def _content(equations: Equations) -> str:

@@ -89,6 +89,24 @@ def simulate(
     choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
+    return run_of(scene, equations, choice, times, accuracy, progress, measured=measured, verify=verify)
+
+
+def run_of(
+    scene: Scene,
+    equations: Equations,
+    choice: MethodChoice,
+    times: np.ndarray,
+    accuracy: float,
+    progress: Progress | None = None,
+    *,
+    measured: bool = False,
+    verify: bool = True,
+) -> Trajectory:
+    """The run of a scene from the start of its equations, as `simulate` returns it for samples at the times (n,).
+
+    measured: the setting of the choice is the caller's own, and is not refined.
+    """
     all_times = with_looks(times, LOOKS) if verify else times
     looks = spread_out(len(all_times), MAX_LOOKS)
     solved = functools.partial(_solve, equations, all_times, progress)

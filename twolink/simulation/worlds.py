@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
+from twolink.integrate.effect_numbers import PREFIX, effect_numbers
 from twolink.integrate.equations import Equations
+from twolink.integrate.event import Event
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
@@ -17,6 +19,7 @@ from twolink.integrate.step_map import StepMap, step_map
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
+from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
@@ -48,6 +51,9 @@ class Worlds(ShownAsText):
         Of all worlds together.
     samples_t, samples_q, samples_v : ndarray (m,), (m, n, nq), (m, n, nv)
         The samples before the end, where they were asked for.
+    events : tuple of tuple of Event
+        What happened in each world, where the scene has events. A world that an event ended has its state at that event
+        in q and v, and NaN in the samples behind it.
     """
 
     robot: Robot
@@ -61,6 +67,7 @@ class Worlds(ShownAsText):
     samples_t: np.ndarray
     samples_q: np.ndarray
     samples_v: np.ndarray
+    events: tuple[tuple[Event, ...], ...] = ()
 
     @property
     def kept(self) -> np.ndarray | None:
@@ -92,7 +99,8 @@ def simulate_many(
     q, v : array_like (n, nq), (n, nv), optional
         Initial states; by default the scene's own.
     parameters : mapping of names to numbers or array_like (n,), optional
-        Physical constants by name (`algorithms.mechanism.parameter_names`: "forearm.mass", ...).
+        Physical constants by name (`algorithms.mechanism.parameter_names`: "forearm.mass", ...), and numbers of effects
+        by the effect's place in the scene, its field and what is in that: "effects.1.damping.elbow".
     duration : float, optional
         Simulated time, s; by default the scene's own.
     accuracy : float
@@ -103,26 +111,37 @@ def simulate_many(
     verify : bool
         Compute error bars from a second, more accurate and perturbed solution.
     progress : callable, optional
-        Called with the simulated time now and then.
+        Called now and then with the mean of the times that worlds have reached.
 
     Returns
     -------
     Worlds
 
+    Notes
+    -----
+    Smooth worlds are steps of one batch. Worlds of a scene with events are solved one after the other, each as
+    `simulate` solves it, by the same compiled steps. So are worlds that differ in parameters of closed loops or of a
+    scene with events, or in numbers of effects that change the robot; each of them compiles steps of its own.
+
     Raises
     ------
     SceneError
-        An argument does not fit, or the scene has events (code "worlds-with-events").
+        An argument does not fit.
     AccuracyError
         The accuracy cannot be verified (code "accuracy-not-verifiable").
     """
     end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     states, values = world_states(scene, q, v, parameters)
     _require_samples(samples, states.shape)
-    steps_by = _step_map(scene, tuple(values), end)
-    close_loops(steps_by.equations, states, bool(values))
-    parameter_rows = np.array(list(values.values())) if values else None
     times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
+    kept = slice(0, samples + 1 if samples else 0)
+    if _differs_beyond_numbers(scene, values):
+        ones = solve_one_by_one(scene, states, values, times, accuracy, progress, verify=verify)
+        return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
+                      times[kept], ones.q[kept], ones.v[kept], ones.events)  # fmt: skip
+    steps_by = _step_map(scene, tuple(values), end)
+    close_loops(steps_by.equations, states)
+    parameter_rows = np.array(list(values.values())) if values else None
     looks, method = with_looks(times, LOOKS) if verify else times, steps_by.method
     if verify and not can_be_finer(steps_by, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
@@ -132,9 +151,15 @@ def simulate_many(
     cost = Cost(method.name, solved.tolerance, steps, (steps + rejected) * method.evaluations, solved.seconds,
                 solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
     qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(looks, times)])
-    kept = slice(0, samples + 1 if samples else 0)
     return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, times[kept], qs[kept],
                   vs[kept])  # fmt: skip
+
+
+def _differs_beyond_numbers(scene: Scene, values: Mapping[str, np.ndarray]) -> bool:
+    """Whether worlds are no batch of one step: they have events, loops of their own, or constants of their own."""
+    equations, known = equations_of(scene), effect_numbers(scene)
+    constant = any(name.startswith(PREFIX) and name not in known for name in values)
+    return equations.switching is not None or constant or (bool(values) and equations.constraints is not None)
 
 
 def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,8 +184,5 @@ def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:
     if parameters and heyoka() is None:
         raise MissingExtraError("parameters that differ by world need heyoka", remedy="pip install heyoka (Linux)")
     equations = equations_of(scene, parameters)
-    if equations.switching is not None:
-        raise SceneError("worlds of a batch do not locate events yet", where="effects", code="worlds-with-events",
-                         remedy="simulate them one by one: tl.simulate")  # fmt: skip
     equations.require(0.0, end)
     return step_map(equations, METHODS["dop853"], whole=True)

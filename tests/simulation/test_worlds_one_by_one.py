@@ -1,0 +1,142 @@
+"""Worlds with events, loops and tables, and worlds that differ in numbers of effects: each is what `simulate` gives."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink import effects
+from twolink.algorithms.mechanism import nominal
+from twolink.errors import SceneError
+from twolink.simulation.world_scenes import world_scene
+
+pytest.importorskip("heyoka")
+ARM = tl.load_robot("two_link")
+DAMPED = (effects.Gravity(), effects.JointDamping(damping={"shoulder": 0.1, "elbow": 0.1}))
+TABLE = effects.Torque({"elbow": effects.Sampled(times=(0.0, 0.7, 2.0), values=(0.0, 1.5, 0.0))})
+RUBBING = tl.Scene(ARM, effects=[*DAMPED, TABLE, effects.DryFriction(kinetic={"shoulder": 1.0, "elbow": 0.5})])
+
+
+def check(worlds: tl.Worlds, i: int, scene: tl.Scene, duration: float) -> tl.Trajectory:
+    """World i is the scene's own run, as far as their error bars tell."""
+    alone = tl.simulate(scene, duration, 1e-8, samples=1 / duration)
+    assert worlds.error is not None
+    assert alone.error is not None
+    assert np.abs(scene.robot.difference(worlds.q[i], alone.q[-1])).max() <= worlds.error[i] + alone.error[-1]
+    return alone
+
+
+def test_each_world_has_events_of_its_own() -> None:
+    q = np.random.default_rng(1).uniform(-1, 1, (4, 2))
+    worlds = tl.simulate_many(RUBBING, q=q, duration=2.0, samples=3)
+    assert worlds.kept is not None
+    assert worlds.kept.all()
+    assert len({tuple(event.t for event in events) for events in worlds.events}) == 4
+    for i, start in enumerate(q):
+        alone = check(worlds, i, tl.Scene(ARM, start, effects=RUBBING.effects), 2.0)
+        assert [event.kind for event in worlds.events[i]] == [event.kind for event in alone.events]
+        np.testing.assert_allclose([event.t for event in worlds.events[i]], [event.t for event in alone.events],
+                                   rtol=0, atol=1e-5)  # fmt: skip
+        np.testing.assert_allclose(worlds.samples_q[:, i], np.array([alone.at(t)[0] for t in worlds.samples_t]),
+                                   rtol=0, atol=2e-6)  # fmt: skip
+
+
+def test_a_world_with_events_is_the_same_beside_any_others() -> None:
+    q = np.random.default_rng(2).uniform(-1, 1, (3, 2))
+    together, alone = (tl.simulate_many(RUBBING, q=some, duration=1.0) for some in (q, q[1]))
+    assert np.array_equal(together.q[1], alone.q[0])
+    assert np.array_equal(together.v[1], alone.v[0])
+
+
+def height_at(t: float, height: float, e: float = 0.6, g: float = 9.81) -> float:
+    """The height of a bouncing ball at a time, by its parabolas."""
+    t, speed = t - math.sqrt(2 * height / g), math.sqrt(2 * g * height)
+    while t > 0.0:
+        speed *= e
+        if t <= 2 * speed / g:
+            return speed * t - g * t**2 / 2
+        t -= 2 * speed / g
+    raise ValueError("it has not hit the floor")
+
+
+def test_balls_bounce_from_heights_of_their_own() -> None:
+    heights = [0.5, 1.0, 1.7]
+    worlds = tl.simulate_many(tl.load_scene("bouncing-ball"), q=[[h] for h in heights], duration=0.9, accuracy=1e-9)
+    assert worlds.error is not None
+    np.testing.assert_allclose(worlds.q[:, 0], [height_at(0.9, h) for h in heights], rtol=0, atol=1e-9)
+    assert [len(events) for events in worlds.events] == [2, 1, 1]
+
+
+def test_a_start_below_the_plane_is_refused_with_its_world() -> None:
+    with pytest.raises(SceneError, match=r"world 1: .* below its plane"):
+        tl.simulate_many(tl.load_scene("bouncing-ball"), q=[[1.0], [-0.5]])
+
+
+def test_an_event_ends_a_world_and_the_others_go_on() -> None:
+    watch = effects.Watch("level", when=effects.JointReaches("height", 0.8), stop=True)
+    scene = tl.load_scene("bouncing-ball")
+    scene = scene.with_effects([*scene.effects, watch])
+    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], duration=0.3, samples=5)
+    fallen = math.sqrt(2 * 0.2 / 9.81)
+    assert worlds.events[0][-1].t == pytest.approx(fallen, abs=1e-6)
+    np.testing.assert_allclose(worlds.q[:, 0], [0.8, 0.7 - 9.81 * 0.3**2 / 2], rtol=0, atol=1e-6)
+    assert np.isfinite(worlds.samples_q[:, 0, 0]).tolist() == (worlds.samples_t <= fallen).tolist()
+    assert np.isfinite(worlds.samples_q[:, 1]).all()
+
+
+def test_restitution_and_payload_differ_by_world() -> None:
+    """Numbers of an effect that switches, and of one that changes the robot."""
+    ball = tl.load_scene("bouncing-ball")
+    place = next(i for i, effect in enumerate(ball.effects) if isinstance(effect, effects.PlaneContact))
+    values = [0.3, 0.8]
+    worlds = tl.simulate_many(ball, parameters={f"effects.{place}.restitution": values}, duration=0.6, accuracy=1e-9)
+    np.testing.assert_allclose(worlds.q[:, 0], [height_at(0.6, 1.0, e) for e in values], rtol=0, atol=1e-9)
+    loaded = tl.Scene(ARM, effects=[effects.Gravity(), effects.Payload("forearm", 1.0, (1.0, 0.0, 0.0))])
+    worlds = tl.simulate_many(loaded, parameters={"effects.1.mass": [0.5, 2.0]}, duration=0.5)
+    for i, mass in enumerate([0.5, 2.0]):
+        own = effects.Payload("forearm", mass, (1.0, 0.0, 0.0))
+        check(worlds, i, tl.Scene(ARM, effects=[effects.Gravity(), own]), 0.5)
+
+
+def test_loops_with_constants_of_their_own() -> None:
+    scene = tl.Scene(ARM, effects=[effects.Gravity(), effects.Coupling("elbow", "shoulder", 1.0, offset=0.2)])
+    worlds = tl.simulate_many(scene, q=[[0.0, 0.2]], parameters={"forearm.mass": [1.0, 3.0]}, duration=0.5)
+    for i, mass in enumerate([1.0, 3.0]):
+        own = world_scene(scene, {"forearm.mass": mass})
+        check(worlds, i, tl.Scene(own.base, [0.0, 0.2], effects=own.effects), 0.5)
+    assert np.ptp(worlds.q, axis=0).min() > 1e-3
+
+
+def test_numbers_of_effects_differ_by_world() -> None:
+    scene, values = tl.Scene(ARM, effects=DAMPED), [0.0, 0.1, 0.5]
+    worlds = tl.simulate_many(scene, parameters={"effects.1.damping.elbow": values}, duration=1.0)
+    for i, d in enumerate(values):
+        own = effects.JointDamping(damping={"shoulder": 0.1, "elbow": d})
+        check(worlds, i, tl.Scene(ARM, effects=[effects.Gravity(), own]), 1.0)
+    assert np.ptp(worlds.q, axis=0).min() > 1e-3
+
+
+def test_a_scene_of_a_world_is_what_run_time_parameters_say() -> None:
+    """All of them at once: the motion of the scene whose robot and effects have these numbers."""
+    names = [*(f"forearm.{part}" for part in ("mass", "com.x", "com.z", "inertia.yy")), "elbow.origin.x",
+             "elbow.origin.z", "elbow.armature", "elbow.damping", "gravity.x", "gravity.z"]  # fmt: skip
+    scene = tl.Scene(ARM, effects=DAMPED)
+    values = {name: nominal(scene.robot.model, name) + 0.1 * (i + 1) for i, name in enumerate(names)}
+    values["effects.1.damping.elbow"] = 0.7
+    worlds = tl.simulate_many(scene, parameters=values, duration=0.5, accuracy=1e-9)
+    check(worlds, 0, world_scene(scene, values), 0.5)
+    for name in values:
+        some = {other: value for other, value in values.items() if other != name}
+        other = tl.simulate(world_scene(scene, some), 0.1, 1e-6, method="scipy-dop853", samples=10)
+        whole = tl.simulate(world_scene(scene, values), 0.1, 1e-6, method="scipy-dop853", samples=10)
+        assert np.abs(other.q[-1] - whole.q[-1]).max() > 1e-4, name
+
+
+@pytest.mark.parametrize(("parameters", "part"), [({"effects.1.damping.elbow": [0.1, -1.0]}, "damping"),
+                                                  ({"effects.1.damping.elbo": 0.1}, "effects.1.damping.elbow"),
+                                                  ({"effects.7.damping.elbow": 0.1}, "no parameter")])  # fmt: skip
+def test_numbers_that_no_effect_may_have(parameters: Mapping[str, float], part: str) -> None:
+    with pytest.raises(SceneError, match=part):
+        tl.simulate_many(tl.Scene(ARM, effects=DAMPED), parameters=parameters)

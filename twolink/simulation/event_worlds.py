@@ -1,0 +1,103 @@
+"""Worlds one after the other, each as `simulate` solves it: those with events, and those whose loops differ."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.assembly import assembled
+from twolink.integrate.equations import Equations
+from twolink.integrate.event import Event
+from twolink.integrate.method_choice import choose
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.solution import Progress
+from twolink.integrate.state import Array
+from twolink.scenes import Scene
+from twolink.simulation.cost import Cost
+from twolink.simulation.scene_run import run_of
+from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.world_scenes import world_scene
+
+
+@dataclass(frozen=True, eq=False)
+class SingleWorlds:
+    """The runs of n worlds at m times.
+
+    q (m, n, nq), v (m, n, nv), where the last is the state at the end, or at the event that ended the world; NaN behind
+    that, and for a lost world. error (n,): the bars at the end; None: not verified. steps (n,). cost: of all together.
+    events: of each.
+    """
+
+    q: Array
+    v: Array
+    error: Array | None
+    steps: Array
+    cost: Cost
+    events: tuple[tuple[Event, ...], ...]
+
+
+def solve_one_by_one(
+    scene: Scene,
+    states: Array,
+    values: Mapping[str, Array],
+    times: Array,
+    accuracy: float,
+    progress: Progress | None = None,
+    *,
+    verify: bool = True,
+) -> SingleWorlds:
+    """Solve the worlds from states (nq + nv, n), with parameters (n,) by name, for samples at the times (m,).
+
+    Worlds without parameters share their equations, and so their compiled steps. Raises SceneError with the world whose
+    start is refused.
+    """
+    count, nq, nv = states.shape[1], scene.robot.nq, scene.robot.nv
+    q, v = np.full((len(times), count, nq), np.nan), np.full((len(times), count, nv), np.nan)
+    error, steps = np.full(count, np.nan), np.zeros(count, dtype=int)
+    costs, events = list[Cost](), list[tuple[Event, ...]]()
+    for i in range(count):
+        own = world_scene(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
+        try:
+            run = _run(own, _from(equations_of(own), states[:, i]), times, accuracy, verify)
+        except SceneError as refused:
+            raise SceneError(refused.what, where=f"world {i}", remedy=refused.remedy, code=refused.code) from None
+        events.append(tuple(run.events) if run else ())
+        if run is not None and run.cost is not None:
+            reached = np.flatnonzero(np.isin(times, run.t))
+            taken = np.searchsorted(run.t, times[reached])
+            q[reached, i], v[reached, i] = run.q[taken], run.v[taken]
+            q[-1, i], v[-1, i] = run.q[-1], run.v[-1]
+            error[i] = np.nan if run.error is None else run.error[-1]
+            steps[i] = run.cost.steps
+            costs.append(run.cost)
+        if progress is not None:
+            progress(float(times[-1]) * (i + 1) / count)
+    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events))
+
+
+def _from(equations: Equations, x: Array) -> Equations:
+    """The equations from another state x (nq + nv,), moved to where the loops are closed."""
+    if equations.constraints is not None:
+        x = assembled(equations.constraints, x)
+    return replace(equations.starting_at(x, 0.0), assembled=(0.0, 0.0))
+
+
+def _run(scene: Scene, equations: Equations, times: Array, accuracy: float, verify: bool) -> Trajectory | None:
+    """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
+    choice = choose(equations, accuracy, float(times[-1]), "auto")
+    try:
+        return run_of(scene, equations, choice, times, accuracy, verify=verify)
+    except AccuracyError as error:
+        run: Any = error.run
+        return run if isinstance(run, Trajectory) else None
+
+
+def _sum(costs: list[Cost]) -> Cost:
+    """The cost of runs together; method and tolerance are those of the first."""
+    if not costs:
+        return Cost("", None, 0, 0, 0.0)
+    names = "steps", "evaluations", "rejected", "seconds", "verify_seconds", "compile_seconds"
+    sums = {name: sum(getattr(cost, name) for cost in costs) for name in names}
+    return replace(costs[0], **sums, why="world by world")
