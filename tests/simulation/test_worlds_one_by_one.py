@@ -100,6 +100,16 @@ def test_restitution_and_payload_differ_by_world() -> None:
         check(worlds, i, tl.Scene(ARM, effects=[effects.Gravity(), own]), 0.5)
 
 
+def test_limits_of_effort_differ_by_world() -> None:
+    """A limit is a constant of the formula, so that each world has steps of its own."""
+    given = {"target": {"elbow": 1.0}, "kp": {"elbow": 20.0}, "kd": {"elbow": 1.0}}
+    scene = tl.Scene(ARM, effects=[effects.JointPD(**given, effort={"elbow": 5.0})])
+    worlds = tl.simulate_many(scene, parameters={"effects.0.effort.elbow": [1.0, 3.0]}, duration=0.3)
+    for i, limit in enumerate([1.0, 3.0]):
+        check(worlds, i, tl.Scene(ARM, effects=[effects.JointPD(**given, effort={"elbow": limit})]), 0.3)
+    assert np.ptp(worlds.q, axis=0).min() > 1e-3
+
+
 def test_loops_with_constants_of_their_own() -> None:
     scene = tl.Scene(ARM, effects=[effects.Gravity(), effects.Coupling("elbow", "shoulder", 1.0, offset=0.2)])
     worlds = tl.simulate_many(scene, q=[[0.0, 0.2]], parameters={"forearm.mass": [1.0, 3.0]}, duration=0.5)

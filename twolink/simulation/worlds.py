@@ -159,7 +159,13 @@ def _differs_beyond_numbers(scene: Scene, values: Mapping[str, np.ndarray]) -> b
     """Whether worlds are no batch of one step: they have events, loops of their own, or constants of their own."""
     equations, known = equations_of(scene), effect_numbers(scene)
     constant = any(name.startswith(PREFIX) and name not in known for name in values)
-    return equations.switching is not None or constant or (bool(values) and equations.constraints is not None)
+    if constant or equations.switching is not None or (values and equations.constraints is not None):
+        return True
+    try:
+        equations_of(scene, tuple(values))
+    except TypeError:  # a number that a formula takes as a constant, such as a limit of effort
+        return True
+    return False
 
 
 def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
