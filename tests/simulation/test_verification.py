@@ -163,3 +163,40 @@ def test_second_solutions_where_rounding_counts(
     assert len(shifts) == 1 or shifts[0] * shifts[1] < 0
     again = second_solutions(coarse, solve, equations, 1e-6, others).solutions
     assert (again == others) == (precisions == ["extended"])  # it does not depend on the coarse solution
+
+
+@pytest.mark.parametrize(
+    ("scene", "with_rounding"), [("arm-swing", ["extended"]), ("crankshaft", ["double", "double"])]
+)
+@pytest.mark.parametrize("rounding", [0.05, 0.5])
+def test_a_run_that_starts_roundings_away_tells_whether_rounding_counts(
+    scene: str, with_rounding: list[str], rounding: float
+) -> None:
+    """At a tolerance of 2e-11: below what rounding is in other motions. Its share of the error is 5 or 50 %."""
+
+    def solve(choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved:
+        same = choice == coarse.choice
+        assert not same or perturbation.start_shift > 0.0
+        return solved(choice, 100 if same else 178, rounding if same else 1.0)
+
+    def solved(choice: MethodChoice, steps: int, off: float) -> Solved:
+        return Solved(choice, Solution(t, 1e-9 * off * np.ones((4, 1)) * t, steps, 0), 1.0)
+
+    equations, t = equations_of(tl.load_scene(scene)), np.linspace(0.0, 1.0, 50)
+    coarse = solved(MethodChoice(METHODS["dop853"], 2e-11, "asked for"), 100, 0.0)
+    others = second_solutions(coarse, solve, equations, 1e-9).solutions
+    assert [other.choice.precision for other in others] == (["double"] if rounding < 0.1 else with_rounding)
+    assert others[0].seconds == (1.0 if others[0].choice.precision == "extended" else 2.0)
+
+
+@pytest.mark.parametrize(("method", "accuracy"), [("taylor", 6e-11), ("dop853", 6e-10), ("rk45", 2e-9)])
+@pytest.mark.parametrize("seed", [1, 4])
+def test_bars_hold_where_rounding_is_measured(method: str, accuracy: float, seed: int) -> None:
+    """The tolerance is 2e-11, where rounding is small in most motions; against 19 digits."""
+    scene, duration = double_pendulum(seed)
+    run = best(scene, duration, accuracy, method, 20)
+    reference, doubt = extended_reference(scene, run.t)
+    true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
+    assert run.error is not None
+    assert (doubt <= 0.1 * run.error)[1:].all()
+    assert (true <= run.error)[1:].all()

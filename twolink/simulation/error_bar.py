@@ -83,7 +83,7 @@ def bar_of_run(space: StateSpace, coarse: Solution, looks: Array, distance: Arra
     size = np.abs(coarse.x[: space.nq].take(looks, axis=1)).max(axis=0, initial=0.0)
     rounding = ROUNDING * size if coarse.precise is None else 0.0 * size
     bar = error_bar(distance, rounding, safety)
-    return bar.take(np.searchsorted(looks, np.arange(len(coarse.t))))  # between two looks, that of the later one
+    return bar.repeat(np.diff(looks, prepend=-1))  # between two looks, that of the later one
 
 
 def distance_of_worlds(space: StateSpace, coarse: Array, fine: Array) -> Array:

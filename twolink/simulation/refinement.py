@@ -1,5 +1,6 @@
 """Refinement: which method and setting solve more accurately, and the errors where none does."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +19,20 @@ from twolink.simulation.trajectory import Trajectory
 # ratio depends on the tolerance, not on the scene: on double pendulums of 5 to 20 s the error at 1e-11 is 45 times or
 # more that of rounding alone in 9 of 10, by Taylor's method, DOP853 and RK45; at 1e-13 it is once to 12 times that.
 ROUNDING_COUNTS = 5e-11
+ROUNDING_MEASURED = 5e-12  # from this tolerance on a run that starts roundings away tells how much rounding counts
 STIFF_ROUNDING_COUNTS = 1e-11  # of implicit methods: stiff motions damp roundings
 MANY_STEPS = 2_000_000  # of a solution in double precision, that take minutes with more digits
 MORE_DIGITS = 1e-18  # tolerance of solutions in extended precision that judge those in double precision
 ROOM = 5.0  # times the smallest tolerance: a second solution must be able to be more accurate
 
 
-def finer(choice: MethodChoice, equations: Equations, accuracy: float, steps: int = 0) -> MethodChoice:
-    """What solves more accurately than the choice, which took so many steps. Raises AccuracyError for nothing."""
+def finer(
+    choice: MethodChoice, equations: Equations, accuracy: float, steps: int = 0, *, digits_below: float = math.inf
+) -> MethodChoice:
+    """What solves more accurately than the choice, which took so many steps. Raises AccuracyError for nothing.
+
+    digits_below: the tolerance below which it has more digits, at most that below which rounding may count.
+    """
     method, setting = choice.method, choice.setting
     if not method.adaptive:
         return replace(choice, setting=setting / 2)
@@ -33,7 +40,7 @@ def finer(choice: MethodChoice, equations: Equations, accuracy: float, steps: in
         return MethodChoice(METHODS["dop853"], max(setting / 30, 1e-13), "the series may not converge")
     smallest = smallest_tolerance(method, choice.precision)
     last = setting / 4 <= smallest
-    if choice.precision == "double" and (last or setting < rounding_tolerance(method)):
+    if choice.precision == "double" and (last or setting < min(digits_below, rounding_tolerance(method))):
         more = more_digits(equations, steps, costly=last)
         if more is not None:
             return more

@@ -50,4 +50,5 @@ def spread_out(n: int, count: int) -> np.ndarray:
     if n <= count + 2:
         return np.arange(n)
     k = np.arange(count)
-    return np.union1d(((k + k * GOLDEN % 1.0) * (n / count)).astype(int), [0, n - 1])
+    numbers = np.append(((k + k * GOLDEN % 1.0) * (n / count)).astype(int), n - 1)
+    return np.asarray(numbers[np.append(numbers[1:] > numbers[:-1], True)])

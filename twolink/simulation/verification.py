@@ -10,11 +10,11 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.perturbation import NO_PERTURBATION, START_SHIFT, Perturbation, second_solution
 from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array
 from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL, SLACK, distance_of_runs
-from twolink.simulation.refinement import finer, more_digits, rounding_tolerance
+from twolink.simulation.refinement import ROUNDING_MEASURED, finer, more_digits, rounding_tolerance
 
 # Of the steps that a smaller tolerance should take, where it decides: DOP853 should take 1.78 times as many. It takes
 # 1.5 to 1.76 times as many where a mass hits a stop, and 1.2 where a ball bounces on parabolas: they are exact.
@@ -23,6 +23,7 @@ AT_ROUNDING = 1e-12  # relative distance that perturbation and rounding may caus
 GROWN = 1e3
 ROUNDING_A_STEP = 1e-12  # of fixed size: below this mean error a step, rounding may be a tenth of it
 
+SMALL_SHARE = 0.1  # of the error, up to which rounding does not count
 LESS_FINE = 2  # times that a finer solution is tried nearer to the coarse one: with DOP853, to 1 / 10 and 1 / 3.2
 
 
@@ -92,7 +93,7 @@ def second_solutions(
     of the perturbation may cancel e1 in e1 - e2 - p. It cannot in both directions, of which the second is k times as
     far: the larger of |e1 - e2 - p| and |e1 - e2' + k p| is at least |e1 - (k e2 + e2') / (k + 1)|.
     """
-    choice = finer(coarse.choice, equations, accuracy, coarse.solution.steps)
+    choice = finer(coarse.choice, equations, accuracy, coarse.solution.steps, digits_below=ROUNDING_MEASURED)
     if choice.precision != "double":
         return _with_more_digits(choice, coarse, solve, equations, earlier)
     # Steps across a singular position of loops have an error of their own, which a smaller tolerance may not admit.
@@ -121,10 +122,20 @@ def _of_as_many_digits(
     one = _seconds([first], coarse, equations)
     if one.interrupted:
         return one
+    method, tolerance = coarse.choice.method, coarse.choice.setting
+    near = method.adaptive and tolerance < rounding_tolerance(method)
     grown = _rounding_grows(equations, coarse, one.distance, accuracy)
     if not (grown or _rounding_counts(coarse, first, one.distance)):
-        return one
-    exact = grown or not coarse.choice.method.adaptive
+        if not near:
+            return one
+        if tolerance >= ROUNDING_MEASURED:
+            same = solve(coarse.choice, Perturbation(START_SHIFT))
+            if same.solution.interrupted:
+                return _seconds([same], coarse, equations)
+            first = replace(first, seconds=first.seconds + same.seconds)
+            if _rounding_is_small(equations, coarse, same, one.distance, accuracy):
+                return one._replace(solutions=[first])
+    exact = grown or near or not method.adaptive
     more = more_digits(equations, coarse.solution.steps) if exact else None
     if more is not None:
         return _with_more_digits(more, coarse, solve, equations, earlier)
@@ -162,11 +173,20 @@ def _rounding_grows(equations: Equations, coarse: Solved, distance: Array, accur
 def _rounding_counts(coarse: Solved, fine: Solved, distance: Array) -> bool:
     """Whether rounding may be a large part of the error.
 
-    It may where the tolerance is near rounding, and where a smaller tolerance takes few more steps: then events, breaks
-    or an exact method decide about the steps, and truncation may be less than the tolerance by any factor.
+    It may where a smaller tolerance takes few more steps: then events, breaks or an exact method decide about the
+    steps, and truncation may be less than the tolerance by any factor.
     """
     method, steps = coarse.choice.method, coarse.solution.steps
     if not method.adaptive:
         return bool(distance[-1] < ROUNDING_A_STEP * steps)
-    few_more = method.kind != "taylor" and fine.solution.steps < MORE_STEPS * steps_ratio(method) * steps
-    return coarse.choice.setting < rounding_tolerance(method) or few_more
+    return method.kind != "taylor" and fine.solution.steps < MORE_STEPS * steps_ratio(method) * steps
+
+
+def _rounding_is_small(equations: Equations, coarse: Solved, same: Solved, distance: Array, accuracy: float) -> bool:
+    """Whether rounding is a small part of the error so far at each sample.
+
+    By a solution of the same tolerance that starts roundings away: it has the same truncation, and other roundings.
+    """
+    rounding = distance_of_runs(equations.space, coarse.choice.method, coarse.solution, same.solution)
+    largest, error = np.maximum.accumulate(rounding), np.maximum.accumulate(distance)
+    return bool((largest <= SMALL_SHARE * error + SLACK / 2 * accuracy).all())
