@@ -36,6 +36,9 @@ from twolink.hard.case import Track
 from twolink.hard.extended_precision import COARSE, FINE, extended_reference
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
+from twolink.integrate.methods import METHODS
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_map import step_map
 from twolink.io.tables import write_table
 
 OUT = Path(__file__).parents[1] / "out"
@@ -202,6 +205,8 @@ def own_timings(
 
         return run
 
+    for method in ("rk45", "dop853"):  # else the first runs would take steps that are compiled in parts
+        step_map(equations_of(scene), METHODS[method], whole=True)
     accuracies = [10.0**-k for k in range(1, 13, 2 if options.quick else 1)]
     few = INTERVALS / float(times[-1])
     for contestant, verify, samples in ((PLAIN, False, few), (VERIFIED, True, few), (SAMPLED, False, SAMPLES)):
