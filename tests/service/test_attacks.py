@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from attack_service import QUICK, attack
@@ -19,11 +20,17 @@ def test_the_service_stays_up_under_attack(seconds: float) -> None:
     assert all(bars.values()), f"{bars}\n{figures.summary()}\n{figures.outcomes}"
 
 
-def test_workers_yield_to_the_process_that_answers(served: Served) -> None:
-    def niceness() -> list[int]:
-        return [os.getpriority(os.PRIO_PROCESS, process) for process in served.workers()]
+def test_workers_yield_unless_a_client_waits_for_a_query(served: Served) -> None:
+    def niceness() -> dict[bool, set[int]]:
+        """Of the workers that answer queries, and of the others."""
+        found: dict[bool, set[int]] = {True: set(), False: set()}
+        for process in served.workers():
+            answers_queries = b"query_tasks" in Path(f"/proc/{process}/cmdline").read_bytes()
+            found[answers_queries].add(os.getpriority(os.PRIO_PROCESS, process))
+        return found
 
-    wait_until(lambda: niceness() and min(niceness()) == 10)
+    own = os.getpriority(os.PRIO_PROCESS, served.process.pid)
+    wait_until(lambda: niceness() == {True: {own}, False: {own + 10}})
 
 
 def test_connections_leave_files_for_the_service() -> None:

@@ -64,6 +64,7 @@ class Service:
         self._computers = pool(
             _COMPUTERS,
             threads=thread_count(),
+            niceness=0,  # a client waits: beside other programs, niceness 10 takes four times as long
             tasks="twolink.service.query_tasks",
             writable=[self.store.folder / "robots"],
         )

@@ -42,7 +42,8 @@ _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(P
 class Workers:
     """At most `count` worker processes.
 
-    memory: the limit that they share with other pools. threads: of each. waiting: tasks that may wait, see `Turns`.
+    memory: the limit that they share with other pools. threads: of each. niceness: how
+    far they let the service, and other programs, run first. waiting: tasks that may wait, see `Turns`.
     tasks: the module whose TASKS they run. writable: the folders that they may write, besides that of their kernels.
     on_death: called for each process that dies during a task.
     """
@@ -53,6 +54,7 @@ class Workers:
         memory: WorkerMemory,
         *,
         threads: int = 1,
+        niceness: int = 10,
         waiting: int = 1000,
         tasks: str = "twolink.service.task_table",
         writable: Sequence[Path] = (),
@@ -65,7 +67,7 @@ class Workers:
                 Path(kernels).mkdir(mode=0o700, parents=True, exist_ok=True)
         folders = [*([kernels] if kernels else []), *map(str, writable)]
         self._command = (sys.executable, "-m", "twolink.service.worker", tasks, addresses)
-        self._folders = folders
+        self._folders, self._niceness = folders, niceness
         self._environment = {
             **{name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
             **(dict.fromkeys(("MPLCONFIGDIR", "TMPDIR"), folders[0]) if folders else {}),
@@ -158,7 +160,7 @@ class Workers:
         exchange = Exchange()
         try:
             command = (*self._command, exchange.name, *self._folders)
-            process = await start(command, self._environment, exchange.inherited)
+            process = await start(command, self._environment, exchange.inherited, self._niceness)
         except BaseException:
             exchange.close()
             raise

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-_NICE, _ATTEMPTS = 10, 5
+_ATTEMPTS = 5
 
 # One thread that never ends: Linux ends workers (PR_SET_PDEATHSIG) with the thread that started them.
 _starter = ThreadPoolExecutor(1, "twolink-starter")
@@ -40,9 +40,9 @@ class WorkerProcess:
 
 
 async def start(
-    command: Sequence[str], environment: Mapping[str, str], inherited: Sequence[int]
+    command: Sequence[str], environment: Mapping[str, str], inherited: Sequence[int], niceness: int
 ) -> WorkerProcess | Process:
-    """Start a process. inherited: file descriptors that it gets as well."""
+    """Start a process. inherited: file descriptors that it gets as well. niceness: added to that of the service."""
     if sys.platform == "win32":  # no pairs of sockets
         return await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, env=environment)
     mine, its = socket.socketpair()
@@ -58,7 +58,8 @@ async def start(
                 pass_fds=inherited,
                 start_new_session=True,  # Ctrl-C is for the service, which then ends its workers
             )
-        _yield_to_service(process.pid)
+        if niceness:
+            _yield_to_service(process.pid, niceness)
         return process
 
     spawning = asyncio.get_running_loop().run_in_executor(_starter, spawn)
@@ -72,12 +73,12 @@ async def start(
         raise
 
 
-def _yield_to_service(pid: int) -> None:
+def _yield_to_service(pid: int, niceness: int) -> None:
     """Let the process that answers requests run before this one, where processors are few."""
-    os.setpriority(os.PRIO_PROCESS, pid, _NICE)
+    os.setpriority(os.PRIO_PROCESS, pid, os.nice(0) + niceness)
     for _ in range(_ATTEMPTS):  # Linux shares processors between sessions first, whatever their processes' niceness
         try:
-            Path(f"/proc/{pid}/autogroup").write_text(str(_NICE))
+            Path(f"/proc/{pid}/autogroup").write_text(str(niceness))
             return
         except BlockingIOError:  # it takes one change in 0.1 s
             time.sleep(0.1)
