@@ -5,7 +5,6 @@ batched ones a second and core; jobs and uploads run in the pool. Whoever needs 
 reverse proxy.
 """
 
-import asyncio
 import contextlib
 import functools
 import math
@@ -66,17 +65,10 @@ class _Server(uvicorn.Server):
             self._on_start()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Let answers under way be finished, cancel what takes longer, and end when all that is undone."""
+        """Tell those who wait for a job, then end as uvicorn does: answers under way have _GRACE seconds."""
         for server in self.servers:
             server.close()
         await self._service.drain()
-        late = set(self.server_state.tasks)
-        if late:
-            _, late = await asyncio.wait(late, timeout=_GRACE)
-        for task in late:
-            task.cancel()
-        if late:
-            await asyncio.wait(late, timeout=_GRACE)  # uvicorn itself would end the application at once
         await super().shutdown(sockets)
 
 
