@@ -125,6 +125,36 @@ def nominal(model: pin.Model, name: str) -> float:
     return values[name]
 
 
+def with_nominal(model: pin.Model, name: str, value: float) -> None:
+    """Give a model, which is changed, another value of a parameter."""
+    owner, _, what = name.partition(".")
+    bodies = {link: i for i, link in enumerate(body_names(model))}
+    if owner == "gravity" and what in _COORDINATES:
+        field = model.gravity.linear.copy()
+        field[_COORDINATES.index(what)] = value
+        model.gravity.linear = field
+        return
+    part, _, entry = what.partition(".")
+    if part in ("mass", "com", "inertia"):
+        body = model.inertias[bodies[owner]]
+        mass, lever, rotational = float(body.mass), body.lever.copy(), body.inertia.copy()
+        if part == "mass":
+            mass = value
+        elif part == "com":
+            lever[_COORDINATES.index(entry)] = value
+        else:
+            j, k = sp.ENTRIES[_MOMENTS.index(entry)]
+            rotational[j, k] = rotational[k, j] = value
+        model.inertias[bodies[owner]] = pin.Inertia(mass, lever, rotational)
+        return
+    joint = model.getJointId(owner)
+    if part == "origin":
+        model.jointPlacements[joint].translation[_COORDINATES.index(entry)] = value
+    else:
+        values = model.armature if part == "armature" else model.damping
+        values[model.joints[joint].idx_v] = value
+
+
 def _nominal_values(model: pin.Model) -> dict[str, float]:
     names = body_names(model)
     values = dict(zip(("gravity.x", "gravity.y", "gravity.z"), model.gravity.linear.tolist(), strict=True))

@@ -73,13 +73,19 @@ def solve(
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
     if method.adaptive:
         setting = max(setting, smallest_tolerance(method, precision))
-    if perturbation.start_shift:
-        start, moving = equations.start.copy(), equations.moving
-        start[:moving] = perturbation.shifted(start[:moving])
-        equations = replace(equations, start=start)
+    equations = from_shifted_start(equations, perturbation)
     solution = _solve(equations, method, times, setting, progress, precision, perturbation)
     whole = Piece(equations, float(times[0]), len(solution.t))
     return solution if solution.pieces else replace(solution, pieces=(whole,))
+
+
+def from_shifted_start(equations: Equations, perturbation: Perturbation) -> Equations:
+    """The equations from the start of a perturbed solution on."""
+    if not perturbation.start_shift:
+        return equations
+    start, moving = equations.start.copy(), equations.moving
+    start[:moving] = perturbation.shifted(start[:moving])
+    return replace(equations, start=start)
 
 
 def _solve(

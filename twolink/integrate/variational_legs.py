@@ -13,7 +13,9 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.state import Array
 from twolink.integrate.variational_steps import METHOD, VariationalSteps
 
-ROUNDS, MOST_PARTS = 8, 64  # of dividing steps
+ROUNDS, MOST_PARTS = 10, 64  # of dividing steps
+MOST_STEPS = 20_000  # more than 8 times as many as at first
+SMOOTH = 3  # times that a step is divided as its error estimate says; beyond that it is beside a corner, as of a limit
 NEARLY = 0.9  # of a step that the estimate admits
 
 
@@ -59,13 +61,15 @@ def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: A
     """
     t, x = times, solution.states_of(number, times)
     found, square = steps.matrices(t[:-1], x[:, :-1], t[1:], tolerance)
-    for _ in range(ROUNDS):
+    for trial in range(ROUNDS):
         late = ~(square <= 1.0)
         if not late.any():
             return Leg(steps, t, x, found)
         parts = np.ones(len(square), dtype=int)
         wanted = np.nan_to_num(square[late], nan=np.inf) ** (0.5 / METHOD.error_order) / NEARLY
-        parts[late] = np.clip(np.ceil(wanted), 2, MOST_PARTS)
+        parts[late] = np.clip(np.ceil(wanted), 2, MOST_PARTS) if trial < SMOOTH else MOST_PARTS
+        if parts.sum() > MOST_STEPS + 8 * len(times) or not np.isfinite(found).all():
+            break
         before = np.repeat(np.arange(len(parts)), parts)
         share = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)
         t = np.append(t[before] + share * (np.diff(t) / parts)[before], t[-1])

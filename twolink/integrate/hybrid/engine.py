@@ -37,11 +37,11 @@ def solve(
     perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
     """Solve a scene with modes for the samples `times` (n,). Raises AccuracyError and SceneError."""
-    return _Engine(equations, method, times, setting, progress, perturbation).solution()
+    return Engine(equations, method, times, setting, progress, perturbation).solution()
 
 
 @dataclass
-class _Engine:
+class Engine:
     """One solution: pieces between events and breaks, up to the last of `times`."""
 
     whole: Equations

@@ -84,8 +84,8 @@ _kept: weakref.WeakKeyDictionary[Switching, dict[object, ModeEquations]] = weakr
 class System:
     """What a scene declares for its modes, and the equations of each mode, made when it is met."""
 
-    def __init__(self, equations: Equations) -> None:
-        self.whole = equations
+    def __init__(self, equations: Equations, *, compiled: bool = True) -> None:
+        self.whole, self.compiled = equations, compiled
         self.switching = equations.switching or Switching(equations.robot, equations.robot)
         self.nq = equations.space.nq
         self.robot = self.switching.robot
@@ -145,7 +145,9 @@ class System:
             for place, i in zip(range(len(ends) - len(closed), len(ends)), closed, strict=True):
                 own = range(ends[place] - constraints.counts[place], ends[place])
                 rows[i] = tuple(constraints.kept.index(r) if r in constraints.kept else None for r in own)
-        return ModeEquations(equations, Evaluator(equations, self.contacts, self.conditions, compiled=True), rows)
+        return ModeEquations(
+            equations, Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled), rows
+        )
 
 
 class Situation(NamedTuple):

@@ -1,0 +1,173 @@
+"""Derivatives along a run, and their distance to those along second solutions."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from twolink.errors import AccuracyError
+from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
+from twolink.integrate.hybrid.state import RunState
+from twolink.integrate.method_choice import MethodChoice, steps_ratio
+from twolink.integrate.methods import METHODS
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.scene_equations import with_parameters
+from twolink.integrate.solver import from_shifted_start, solve
+from twolink.integrate.variational_legs import Leg, halved, leg_of
+from twolink.integrate.variational_steps import VariationalSteps
+from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
+from twolink.simulation.refinement import finer, rounding_tolerance
+from twolink.simulation.sensitivity_names import Wanted
+from twolink.simulation.trajectory import Trajectory
+
+SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
+STEPS = 1.3  # times as many as those of the run, at first
+
+
+class Course(NamedTuple):
+    """A solution with the jumps at the ends of its pieces, and where it began; without events neither."""
+
+    dense: DenseOutput
+    edges: list[tuple[float, float]]
+    jumps: list[Jump]
+    begun: RunState | None
+
+
+class SensitivityRun:
+    """The derivatives along a run, with steps to a tolerance.
+
+    Attributes: t (m,), the times between steps; distance (m, k), of each column to second solutions, times a factor of
+    safety; s (n, 2 nv, k), at the samples of the run.
+    """
+
+    def __init__(
+        self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float
+    ) -> None:
+        self.run, self.equations, self.wanted = run, equations, wanted
+        self.accuracy, self.tolerance = accuracy, tolerance
+        self._steps: dict[str, VariationalSteps] = {}
+        self._saltation = Saltation(equations, wanted.parameters)
+        dense = cast("DenseOutput", run.solution)
+        self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
+        course = _course_of(dense, float(run.t[-1]))
+        if equations.has_events:
+            course = self._solved(self._choice, dense.t, NO_PERTURBATION)
+        self._course = course
+        self.s, legs, states = self._along(course, run.t, tolerance)
+        self.t = np.concatenate([leg.t for leg in legs])
+        self.distance = self._distance(legs, states)
+
+    def _solved(self, choice: MethodChoice, times: np.ndarray, perturbation: Perturbation) -> Course:
+        """A solution, with its jumps."""
+        jumps: list[Jump] = []
+        begun = None
+        if self.equations.has_events:
+            equations = from_shifted_start(self.equations, perturbation)
+            engine = RecordingEngine(equations, choice.method, times, choice.setting, None, perturbation)
+            solution = engine.solution()
+            jumps, begun = engine.jumps, engine.begun
+        else:
+            solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
+        dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
+                            choice.setting, choice.precision)  # fmt: skip
+        return _course_of(dense, float(solution.t[-1]), jumps, begun)
+
+    def _start(self, course: Course) -> np.ndarray:
+        """S at the start."""
+        return self.wanted.start if course.begun is None else self._saltation.start(course.begun, self.wanted.start)
+
+    def _after(self, course: Course, number: int, s: np.ndarray) -> np.ndarray:
+        """S after the end of a piece."""
+        if not course.jumps or number + 1 == len(course.edges):
+            return s
+        return self._saltation(course.jumps[number], s)
+
+    def _along(
+        self, course: Course, samples: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
+        """S at sample times (n,), the legs, and S (., 2 nv, k) at their times."""
+        run, rows, start = self.run, 2 * self.equations.space.nv, self._start(course)
+        every = max(1, int(len(course.dense.t) / (STEPS * max(1, run.cost.steps if run.cost else 1))))
+        times = course.dense.t[::every]
+        legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), rows, start.shape[1]))
+        piece = np.maximum(np.searchsorted([begin for begin, _ in course.edges], samples, side="right") - 1, 0)
+        for number, (begin, end) in enumerate(course.edges):
+            inside = times[(times > begin) & (times < end)]
+            leg = leg_of(self._steps_of(course, number), course.dense, number, np.concatenate([[begin], inside, [end]]),
+                         tolerance)  # fmt: skip
+            s = leg.along(start)
+            here = piece == number
+            out[here] = leg.at(samples[here], s)
+            legs.append(leg)
+            states.append(s[:, :rows])
+            start = self._after(course, number, s[-1])
+        return out, legs, states
+
+    def _steps_of(self, course: Course, number: int) -> VariationalSteps:
+        """The variational steps of a piece."""
+        equations = with_parameters(course.dense.pieces[number].equations, self.wanted.parameters)
+        if equations.content not in self._steps:
+            self._steps[equations.content] = VariationalSteps(equations)
+        return self._steps[equations.content].starting(equations)
+
+    def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
+        """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
+        choice = self._choice
+        fine = finer(choice, self.equations, self.accuracy, self.run.cost.steps if self.run.cost else 0)
+        first = second_solution(steps_ratio(fine.method), choice.setting if choice.method.adaptive else 0.0)
+        perturbations = [first]
+        if fine.precision == "double" and self.tolerance < rounding_tolerance(fine.method):
+            perturbations.append(first.opposite)
+        distances = [self._distance_to(legs, states, fine, one) for one in perturbations]
+        return np.asarray((SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL) * np.max(distances, axis=0))
+
+    def _distance_to(
+        self, legs: Sequence[Leg], states: Sequence[np.ndarray], choice: MethodChoice, perturbation: Perturbation
+    ) -> np.ndarray:
+        """The distance to one second solution."""
+        times = np.unique(np.concatenate([leg.t for leg in legs]))
+        course = self._solved(choice, np.union1d(times, 0.5 * (times[:-1] + times[1:])), perturbation)
+        out, start, rows = [], self._start(course), 2 * self.equations.space.nv
+        if not self._has_same_events(course):
+            return self._distance_in_time(legs, states, course)
+        for number, (leg, coarse) in enumerate(zip(legs, states, strict=True)):
+            begin, end = course.edges[number]
+            own = leg.t
+            if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
+                own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
+            s = halved(leg, course.dense, number, own).along(start)
+            out.append(np.abs(s[:, :rows] - coarse).max(axis=1))
+            start = self._after(course, number, s[-1])
+        return np.concatenate(out)
+
+    def _distance_in_time(self, legs: Sequence[Leg], states: Sequence[np.ndarray], course: Course) -> np.ndarray:
+        """The distance to a second solution that follows bounces farther, at the times of the legs."""
+        times = np.concatenate([leg.t for leg in legs])
+        other, _, _ = self._along(course, times, self.tolerance / SMALLER)
+        return np.asarray(np.abs(other - np.concatenate(states)).max(axis=1))
+
+    def _has_same_events(self, course: Course) -> bool:
+        """Whether the events are those of the run; False where just the numbers of bounces differ.
+
+        Raises AccuracyError for other events.
+        """
+        ours, theirs = ([jump.guard and jump.guard.key for jump in each.jumps] for each in (self._course, course))
+        if ours == theirs and len(self._course.edges) == len(course.edges):
+            return True
+        ours, theirs = ([key for key, _ in itertools.groupby(keys)] for keys in (ours, theirs))
+        if ours != theirs:
+            same = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(ours, theirs, strict=False)))
+            t = self._course.edges[min(same, len(self._course.edges) - 1)][1]
+            raise AccuracyError("a more accurate motion has other events: something is nearly touched, or several "
+                                "things happen in nearly the same instant", where=f"t = {t:.9g} s",
+                                remedy=f"ask for a duration below {t:.6g} s, or for more accuracy",
+                                code="sensitivity-undefined", t=t)  # fmt: skip
+        return False
+
+
+def _course_of(dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None) -> Course:
+    edges = [*(piece.begin for piece in dense.pieces), end]
+    return Course(dense, list(itertools.pairwise(edges)), list(jumps), begun)
