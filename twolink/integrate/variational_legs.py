@@ -33,11 +33,22 @@ class Leg:
 
     def along(self, start: Array) -> Array:
         """S (m, 2 nv + p, k) at the leg's times from S at its begin; the rows of the parameters stay as they are."""
-        states = self.steps.states
+        states, count = self.steps.states, len(self.matrices)
         out = np.empty((len(self.t), *start.shape))
         out[:] = start
-        for matrix, before, after in zip(self.matrices, out[:-1], out[1:, :states], strict=True):
-            np.matmul(matrix, before, out=after)
+        # Blocks of steps, each multiplied from its own begin, all at once: a tenth of the calls.
+        length = max(1, round(count**0.5))
+        first = np.arange(0, count, length)
+        steps = np.tile(np.eye(len(start)), (len(first) * length, 1, 1))
+        steps[:count, :states] = self.matrices
+        blocks = steps.reshape(len(first), length, *steps.shape[1:])
+        for i in range(1, length):
+            blocks[:, i] = blocks[:, i] @ blocks[:, i - 1]
+        before = start
+        for block, i in zip(blocks, first, strict=True):
+            after = block[: count - i] @ before
+            out[1 + i : 1 + i + len(after)] = after
+            before = after[-1]
         return out
 
     def at(self, times: Array, s: Array) -> Array:

@@ -95,7 +95,7 @@ class VariationalSteps:
                     admitted = tolerance * (1.0 + np.abs(new).max(axis=(0, 1)))
                     scaled = [_weighted(e, stages).reshape(before.shape)[1 : 1 + len(own)] * (h / admitted)
                               for e in TABLEAU.errors]  # fmt: skip
-                    high, low = ((e * e).mean(axis=1).max(axis=0) for e in scaled)
+                    high, low = (np.einsum("krn,krn->kn", e, e).max(axis=0) / e.shape[1] for e in scaled)
                     square[part] = np.fmax(square[part], high * high / (high + 0.01 * low + 1e-300))
         return out, square
 

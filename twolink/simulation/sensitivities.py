@@ -17,7 +17,7 @@ from twolink.simulation.sensitivity_runs import SensitivityRun
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
-MARGIN = 30.0  # times smaller than the accuracy the first tolerance is
+MARGIN = 10.0  # times smaller than the accuracy the first tolerance is
 STEPS = 1.3  # times as many as those of the run, at first
 TRIALS = 5  # of smaller tolerances
 

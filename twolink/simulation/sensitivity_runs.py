@@ -24,7 +24,7 @@ from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
-STEPS = 1.3  # times as many as those of the run, at first
+STEPS = 1.0  # times as many as those of the run, at first
 
 
 class Course(NamedTuple):

@@ -1,0 +1,146 @@
+"""Sensitivities: what they cost beside the motion, and beside heyoka's variational equations and MuJoCo's differences.
+
+Every price is the least processor time of several runs, in turn. `error` is the largest distance to sensitivities that
+were asked for at 1e-11, relative to the largest entry. heyoka's var_ode_sys takes the tolerance that gives no larger an
+error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest.
+
+    python scripts/bench_sensitivities.py [--scenes arm-swing,panda-hold] [--accuracy 1e-6] [--runs 7] [--no-peers]
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import twolink as tl
+from twolink.algorithms.namespaces import Expressions
+from twolink.dynamics.kernels import heyoka
+from twolink.integrate.formulas import traced_rate
+from twolink.integrate.scene_equations import equations_of
+
+SAMPLES = 200  # a second
+DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
+
+
+def cheapest(runs: int, *calls: Callable[[], object]) -> list[float]:
+    """The least processor seconds of each call, the calls in turn."""
+    best = [np.inf] * len(calls)
+    for _ in range(runs):
+        for i, call in enumerate(calls):
+            start = time.process_time()
+            call()
+            best[i] = min(best[i], time.process_time() - start)
+    return best
+
+
+def matrix(s: tl.Sensitivities) -> np.ndarray:
+    """d(q, v)/d(q0, v0) at the samples, (n, 2 nv, 2 nv)."""
+    return np.concatenate([np.concatenate([s.q[x], s.v[x]], axis=1) for x in ("q", "v")], axis=2)
+
+
+def distance(s: np.ndarray, exact: np.ndarray) -> float:
+    """The largest error, relative to the largest entry."""
+    return float(np.abs(s - exact).max() / np.abs(exact).max())
+
+
+def by_heyoka(scene: tl.Scene, times: np.ndarray, tolerance: float) -> Callable[[], np.ndarray]:
+    """heyoka's variational equations, compiled; a call solves them."""
+    module, equations = heyoka(), equations_of(scene)
+    size = equations.space.size
+    x = np.array([module.expression(f"x{i}") for i in range(size)], dtype=object)
+    xp = Expressions(module)
+    rates = [xp.lift(e) for e in traced_rate(equations, module.time, x, xp)]
+    system = module.var_ode_sys(list(zip(x, rates, strict=True)), module.var_args.vars, order=1)
+    integrator = module.taylor_adaptive(system, equations.start.tolist(), tol=tolerance, compact_mode=True)
+    start = integrator.state.copy()
+
+    def solve() -> np.ndarray:
+        integrator.time, integrator.state[:] = 0.0, start
+        states = integrator.propagate_grid(times)[-1]
+        return np.asarray(states[:, size:].reshape(-1, size, size))
+
+    return solve
+
+
+def by_mujoco(scene: tl.Scene, times: np.ndarray, step: float) -> Callable[[], np.ndarray]:
+    """Central differences of MuJoCo's runs with RK4."""
+    import mujoco
+
+    from twolink.hard.peers import mujoco_peer
+    from twolink.hard.peers.task import task_of
+
+    model = mujoco_peer.build(task_of(scene, times))
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, step
+    data, nv, each = mujoco.MjData(model), scene.robot.nv, round((times[1] - times[0]) / step)
+    start = np.concatenate([scene.q, scene.v])
+
+    def run(change: np.ndarray) -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = np.split(start + change, 2)
+        out = [start + change]
+        for _ in times[1:]:
+            mujoco.mj_step(model, data, each)
+            out.append(np.concatenate([data.qpos, data.qvel]))
+        return np.array(out)
+
+    def solve() -> np.ndarray:
+        columns = [(run(d) - run(-d)) / (2 * DIFFERENCE) for d in DIFFERENCE * np.eye(2 * nv)]
+        return np.stack(columns, axis=2)
+
+    return solve
+
+
+def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
+    """The lines of one scene."""
+    scene = tl.load_scene(name)
+    exact = matrix(tl.sensitivities(scene, ["q", "v"], None, 1e-11))
+    start = time.perf_counter()
+    s = tl.sensitivities(scene, ["q", "v"], None, accuracy)
+    first = time.perf_counter() - start
+    ours, motion = cheapest(runs, lambda: tl.sensitivities(scene, ["q", "v"], None, accuracy),
+                            lambda: tl.simulate(scene, None, accuracy))  # fmt: skip
+    error = distance(matrix(s), exact)
+    print(f"{name}, accuracy {accuracy:g}: motion {motion * 1e3:.2f} ms ({s.run.cost.method})")
+    bar = max(float(s.error[x][-1]) for x in s.error) / np.abs(exact).max()
+    print(f"  twolink  {ours * 1e3:9.2f} ms  {ours / motion:7.1f} x the motion  error {error:.1e}, bar {bar:.1e}, "
+          f"first answer {first:.2f} s")  # fmt: skip
+    if not peers:
+        return
+    times, tolerance = s.run.t, max(accuracy, 1e-14)
+    while True:
+        start = time.perf_counter()
+        solve = by_heyoka(scene, times, tolerance)
+        built, off = time.perf_counter() - start, distance(solve(), exact)
+        if off <= error or tolerance <= 1e-14:
+            break
+        tolerance /= 100
+    price = cheapest(runs, solve)[0]
+    print(f"  heyoka   {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {off:.1e}, no bar, "
+          f"compiled in {built:.1f} s")  # fmt: skip
+    step = float(times[1])
+    while True:
+        solve = by_mujoco(scene, times, step)
+        off = distance(solve(), exact)
+        if off <= error or step <= 2e-4:
+            break
+        step /= 5
+    price = cheapest(1, solve)[0]
+    print(f"  MuJoCo   {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {off:.1e}, no bar, "
+          f"steps of {step:g} s")  # fmt: skip
+
+
+def main() -> None:
+    """The table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", default="arm-swing,panda-hold")
+    parser.add_argument("--accuracy", type=float, default=1e-6)
+    parser.add_argument("--runs", type=int, default=7)
+    parser.add_argument("--no-peers", action="store_true")
+    args = parser.parse_args()
+    for name in args.scenes.split(","):
+        compare(name, args.accuracy, args.runs, peers=not args.no_peers)
+
+
+if __name__ == "__main__":
+    main()
