@@ -14,7 +14,7 @@ from twolink.integrate.state import Array
 from twolink.integrate.variational_steps import METHOD, VariationalSteps
 
 ROUNDS, MOST_PARTS = 10, 64  # of dividing steps
-MOST_STEPS = 20_000  # more than 8 times as many as at first
+MOST_STEPS = 1_000  # more than 8 times as many as at first: dividing does not help then
 SMOOTH = 3  # times that a step is divided as its error estimate says; beyond that it is beside a corner, as of a limit
 NEARLY = 0.9  # of a step that the estimate admits
 
