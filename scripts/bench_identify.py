@@ -1,9 +1,9 @@
 """Identification on simulated data: do the stated intervals hold, and what a plain least-squares fit says instead.
 
-    python scripts/bench_identify.py [--repetitions 300] [--robots arm,panda]
+    python scripts/bench_identify.py [--repetitions 300] [--robots arm,panda] [--noise 0,1e-5] [--methods weighted]
 
 1. Coverage: motions that are known exactly, torques with noise. In how many of the repetitions are the true base
-   parameters inside their 95 % intervals? (Also with noisy positions, filtered and differentiated.)
+   parameters inside their 95 % intervals? (Also with noisy positions alone, filtered and differentiated.)
 2. What can be told: rank and null space of the base parameters, against Pinocchio's regressor on other states.
 3. A plain fit (numpy.linalg.lstsq, scipy.optimize.least_squares) of each link's parameters from the same data: their
    values for what no torque depends on, or only a sum, without a warning; beside ours.
@@ -29,7 +29,6 @@ from twolink.identification import Identification, base_parameters
 OUT = Path(__file__).parents[1] / "out"
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 NOISE = {"arm": 0.05, "panda": 0.1}  # N m
-POSITION_NOISE = 1e-5  # rad: an encoder of 19 bits
 
 
 def robot_of(name: str) -> tl.Robot:
@@ -47,7 +46,7 @@ def motion(robot: tl.Robot, n: int, duration: float) -> tuple[np.ndarray, ...]:
     return t, q, v, -np.sin(k * t).T @ (sines * k) + np.cos(k * t).T @ (cosines * k)
 
 
-def coverage(name: str, repetitions: int, filtered: bool, method: str) -> dict[str, object]:
+def coverage(name: str, repetitions: int, shake: float, method: str) -> dict[str, object]:
     """How often the true base parameters are inside their intervals; the worst and the best parameter too."""
     robot = robot_of(name)
     t, q, v, a = motion(robot, 400, 10.0)
@@ -57,8 +56,8 @@ def coverage(name: str, repetitions: int, filtered: bool, method: str) -> dict[s
     for seed in range(repetitions):
         rng = np.random.default_rng(seed)
         noisy = tau + NOISE[name] * rng.standard_normal(tau.shape)
-        if filtered:
-            shaken = q + POSITION_NOISE * rng.standard_normal(q.shape)
+        if shake:
+            shaken = q + shake * rng.standard_normal(q.shape)
             found = tl.identify(robot, t, shaken, None, noisy, method=method)
         else:
             found = tl.identify(robot, t, q, v, noisy, a=a, method=method)
@@ -66,8 +65,9 @@ def coverage(name: str, repetitions: int, filtered: bool, method: str) -> dict[s
         inside.append(np.abs(found.estimate - truth) <= found.half_width)
     table = np.array(inside)
     each = table.mean(axis=0)
+    data = f"positions, noise {shake:g} rad" if shake else "q, v, a"
     return {
-        "robot": name, "data": "positions" if filtered else "q, v, a", "method": method, "repetitions": repetitions,
+        "robot": name, "data": data, "method": method, "repetitions": repetitions,
         "parameters": table.shape[1], "inside": float(table.mean()), "worst": float(each.min()),
         "best": float(each.max()), "cpu_s_each": (time.process_time() - start) / repetitions,
     }  # fmt: skip
@@ -123,13 +123,14 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=300)
     parser.add_argument("--robots", default="arm,panda")
     parser.add_argument("--methods", default="weighted")
+    parser.add_argument("--noise", default="0,1e-5", help="of positions, rad (1e-5: an encoder of 19 bits); 0: exact")
     options = parser.parse_args()
     names = options.robots.split(",")
     rows = []
     for name in names:
-        for filtered in (False, True):
+        for shake in map(float, options.noise.split(",")):
             for method in options.methods.split(","):
-                rows.append(coverage(name, options.repetitions, filtered, method))
+                rows.append(coverage(name, options.repetitions, shake, method))
                 print(*(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in rows[-1].items()), sep="  ")
     for name in names:
         print(against_pinocchio(name))

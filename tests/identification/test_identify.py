@@ -172,6 +172,16 @@ REFUSED = {
     "unseen": (lambda: identify(ARM, T, Q, V, TAU, ["forearm.first_moment.y"]), "nothing-identifiable", "no joint"),
     "unknown": (lambda: identify(ARM, T, Q, V, TAU, ["wrist.mass"]), "unknown-parameter", "no parameter 'wrist.mass'"),
     "method": (lambda: identify(ARM, T, Q, V, TAU, a=A, method="total"), "no-errors", "leave v and a out"),
+    "half": (lambda: identify(ARM, T, Q, None, TAU, half=1), "query", "half: expected a whole number from 3 on"),
+    "no samples": (lambda: identify(ARM, [], Q[:0], V[:0], TAU[:0]), "too-few-samples", "there are no samples"),
+    "too few for v": (lambda: identify(ARM, T[:7], Q[:7], V[:7], TAU[:7]), "too-few-samples", "to differentiate v"),
+    "nanoseconds": (lambda: identify(ARM, T * 1e15, Q, None, TAU), "times", "give seconds"),
+    "huge": (lambda: identify(ARM, T, Q, V, TAU * 1e200, a=A), "units", "cannot be used"),
+    "filter": (
+        lambda: identify(ARM, T, noisy(Q, 1e-3), None, TAU, ["forearm.origin_inertia.yy"], half=4),
+        "nothing-identifiable",
+        "beyond the errors of the filter",
+    ),
     "confidence": (lambda: identify(ARM, T, Q, V, TAU, confidence=95), "query", "expected a probability"),
 }  # fmt: skip
 

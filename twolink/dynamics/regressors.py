@@ -51,5 +51,6 @@ def _regressor(model: pin.Model, data: pin.Data, q: Array, v: Array, a: Array) -
     for j in range(1, model.njoints):
         jacobian = np.asarray(pin.getJointJacobian(model, data, j, pin.LOCAL)).reshape(6, model.nv)
         felt = data.a[j] - data.oMi[j].actInv(weight)  # the acceleration that an accelerometer on the body measures
-        columns.append(jacobian.T @ pin.bodyRegressor(data.v[j], felt))
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite
+            columns.append(jacobian.T @ pin.bodyRegressor(data.v[j], felt))
     return np.concatenate([*columns, *own], axis=1)

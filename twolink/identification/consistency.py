@@ -95,13 +95,14 @@ def consistent(
     errors = np.sqrt(np.diag(covariance))
     inexact = covariance + np.diag(np.maximum(floor**2 - errors**2, 0.0))
     scale = np.sqrt(np.diag(inexact))
-    whiten = np.linalg.inv(np.linalg.cholesky(inexact / np.outer(scale, scale))) / scale
+    values, vectors = np.linalg.eigh(inexact / np.outer(scale, scale))
+    whiten = vectors.T / np.sqrt(np.maximum(values, 1e-12))[:, None] / scale
     domains = _domains(robot, chosen, np.abs(matrix.T) @ (np.abs(estimate) + errors))
     theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains)
     gaps = np.abs(matrix @ theta - estimate) / scale
     worst = int(np.argmax(gaps))
-    values = dict(zip(chosen.names, theta.tolist(), strict=True))
-    return Consistency(values, chosen.parameters(robot, theta), float(gaps[worst]), combinations[worst])
+    named = dict(zip(chosen.names, theta.tolist(), strict=True))
+    return Consistency(named, chosen.parameters(robot, theta), float(gaps[worst]), combinations[worst])
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,15 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from twolink.dynamics import Robot
-from twolink.dynamics.arguments import one_of
+from twolink.dynamics.arguments import one_of, positive
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import BaseParameters, base_parameters, independent
 from twolink.identification.measurements import Measurements, measurements
 from twolink.identification.regression import METHODS, fit
 from twolink.identification.result import Identification
 from twolink.identification.selection import Selection, select
+
+_LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 
 
 def identify(
@@ -71,7 +73,8 @@ def identify(
     Khalil and Dombre 2002, "Modeling, Identification and Control of Robots", chapter 12.
     """
     one_of(METHODS, method, "method")
-    if not 0.0 < confidence < 1.0:
+    confidence = positive(confidence, "confidence", QueryError, "such as 0.95", expected="a probability")
+    if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
     chosen = select(robot, parameters)
     data = measurements(robot, t, q, v, tau, a, half)
@@ -118,7 +121,12 @@ def _system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.nda
         regressor = robot.regressor(*state)
         columns.append(regressor @ chosen.columns)
         torques.append(regressor @ known)
-    return np.concatenate(columns), data.tau - np.concatenate(torques)
+    both = np.concatenate(columns), data.tau - np.concatenate(torques)
+    largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
+    if largest > _LARGEST:
+        what = f"numbers of the size {largest:.3g} cannot be used"
+        raise QueryError(what, where="identify", remedy="give SI units and radians", code="units")
+    return both
 
 
 def _excited(possible: BaseParameters, columns: np.ndarray, error: np.ndarray | None) -> BaseParameters:
@@ -144,5 +152,6 @@ def _require_enough(data: Measurements, base: BaseParameters) -> None:
         remedy = "measure longer, or look for fewer parameters"
         raise QueryError(what, argument="t", remedy=remedy, code="too-few-samples")
     if not base.members:
-        what, remedy = "no torque in these data depends on the parameters", "measure a motion that moves those links"
+        what = "no torque in these data depends on the parameters, beyond the errors of the filter"
+        remedy = "measure a motion that moves those links more"
         raise QueryError(what, argument="q", remedy=remedy, code="nothing-identifiable")

@@ -54,6 +54,12 @@ def measurements(
         For wrong shapes or values that are not finite; codes "times", "too-few-samples", "constant-data" and "units".
     """
     times = _times(t)
+    if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
+        what, remedy = (
+            f"expected a whole number from {SMALLEST} on, got {half!r}",
+            "leave it out to choose by the noise",
+        )
+        raise QueryError(what, argument="half", remedy=remedy)
     given = {"q": configuration("q", q, robot.nq, robot.joints), "tau": array("tau", tau, robot.nv)}
     given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
     for name, x in given.items():
@@ -82,28 +88,30 @@ def _times(t: ArrayLike) -> np.ndarray:
         raise QueryError(
             f"expected shape (n,), got {times.shape}", argument="t", remedy="give one time for each sample"
         )
+    if not len(times):
+        raise QueryError("there are no samples", argument="t", remedy="give some", code="too-few-samples")
     steps = np.diff(times)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0)) + 1
         what = f"t[{row}] = {times[row]:.9g} s does not come after t[{row - 1}] = {times[row - 1]:.9g} s"
         raise QueryError(what, argument="t", remedy="sort the samples by time and drop repeated ones", code="times")
+    if len(steps) and not 1e-12 < steps.min() <= steps.max() < 1e12:
+        what = f"steps are between {steps.min():.3g} s and {steps.max():.3g} s"
+        raise QueryError(what, argument="t", remedy="give seconds", code="times")
     return times
 
 
 def _with_rate_of_v(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int) -> Measurements:
     """Accelerations by differentiating measured velocities."""
-    if len(t) < 2 * half + 1:
-        what = f"{len(t)} samples are too few to differentiate v, expected at least {2 * half + 1}"
+    wide = max(half + 1, round(half / _NARROWER))
+    if len(t) < 2 * wide + 1:
+        what = f"{len(t)} samples are too few to differentiate v, expected at least {2 * wide + 1}"
         raise QueryError(what, argument="t", remedy="give more samples, or a", code="too-few-samples")
     _check_units(robot, t, given["q"], given["v"])
-    part = slice(half, len(t) - half)
+    part, inner = slice(wide, len(t) - wide), slice(wide - half, len(t) - wide - half)
     q, v, tau = (given[name][part] for name in ("q", "v", "tau"))
-    other = rate(t, given["v"], half + 2)
-    m = Measurements(t[part], q, v, rate(t, given["v"], half), tau, half)
-    if not len(other):
-        return m
-    m = _cut(m, 2)
-    return replace(m, coarse=replace(m, a=other))
+    m = Measurements(t[part], q, v, rate(t, given["v"], half)[inner], tau, half)
+    return replace(m, coarse=replace(m, a=rate(t, given["v"], wide)))
 
 
 def _check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:

@@ -84,7 +84,7 @@ def _noise(residuals: np.ndarray, leverage: np.ndarray, y: np.ndarray, robust: b
         spread = np.median(np.abs(residuals), axis=0) / 0.6745 * np.sqrt(len(residuals) / free)
     else:
         spread = np.sqrt(np.sum(residuals**2, axis=0) / free)
-    return np.asarray(np.maximum(spread, 16 * _EPSILON * max(np.abs(y).max(), 1e-300)))
+    return np.asarray(np.maximum(spread, 16 * _EPSILON * max(np.abs(y).max(), 1e-100)))
 
 
 def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndarray) -> np.ndarray:
@@ -114,8 +114,9 @@ def _covariance(
     for correlated ones, or some of less weight, Newey and West's (1987) from the scores w^2 G^T e.
     """
     n, dofs, r = columns.shape
-    flat = (columns * (weights * full)[..., None]).reshape(-1, r)
-    inverse = np.linalg.inv(flat.T @ flat)
+    # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
+    inverse = scipy.linalg.solve_triangular(_triangle(columns * (weights * full)[..., None]), np.eye(r))
+    columns = columns @ inverse
     length = _correlation_length(residuals / noise)
     if length == 0 and full.all():
         flat = (columns * (weights**2 * noise)[..., None]).reshape(-1, r)
@@ -127,7 +128,7 @@ def _covariance(
             part = (1 - step / (length + 1)) * (score[step:].T @ score[:-step])
             middle += part + part.T
         middle *= n * dofs / (n * dofs - r)
-    covariance = inverse @ middle @ inverse
+    covariance = inverse @ middle @ inverse.T
     return (covariance + covariance.T) / 2, length > 0
 
 

@@ -53,7 +53,7 @@ def select(robot: Robot, parameters: Sequence[str] | None) -> Selection:
 
 def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """The known names that the texts stand for, each once, in the order in which they are asked for."""
-    if isinstance(parameters, str) or not len(parameters):
+    if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
         what, remedy = f"expected a list of names, got {parameters!r}", 'such as ["forearm.mass", "*.damping"]'
         raise QueryError(what, argument="parameters", remedy=remedy)
     found: list[str] = []
