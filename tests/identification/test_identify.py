@@ -178,7 +178,7 @@ REFUSED = {
     "nanoseconds": (lambda: identify(ARM, T * 1e15, Q, None, TAU), "times", "give seconds"),
     "huge": (lambda: identify(ARM, T, Q, V, TAU * 1e200, a=A), "units", "cannot be used"),
     "filter": (
-        lambda: identify(ARM, T, noisy(Q, 1e-3), None, TAU, ["forearm.origin_inertia.yy"], half=4),
+        lambda: identify(ARM, T, noisy(Q, 1e-2), None, TAU, ["forearm.origin_inertia.yy"], half=4),
         "nothing-identifiable",
         "beyond the errors of the filter",
     ),
