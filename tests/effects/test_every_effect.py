@@ -13,10 +13,13 @@ import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.motion import Loads, Motion
+from twolink.integrate.compile_time import UNOPTIMIZED
+from twolink.integrate.effect_numbers import with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, structure_of
+from twolink.integrate.step_building import compiled_rate
 from twolink.integrate.step_control import control_rows, initial_state
 from twolink.integrate.step_map import step_map
 
@@ -40,6 +43,21 @@ def test_torques_against_a_second_implementation(case: str) -> None:
         x = np.concatenate([q, v, equations.layout.numbers_at(t)])
         acceleration = rate(equations, t, x[:, None])[nq : equations.moving, 0]
         np.testing.assert_allclose(acceleration, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_code_for_any_numbers_agrees_with_other_numbers(case: str) -> None:
+    """Compiled with the numbers of the robot and the effect as parameters, called with an effect of other numbers."""
+    equations = equations_with(case, seed=3)
+    base, values = structure_of(equations)
+    of_effect = np.array([name.startswith("effects.") for name in base.parameters])
+    other = np.where(of_effect, 1.3 * values, values)
+    x = np.tile(equations.start[:, None], 4)
+    x[: equations.robot.nq] += np.linspace(0.0, 0.3, 4)
+    x = equations.space.normalized(x, Numbers)
+    ours = compiled_rate(base, **UNOPTIMIZED)(np.concatenate([np.full((1, 4), 0.31), x, np.tile(other[:, None], 4)]))
+    theirs = rate(with_effect_numbers(equations, dict(zip(base.parameters, other, strict=True))), 0.31, x)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9 * (1 + np.abs(theirs).max()))
 
 
 @pytest.mark.parametrize("case", CASES)

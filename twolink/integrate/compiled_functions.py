@@ -1,4 +1,4 @@
-"""Compiled functions by name: built once, kept for the life of the process and in the disk cache."""
+"""Compiled functions by name, and comparisons of them: made once, kept in the process and in the disk cache."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ from typing import Any
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 
-MAX_KEPT = 128  # in this process
+MAX_KEPT = 256  # in this process
 _kept: dict[str, Any] = {}
 _lock = threading.RLock()
 
@@ -16,6 +16,25 @@ _lock = threading.RLock()
 def is_at_hand(name: str) -> bool:
     """Whether the function of this name is in this process, or in the disk cache."""
     return name in _kept or cache.has(name)
+
+
+def once(name: str, act: Callable[[], None]) -> float:
+    """Act, if this was not done yet by a process with this disk cache; the seconds of it."""
+    start = time.perf_counter()
+    with _lock:
+        if name not in _kept:
+            if cache.load(name) is not True:
+                act()
+                cache.store(name, True)
+            _keep(name, True)
+    return time.perf_counter() - start
+
+
+def _keep(name: str, content: Any) -> None:
+    """Keep content for the life of the process, and not too much."""
+    _kept[name] = content
+    while len(_kept) > MAX_KEPT:
+        del _kept[next(iter(_kept))]
 
 
 def compiled_function(name: str, build: Callable[[], Any]) -> tuple[Any, float]:
@@ -28,8 +47,6 @@ def compiled_function(name: str, build: Callable[[], Any]) -> tuple[Any, float]:
             if not isinstance(compiled, heyoka().cfunc_dbl):
                 compiled = build()
                 cache.store(name, compiled)
-            _kept[name] = compiled
-            while len(_kept) > MAX_KEPT:
-                del _kept[next(iter(_kept))]
+            _keep(name, compiled)
             seconds = time.perf_counter() - start
         return compiled, seconds

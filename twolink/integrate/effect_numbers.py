@@ -28,14 +28,14 @@ def effect_numbers(scene: Scene) -> dict[str, float]:
         for acting in effect.acting() if isinstance(effect, SwitchingEffect) else (effect,):
             if type(acting).act is not Effect.act:
                 start = (str(place), "of") if released else (str(place),)
-                found.update({PREFIX + ".".join((*start, *path)): value for path, value in _numbers(acting)})
+                found.update({PREFIX + ".".join((*start, *path)): value for path, value in numbers_of(acting)})
     return found
 
 
 def all_effect_numbers(scene: Scene) -> dict[str, float]:
     """The numbers of all effects, by name: also of those that change the robot's constants or that switch."""
     return {PREFIX + ".".join((str(place), *path)): value
-            for place, effect in enumerate(scene.effects) for path, value in _numbers(effect)}  # fmt: skip
+            for place, effect in enumerate(scene.effects) for path, value in numbers_of(effect)}  # fmt: skip
 
 
 def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equations:
@@ -93,12 +93,13 @@ def _parts(value: Any) -> dict[str, Any]:
     return {}
 
 
-def _numbers(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], float]]:
+def numbers_of(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], float]]:
+    """The numbers in an effect, with the paths to them."""
     for name, part in _parts(value).items():
         if isinstance(part, (int, float)) and not isinstance(part, bool):
             yield (*path, name), float(part)
         else:
-            yield from _numbers(part, (*path, name))
+            yield from numbers_of(part, (*path, name))
 
 
 def with_number(value: Any, path: Sequence[str], number: Any) -> Any:

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 
 from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.mechanism import mechanism, nominal, parameter_names
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.dynamics import Robot
+from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.loop import Loop
@@ -19,7 +21,7 @@ from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
 from twolink.integrate.constraints import all_constraints
-from twolink.integrate.effect_numbers import physical, with_effect_numbers
+from twolink.integrate.effect_numbers import PREFIX, numbers_of, physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
@@ -47,6 +49,35 @@ def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equation
     """The same equations with physical constants kept as run-time inputs."""
     other = replace(equations, parameters=tuple(parameters))
     return replace(other, content=_content(other))
+
+
+_structures: dict[str, tuple[Equations, Array]] = {}
+MAX_KEPT = 128
+
+
+def structure_of(equations: Equations) -> tuple[Equations, Array]:
+    """Equations with numbers as run-time parameters, so that code for them serves other numbers; and the values (p,).
+
+    Masses, inertias, gravity and the numbers of effects. What is 0 stays so, and lengths, for which motions would take
+    many more operations, stay as they are.
+    """
+    if equations.content not in _structures:
+        model, chosen = equations.robot.model, {}
+        for name in parameter_names(model):
+            value = nominal(model, name)
+            if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
+                chosen[name] = value
+        for place, effect in zip(equations.places, equations.effects, strict=False):
+            chosen.update(
+                {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect) if value}
+            )
+        ones = dict.fromkeys(chosen, 1.0)
+        base = replace(equations, parameters=tuple(chosen))
+        content = _content(with_effect_numbers(base, ones), with_values(model, physical(ones)))
+        while len(_structures) >= MAX_KEPT:
+            del _structures[next(iter(_structures))]
+        _structures[equations.content] = replace(base, content=content), np.array(list(chosen.values()))
+    return _structures[equations.content]
 
 
 def make_equations(
@@ -119,12 +150,12 @@ def _operations(equations: Equations) -> int:
     return sum(tape.count(accelerations(own, mech, tape.variable(), x, tape)).values())
 
 
-def _content(equations: Equations) -> str:
-    """A digest of the model, the effects, our code and versions."""
+def _content(equations: Equations, model: pin.Model | None = None) -> str:
+    """A digest of the model, the robot's own or another, the effects, our code and versions."""
     constraints = equations.constraints
     effects = [
         f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
         for e in (*equations.effects, *(constraints.loops if constraints else ()))
     ]
     rows = f"{constraints and (constraints.kept, constraints.scales)} {equations.layout.lockable}"
-    return kernel_key(equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
+    return kernel_key(model or equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))

@@ -44,17 +44,25 @@ def portable_map(equations: Equations, method: Method) -> Map:
     return call
 
 
-def map_in_parts(equations: Equations, method: Method, rate_code: Any, projection_code: Any) -> Map:
-    """The map on a compiled rate, and on a compiled projection where there are constraints."""
+def map_in_parts(
+    equations: Equations, method: Method, rate_code: Any, projection_code: Any, constants: Array | None = None
+) -> Map:
+    """The map on a compiled rate, and on a compiled projection where there are constraints.
+
+    constants (p,): of the run-time parameters, where the state array has no rows for them.
+    """
     size = equations.space.size
 
     def call(state: Array, out: Array, *, batch_parallel: bool = False) -> None:
         values, worlds = state[size + ROWS :], state.shape[1]
+        if constants is not None:
+            values = np.broadcast_to(constants[:, None], (len(constants), worlds))
 
         def rate(t: Any, x: Array) -> Array:
             width = x.shape[1]
             rows = np.empty((1 + size + len(values), width))
-            rows[0], rows[1 : 1 + size], rows[1 + size :] = t, x, np.tile(values, width // worlds)
+            rows[0], rows[1 : 1 + size] = t, x
+            rows[1 + size :] = values if width == worlds else np.tile(values, width // worlds)
             return np.asarray(rate_code(rows, batch_parallel=batch_parallel))
 
         def project(x: Array) -> Array:

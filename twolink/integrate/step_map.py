@@ -16,10 +16,11 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.chain import longest_chain
 from twolink.integrate.compile_time import MAX_IN_PARTS, UNOPTIMIZED, announced, in_parts, parts_seconds, step_seconds
-from twolink.integrate.compiled_functions import compiled_function, is_at_hand
+from twolink.integrate.compiled_functions import compiled_function, is_at_hand, once
 from twolink.integrate.equations import Equations
 from twolink.integrate.first_steps import FirstSteps, pays
 from twolink.integrate.methods import Method
+from twolink.integrate.scene_equations import structure_of
 from twolink.integrate.solution import Code
 from twolink.integrate.state import Array
 from twolink.integrate.step_building import (
@@ -175,26 +176,26 @@ def _compiled(equations: Equations, method: Method) -> Any:
 
 
 def _in_parts(equations: Equations, method: Method, first: bool) -> tuple[Map, float]:
-    """The map on a compiled rate and a compiled projection, and the seconds of compiling or loading them.
+    """The map on a compiled rate and a compiled projection, and the seconds of making or loading them.
 
-    first: for the first steps only, by code that is compiled sooner and runs longer.
+    first: for the first steps only, by code that is compiled sooner, runs longer, and serves other numbers too.
     """
-    options, kind = (UNOPTIMIZED, ("first",)) if first else ({}, ())
+    base, constants, options, kind = equations, None, {}, "whole"
+    if first:
+        options, kind = UNOPTIMIZED, "first"
+        if not equations.parameters:
+            base, constants = structure_of(equations)
 
     def rate_code() -> Any:
         with announced(f"the motion of {equations.robot.name}", parts_seconds(equations)):
-            code = compiled_rate(equations, **options)
-            certify_rate(equations, code)
-        return code
+            return compiled_rate(base, **options)
 
-    def projection_code() -> Any:
-        code = compiled_projection(equations, **options)
-        certify_projection(equations, code)
-        return code
-
-    rate, seconds = compiled_function(equations.key("rate", *kind), rate_code)
+    rate, seconds = compiled_function(base.key("rate", kind), rate_code)
+    seconds += once(equations.key("rate", kind, "certified"), lambda: certify_rate(base, rate))
     projection = None
     if equations.constraints is not None:
-        projection, more = compiled_function(equations.key("projection", *kind), projection_code)
+        name = base.key("projection", kind)
+        projection, more = compiled_function(name, lambda: compiled_projection(base, **options))
+        more += once(equations.key("projection", kind, "certified"), lambda: certify_projection(base, projection))
         seconds += more
-    return map_in_parts(equations, method, rate, projection), seconds
+    return map_in_parts(equations, method, rate, projection, constants), seconds

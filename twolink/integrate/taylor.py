@@ -15,7 +15,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -32,6 +32,7 @@ from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pieces import in_pieces
+from twolink.integrate.scene_equations import structure_of
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 
@@ -99,9 +100,8 @@ def solve(
     def piece(equations: Equations, times: Array) -> Solution:
         # Loops compile in about a second. Straight code is twice as fast, but compiles for minutes where it is long.
         loops = equations.space.nv >= COMPACT_FROM or precision != "double"
-        name = equations.key("taylor", str(order_of(tolerance)), precision, "compact" if loops else "straight")
-        code = _Code(name, equations, lambda name, **how: _build(name, equations, tolerance, precision, loops, **how))
-        names.add(name)
+        code = _Code(equations, tolerance, precision, loops)
+        names.add(code.best)
         try:
             solution = _propagate(code, equations, times, progress, precision, min_steps)
         finally:
@@ -122,35 +122,42 @@ MAX_POOL = 64
 
 
 class _Code:
-    """An integrator that no thread is using: compiled without optimization until that has cost as much as compiling.
+    """An integrator that no thread is using, `integrator`, the name of its code, and the numbers that are its `pars`.
 
-    It takes a seventh of the time to compile, and twice the time to run.
+    The first code is compiled without optimization, in double precision with the numbers of the scene as parameters.
+    It takes a seventh of the time to compile, serves other numbers too, and takes twice the time to run. When that has
+    cost as much as compiling, the best code follows.
     """
 
-    def __init__(self, name: str, equations: Equations, build: Callable[..., Any]) -> None:
-        self._best, self._build, self.compile_seconds = name, build, 0.0
-        self._limit = taylor_seconds(equations)
-        at_hand = bool(_pool.get(name)) or cache.has(name)
-        best = at_hand or _spent.get(name, 0.0) > self._limit
-        self.name, self.integrator = self._made(best)
+    def __init__(self, equations: Equations, tolerance: float, precision: Precision, compact: bool) -> None:
+        parts = ("taylor", str(order_of(tolerance)), precision, "compact" if compact else "straight")
+        self.best, self.compile_seconds = equations.key(*parts), 0.0
+        self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact)
+        self._equations, rows = equations, equations.start[equations.moving :]
+        at_hand = bool(_pool.get(self.best)) or cache.has(self.best)
+        if at_hand or _spent.get(self.best, 0.0) > self._limit:
+            self.name, self.integrator, self.numbers = self.best, self._made(self.best, equations), rows
+            return
+        base, values = structure_of(equations) if precision == "double" else (equations, np.empty(0))
+        self.name, self.numbers = base.key(*parts, "first"), np.concatenate([rows, values])
+        self.integrator = self._made(self.name, base, base.parameters if len(values) else (), **UNOPTIMIZED)
 
-    def _made(self, best: bool) -> tuple[str, Any]:
-        name, options = (self._best, {}) if best else (f"{self._best}-first", UNOPTIMIZED)
+    def _made(self, name: str, equations: Equations, parameters: Sequence[str] = (), **options: Any) -> Any:
         start = time.perf_counter()
-        integrator = _take(name) or self._build(name, **options)
+        integrator = _take(name) or _build(name, equations, *self._how, parameters, **options)
         self.compile_seconds += time.perf_counter() - start
-        return name, integrator
+        return integrator
 
     def spend(self, seconds: float) -> None:
         """Count what solving took; go on with optimized code where that has become worth its compiling."""
-        if self.name == self._best:
+        if self.name == self.best:
             return
-        _spent[self._best] = _spent.get(self._best, 0.0) + seconds
-        if _spent[self._best] > self._limit:
-            name, integrator = self._made(best=True)
-            integrator.time, integrator.state[:], integrator.pars[:] = (
-                self.integrator.time, self.integrator.state, self.integrator.pars)  # fmt: skip
-            self.name, self.integrator = name, integrator
+        _spent[self.best] = _spent.get(self.best, 0.0) + seconds
+        if _spent[self.best] > self._limit:
+            integrator = self._made(self.best, self._equations)
+            integrator.time, integrator.state[:] = self.integrator.time, self.integrator.state
+            integrator.pars[:] = self.integrator.pars[: len(integrator.pars)]
+            self.name, self.integrator = self.best, integrator
 
 
 def _take(name: str) -> Any:
@@ -166,7 +173,13 @@ def _take(name: str) -> Any:
 
 
 def _build(
-    name: str, equations: Equations, tolerance: float, precision: Precision, compact: bool, **options: Any
+    name: str,
+    equations: Equations,
+    tolerance: float,
+    precision: Precision,
+    compact: bool,
+    parameters: Sequence[str],
+    **options: Any,
 ) -> Any:
     module, start = heyoka(), time.perf_counter()
     log.info("compiling Taylor's method of order %d for %s", order_of(tolerance), equations.robot.name)
@@ -174,7 +187,9 @@ def _build(
     size = equations.moving
     rows = [module.par[i] for i in range(equations.space.size - size)]
     x = np.array([module.expression(f"x{i}") for i in range(size)] + rows, dtype=object)
-    constants = None if precision == "double" else _exact_constants(equations, module)
+    constants = {name: module.par[i] for i, name in enumerate(parameters, len(rows))}
+    if precision != "double":
+        constants = _exact_constants(equations, module)
     rate, x = traced_rate(equations, module.time, x, xp, constants)[:size], x[:size]
     square = (x * x).sum()
     companion = (x * rate).sum() / (COMPANION + square)
@@ -210,10 +225,10 @@ def _propagate(
     min_steps: float,
 ) -> Solution:
     size, kind, integrator = equations.moving, _kind(precision), code.integrator
-    x0, rows = equations.start[:size].astype(kind), equations.start[size:].astype(kind)
+    x0, numbers = equations.start[:size].astype(kind), code.numbers.astype(kind)
     integrator.time = kind(times[0])
     integrator.state[:size] = x0
-    integrator.pars[:] = rows[: len(integrator.pars)]  # heyoka keeps them up to the last that the motion depends on
+    integrator.pars[:] = numbers[: len(integrator.pars)]  # heyoka keeps them up to the last that the motion depends on
     with np.errstate(over="ignore"):  # an overflow is reported by the equations
         integrator.state[size] = kind(0.5 * np.log(COMPANION + float(np.square(x0.astype(float)).sum())))
     out = np.empty((len(times), size), dtype=kind)

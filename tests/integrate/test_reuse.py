@@ -1,0 +1,75 @@
+"""Code for other numbers: a changed mass, stiffness or initial state compiles nothing anew before the first answer."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.dynamics.kernels import heyoka
+from twolink.integrate import first_steps, scene_equations, taylor
+from twolink.lagrange.pinocchio_arm import arm_urdf
+
+STIFFNESS, MASS = 3.0, 1.0
+
+
+def arm(mass: float = MASS, stiffness: float = STIFFNESS, elbow: float = 0.2, length: float = 1.0) -> tl.Scene:
+    """Two rods under gravity with a spring at the elbow."""
+    spring = tl.effects.JointSpring({"elbow": stiffness})
+    return tl.Scene(tl.load_robot(arm_urdf(length, 1, 1, mass)), (0.1, elbow), effects=[tl.effects.Gravity(), spring])
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How many functions heyoka has compiled since the last call; nothing is compiled yet, and parts pay at once."""
+    counted = [0]
+    module = heyoka()
+    monkeypatch.setenv("TWOLINK_CACHE", "off")
+    monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
+    monkeypatch.setattr(first_steps, "QUICK", 0.0)
+    monkeypatch.setattr(first_steps, "SHARE", 10.0)
+    for owner, names in ((first_steps, ["_spent"]), (taylor, ["_pool", "_spent"]), (scene_equations, ["_structures"])):
+        for name in names:
+            monkeypatch.setattr(owner, name, {})
+    for name in ("cfunc", "taylor_adaptive"):
+        monkeypatch.setattr(module, name, counting(getattr(module, name), counted))
+
+    def since() -> int:
+        number, counted[0] = counted[0], 0
+        return number
+
+    return since
+
+
+def counting(function: Callable[..., object], counted: list[int]) -> Callable[..., object]:
+    """The function, whose calls are counted."""
+
+    def call(*args: object, **options: object) -> object:
+        counted[0] += 1
+        return function(*args, **options)
+
+    return call
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_changed_numbers_compile_nothing_anew(method: str, compilations: Callable[[], int]) -> None:
+    """And the motion is that of the changed numbers, as SciPy solves it on Pinocchio's rates."""
+    tl.simulate(arm(), 1.0, method=method, tolerance=1e-9, verify=False)
+    assert compilations() > 0
+    for scene in (arm(mass=2.5), arm(stiffness=8.0), arm(mass=0.4, stiffness=0.5, elbow=-0.7)):
+        found = tl.simulate(scene, 1.0, method=method, tolerance=1e-9, verify=False)
+        assert compilations() == 0
+        expected = tl.simulate(scene, 1.0, method="scipy-dop853", tolerance=1e-11, verify=False)
+        np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_what_is_no_number_compiles_anew(method: str, compilations: Callable[[], int]) -> None:
+    """A length, and an effect that is absent, have code of their own."""
+    tl.simulate(arm(), 1.0, method=method, tolerance=1e-9, verify=False)
+    for scene in (arm(length=1.3), arm().without(1)):
+        compilations()
+        found = tl.simulate(scene, 1.0, method=method, tolerance=1e-9, verify=False)
+        assert compilations() > 0
+        expected = tl.simulate(scene, 1.0, method="scipy-dop853", tolerance=1e-11, verify=False)
+        np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-7)
