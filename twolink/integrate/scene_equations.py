@@ -58,8 +58,8 @@ MAX_KEPT = 128
 def structure_of(equations: Equations) -> tuple[Equations, Array]:
     """Equations with numbers as run-time parameters, so that code for them serves other numbers; and the values (p,).
 
-    Masses, inertias, gravity and the numbers of effects. What is 0 stays so, and lengths, for which motions would take
-    many more operations, stay as they are.
+    Masses, inertias, gravity and the numbers of our own effects. What is 0 stays so; so do lengths, for which motions
+    would take many more operations, and limits of effort, which decide about events.
     """
     if equations.content not in _structures:
         model, chosen = equations.robot.model, {}
@@ -68,9 +68,10 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
             if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
                 chosen[name] = value
         for place, effect in zip(equations.places, equations.effects, strict=False):
-            chosen.update(
-                {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect) if value}
-            )
+            if type(effect).__module__.startswith("twolink."):
+                found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
+                         if value and path[0] != "effort"}  # fmt: skip
+                chosen.update(found)
         ones = dict.fromkeys(chosen, 1.0)
         base = replace(equations, parameters=tuple(chosen))
         content = _content(with_effect_numbers(base, ones), with_values(model, physical(ones)))
