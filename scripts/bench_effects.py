@@ -124,7 +124,8 @@ def main() -> None:
     print("an event adds to a run: " + ", ".join(
         milliseconds_per_event(robot, options.duration, options.accuracy, rounds)))  # fmt: skip
     print(f"modules of effects that arm-swing imports: {', '.join(absent_modules())}")
-    print(f"wrote {write_table(Path('out/bench_effects.csv'), {k: np.array(v) for k, v in rows.items()}, {})}")
+    columns = {"effects": np.array(names), **{k: np.array(v) for k, v in rows.items()}}
+    print(f"wrote {write_table(Path('out/bench_effects.csv'), columns, {})}")
 
 
 if __name__ == "__main__":
