@@ -3,6 +3,7 @@
 A row of N four-bars has 2 N + 1 degrees of freedom and moves as one pendulum, which is solved as a robot of one joint.
 Four-bars below each other, 3 N degrees of freedom, keep their energy. Each first answer is that of a process of its
 own with an empty cache: it includes what is made, compiled and certified, and the second solution behind the error bar.
+The time for one state's accelerations stands beside that of a linear solve alone, of M and J given (`evaluation`).
 
     python scripts/bench_loops.py [--shape row|hanging] [--numbers 1,2,4,8,16,40] [--duration 1] [--accuracy 1e-6]
 """
@@ -13,12 +14,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 
 import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
 
 import twolink as tl
+from twolink.algorithms.namespaces import Numbers
 from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
+from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_building import compiled_rate
 
 START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their singular position
 
@@ -42,9 +49,47 @@ def measure(shape: str, number: int, duration: float, accuracy: float) -> None:
     constraints = equations.constraints
     residuals = max(float(np.abs([float(g) for g in constraints.residuals(constraints.mech, list(q), np)]).max())
                     for q in run.q[:: len(run.q) // 4])  # fmt: skip
+    speed = " ".join(f"{us:8.2f}" for us in evaluation(equations, run).values())
     sizes = f"{number:4} {scene.robot.nv:5} {equations.operations:10,}"
     seconds = f"{first:9.2f} {again:9.3f} {run.cost.compile_seconds:9.2f}"
-    print(f"{sizes} {seconds} {float(run.error[-1]):9.1e} {residuals:9.1e}  {off}", flush=True)
+    print(f"{sizes} {seconds} {speed} {float(run.error[-1]):9.1e} {residuals:9.1e}  {off}", flush=True)
+
+
+def evaluation(equations: Equations, run: tl.Trajectory) -> dict[str, float]:
+    """Processor microseconds for the accelerations of one of the run's states: compiled, and of a KKT solve.
+
+    (M, J^T; J, 0) (a, -lambda) = (-h, -J' v), sparse (SuperLU) or dense (LAPACK), of matrices that are there already.
+    The compiled rate computes its own; of one state after the other ("one"), or of all together, on one thread. All
+    must agree.
+    """
+    robot, loops, nv = equations.robot, equations.constraints, equations.robot.nv
+    numbers = range(0, len(run.q), max(1, len(run.q) // 50))
+    code = compiled_rate(equations)
+    columns = [np.concatenate([[0.0], run.q[i], run.v[i]]) for i in numbers]
+    systems = []
+    for i in numbers:
+        q, v = run.q[i], run.v[i]
+        jacobian = loops.jacobian_at(q, loops.kept)
+        terms = [float(x) for x in loops.velocity_terms(loops.mech, q, v, Numbers)]
+        matrix = np.block([[robot.mass_matrix(q), jacobian.T], [jacobian, np.zeros((len(terms), len(terms)))]])
+        systems.append((matrix, csc_array(matrix), -np.concatenate([robot.bias(q, v), terms])))
+    block = np.ascontiguousarray(np.array(columns).T)
+    ways: dict[str, Callable[[], list[np.ndarray]]] = {
+        "one": lambda: [code(x) for x in columns],
+        "together": lambda: list(code(block, batch_parallel=False).T),
+        "sparse": lambda: [splu(sparse).solve(right) for _, sparse, right in systems],
+        "dense": lambda: [np.linalg.solve(matrix, right) for matrix, _, right in systems],
+    }
+    accelerations = np.array(ways["dense"]())[:, :nv]
+    for way, part in (("one", slice(-nv, None)), ("together", slice(-nv, None)), ("sparse", slice(nv))):
+        np.testing.assert_allclose(np.array(ways[way]())[:, part], accelerations, rtol=1e-8, atol=1e-8)
+    times = dict.fromkeys(ways, np.inf)
+    for _ in range(20):
+        for way, call in ways.items():
+            start = time.thread_time()
+            call()
+            times[way] = min(times[way], (time.thread_time() - start) / len(columns) * 1e6)
+    return times
 
 
 def main() -> None:
@@ -61,7 +106,10 @@ def main() -> None:
         for number in numbers:
             measure(args.shape, number, args.duration, args.accuracy)
         return
-    print("   N  dofs operations  first, s  again, s compile,s       bar  residual  off", flush=True)
+    print("us for the accelerations of a state: compiled, one and together; a KKT solve, sparse and dense")
+    seconds = "  first, s  again, s compile,s"
+    micros = "      one together   sparse    dense"
+    print(f"   N  dofs operations{seconds}{micros}       bar  residual  off", flush=True)
     for number in numbers:
         with tempfile.TemporaryDirectory() as cache:
             subprocess.run(

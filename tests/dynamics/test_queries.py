@@ -11,6 +11,7 @@ import pytest
 
 import twolink as tl
 from tests.dynamics.states import close, states
+from twolink.dynamics import pinocchio_queries
 from twolink.errors import QueryError
 from twolink.robots.catalogue import our_urdfs
 
@@ -381,3 +382,23 @@ def test_a_forked_child_answers_batches() -> None:
     with multiprocessing.get_context("fork").Pool(2) as pool:
         there = pool.map_async(_in_a_child, [200, 200]).get(timeout=60)
     assert there == [here, here]  # bit for bit: the algorithm does not depend on the number of threads
+
+
+@pytest.mark.parametrize("query", ["forward_dynamics", "inverse_dynamics"])
+def test_pinocchios_threads_are_for_large_batches_and_change_no_bit(
+    query: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """OpenMP's threads turn idly after each call: a loop of small batches would keep all cores busy for nothing."""
+    algorithm, used = pinocchio_queries._PARALLEL[query], list[int]()
+
+    def parallel(threads: int, *arguments: object) -> None:
+        used.append(threads)
+        algorithm(threads, *arguments)
+
+    monkeypatch.setitem(pinocchio_queries._PARALLEL, query, parallel)
+    monkeypatch.setenv("TWOLINK_THREADS", "2")
+    robot = tl.load_robot("two_link")
+    q, v = robot.random_state(5_000)
+    many, few = (getattr(robot, query)(q[:n], v[:n], v[:n], engine="pinocchio") for n in (5_000, 4_999))
+    assert used == [2, 1]
+    assert np.array_equal(many[:-1], few)

@@ -29,6 +29,11 @@ PARALLEL_FROM = 64
 """States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves
 (scripts/bench_queries.py). The choice depends on nothing else, since the parallel loops round differently."""
 
+THREADS_FROM = 10_000
+"""States times nv from which these loops use threads: 2 ms of work. OpenMP's threads turn idly for 4 ms after a call,
+and where other programs use the cores, the caller may wait as long for them. OMP_WAIT_POLICY=PASSIVE, set before
+Pinocchio is imported, lets them sleep instead."""
+
 _local = threading.local()
 
 
@@ -94,7 +99,7 @@ def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: l
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
     count, model, data = len(states[0]), robot.model, robot.data
     if query.parallel and not applied and count >= PARALLEL_FROM:
-        threads = 1 if is_forked_child() else thread_count()
+        threads = 1 if count * model.nv < THREADS_FROM or is_forked_child() else thread_count()
         columns = np.empty((model.nv, count), order="F")
         query.parallel(threads, _pool(model, threads), *(x.T for x in states), columns)
         return columns.T
