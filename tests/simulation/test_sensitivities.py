@@ -178,7 +178,7 @@ EVENTS = {
     "stick and slip": tl.effects.DryFriction({"elbow": 2.0, "shoulder": 0.5}),
     "release at a time": tl.effects.Release(tl.effects.Payload("forearm", 1.0, (0.0, 0.0, 0.3)), at=0.5),
     "release at an angle": tl.effects.Release(
-        tl.effects.Payload("forearm", 1.0, (0.0, 0.0, 0.3)), when=JointReaches("shoulder", 0.5)
+        tl.effects.Payload("forearm", 1.0, (0.0, 0.0, 0.3)), when=JointReaches("shoulder", -0.5)
     ),
 }
 
@@ -187,6 +187,7 @@ EVENTS = {
 def test_they_go_on_through_events(case: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [GRAVITY, EVENTS[case]])
     s = tl.sensitivities(scene, ["q", "v.elbow"], 1.3, 1e-7, samples=20)
+    assert s.run.events
     for name, column, entry in (("q", 0, 0), ("q", 1, 1), ("v.elbow", 0, 3)):
         truth = differences(scene, lambda shift, k=entry: moved(scene, k, shift), 1e-4, 1.3, 20)
         require_within_bars(s, name, truth, 1e-8, column)
