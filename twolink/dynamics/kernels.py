@@ -27,6 +27,7 @@ from twolink.dynamics.threads import do_all, is_forked_child, is_shared, thread_
 from twolink.robots.joint_layout import joint_layouts
 
 CHUNK_BYTES = 2**22  # of a chunk's inputs and outputs: threads that share smaller ones wait for the interpreter
+WIDE_CHUNK_BYTES = 2**20  # of a function of more than STREAMS numbers, whose rows of states fill the cache sooner
 KEPT_BYTES = 2**25  # of buffers
 STREAMS = 48  # rows of a large batch that a core can follow at once: with more of them, chunks are faster
 LANES = 16  # chunks are multiples of it, as of every vector length that is compiled
@@ -120,7 +121,8 @@ class Kernel:
         count = result.shape[1]
         alone = count * self.work < SHARED_FROM or is_forked_child() or is_shared()
         threads = 1 if alone else thread_count()
-        parts = max(1, -(-count * 8 * self._width // (CHUNK_BYTES * threads))) * threads
+        size = CHUNK_BYTES if self._width <= STREAMS else WIDE_CHUNK_BYTES
+        parts = max(1, -(-count * 8 * self._width // (size * threads))) * threads
         # An odd number of vectors: rows a multiple of 4 KiB apart would compete for the same place in the cache.
         length = (-(-count // (parts * LANES)) | 1) * LANES
         finite = [True]
