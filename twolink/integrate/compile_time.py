@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import os
 import time
 from collections.abc import Iterator
 
@@ -16,6 +17,14 @@ PROJECTION = 1.3  # the same of the projection alone
 TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
 UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often: two to eight times as soon compiled
 log = logging.getLogger("twolink")
+
+
+def is_reproducible() -> bool:
+    """Whether the setting TWOLINK_REPRODUCIBLE=1 asks for the same bits from a scene's first run on.
+
+    The first code of a scene and the optimized code that follows round differently.
+    """
+    return os.environ.get("TWOLINK_REPRODUCIBLE", "") not in ("", "0")
 
 
 def compiling_seconds(operations: float) -> float:

@@ -20,14 +20,15 @@ def is_at_hand(name: str) -> bool:
 
 def once(name: str, act: Callable[[], None]) -> float:
     """Act, if this was not done yet by a process with this disk cache; the seconds of it."""
-    start = time.perf_counter()
     with _lock:
-        if name not in _kept:
-            if cache.load(name) is not True:
-                act()
-                cache.store(name, True)
-            _keep(name, True)
-    return time.perf_counter() - start
+        if name in _kept:
+            return 0.0
+        start = time.perf_counter()
+        if cache.load(name) is not True:
+            act()
+            cache.store(name, True)
+        _keep(name, True)
+        return time.perf_counter() - start
 
 
 def _keep(name: str, content: Any) -> None:

@@ -15,7 +15,15 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.chain import longest_chain
-from twolink.integrate.compile_time import MAX_IN_PARTS, UNOPTIMIZED, announced, in_parts, parts_seconds, step_seconds
+from twolink.integrate.compile_time import (
+    MAX_IN_PARTS,
+    UNOPTIMIZED,
+    announced,
+    in_parts,
+    is_reproducible,
+    parts_seconds,
+    step_seconds,
+)
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand, once
 from twolink.integrate.equations import Equations
 from twolink.integrate.first_steps import FirstSteps, pays
@@ -147,7 +155,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False, wh
     if portable or heyoka() is None or (parts and parts_seconds(equations) > MAX_IN_PARTS):
         return StepMap(equations, method, portable_map(equations, method), "", 0.0)
     name = _name(equations, method)
-    first = not (parts or whole) and pays(equations, method, name) and not is_at_hand(name)
+    first = not (parts or whole or is_reproducible()) and pays(equations, method, name) and not is_at_hand(name)
     if parts or first:
         call, seconds = _in_parts(equations, method, first)
         return StepMap(

@@ -26,7 +26,7 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
-from twolink.integrate.compile_time import UNOPTIMIZED, taylor_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED, is_reproducible, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.formulas import traced_rate
@@ -135,7 +135,7 @@ class _Code:
         self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact)
         self._equations, rows = equations, equations.start[equations.moving :]
         at_hand = bool(_pool.get(self.best)) or cache.has(self.best)
-        if at_hand or _spent.get(self.best, 0.0) > self._limit:
+        if at_hand or is_reproducible() or _spent.get(self.best, 0.0) > self._limit:
             self.name, self.integrator, self.numbers = self.best, self._made(self.best, equations), rows
             return
         base, values = structure_of(equations) if precision == "double" else (equations, np.empty(0))

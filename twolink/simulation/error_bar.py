@@ -17,8 +17,9 @@ SAFETY = 2.0  # the second solution has errors of its own
 # one of 1000 scenes of all kinds (scripts/honest_bars.py), by 1.12.
 SAFETY_OF_SEVERAL = 6.0
 # Of the accuracy, added to a bar. Where the first error is small by chance, it is still below what is usual for the
-# second one, a hundredth of the usual first error: this covers it where that is below 0.4 of the accuracy.
-SLACK = 4e-3
+# second one, a hundredth of the usual first error: this covers it where that is below 0.2 of the accuracy.
+SLACK = 2e-3
+AHEAD = 5  # samples at most, of later ones whose distances count for one
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in both solutions
 
 
@@ -42,7 +43,7 @@ def error_bar(distance: Array, rounding: Array, safety: float | Array = SAFETY) 
     bar = safety * np.asarray(distance, dtype=float)
     bar[1:] += rounding[1:]
     last = len(bar) - 1
-    reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + len(bar) // 40), last)
+    reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + min(len(bar) // 40, AHEAD)), last)
     reach[0] = 0
     return np.asarray(np.maximum.accumulate(bar)[reach])
 

@@ -108,11 +108,12 @@ def _accuracy_limit(
     choice: MethodChoice, equations: Equations, accuracy: float, error: float, run: Trajectory
 ) -> AccuracyError:
     until, more = run.trusted_until or 0.0, _more_precise(choice, equations)
+    shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
     also = f', or precision="{more}"' if more else ""
     return AccuracyError(
         f"{accuracy:g} cannot be kept in {choice.precision} precision: the error bar is {error:.1e} at the end",
         where=f"t = {until:.6g} s",
-        remedy=f"it is kept up to then: ask for duration={until:.6g}, for less accuracy{also}",
+        remedy=f"{shorter}ask for less accuracy{also}",
         code="accuracy-limit",
         run=run,
         trusted_until=until,

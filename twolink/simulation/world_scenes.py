@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from twolink.algorithms.mechanism import body_names
 from twolink.algorithms.spatial import ENTRIES
-from twolink.effects import JointDamping
 from twolink.effects.effect import Effect
 from twolink.integrate.effect_numbers import PREFIX, with_number
 from twolink.scenes import Scene
@@ -52,6 +51,8 @@ def world_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     physical = {name: value for name, value in values.items() if not name.startswith(PREFIX)}
     damping = {name.removesuffix(_DAMPING): d for name, d in physical.items() if name.endswith(_DAMPING)}
     if damping:
+        from twolink.effects import JointDamping  # only where it is asked for
+
         effects.append(JointDamping(damping=damping))
     if physical:
         effects.append(_Constants(values=physical))
