@@ -182,6 +182,7 @@ def test_the_second_time_the_code_is_optimized(built: list[bool]) -> None:
     equations, times = equations_of(rods()), np.linspace(0, 1, 11)
     first, second, third = (taylor.solve(equations, times, 1e-10) for _ in range(3))
     assert built == [False, True]
+    assert (first.compiled, second.compiled, third.compiled) == ("first", "steps", "steps")
     assert first.compile_seconds > 0.0
     np.testing.assert_allclose(first.x, second.x, rtol=0, atol=1e-13)
     np.testing.assert_array_equal(second.x, third.x)

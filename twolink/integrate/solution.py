@@ -9,7 +9,7 @@ import numpy as np
 from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
-Code = Literal["steps", "parts", ""]  # what of a solver is compiled
+Code = Literal["steps", "first", "parts", ""]  # what of a solver is compiled
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,9 @@ class Solution:
         Steps taken, evaluations of the equations, attempts in vain.
     compile_seconds : float
         Of compiling or loading, which is not part of the solving.
-    compiled : {"steps", "parts", ""}
-        What was compiled at the end: whole steps, the rate and the projection in them, or nothing.
+    compiled : {"steps", "first", "parts", ""}
+        What was compiled at the end: whole steps, the same without optimization, the rate and the projection, or
+        nothing.
     interrupted : bool
         Ctrl-C ended it.
     precise : ndarray (n, size) or None

@@ -33,7 +33,7 @@ from twolink.integrate.formulas import traced_rate
 from twolink.integrate.perturbation import MIN_STEPS
 from twolink.integrate.pieces import in_pieces
 from twolink.integrate.scene_equations import structure_of
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import Code, Progress, Solution
 from twolink.integrate.state import Array
 
 COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place of straight code
@@ -253,7 +253,8 @@ def _propagate(
         interrupted = True
     double = out[:done].astype(float, copy=False).T
     precise = None if precision == "double" else out[:done]
-    return Solution(times[:done], double, steps, 0, compiled="steps", interrupted=interrupted, precise=precise)
+    compiled: Code = "steps" if code.name == code.best else "first"
+    return Solution(times[:done], double, steps, 0, compiled=compiled, interrupted=interrupted, precise=precise)
 
 
 def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from twolink.integrate.solution import Code
 from twolink.simulation.text import ShownAsText
 
+KINDS = {"steps": "compiled", "first": "compiled, not optimized", "parts": "compiled in parts", "": "not compiled"}
+
 
 @dataclass(frozen=True, repr=False)
 class Cost(ShownAsText):
@@ -20,8 +22,9 @@ class Cost(ShownAsText):
         Steps taken, evaluations of the dynamics, and steps that were tried in vain.
     seconds, verify_seconds, compile_seconds : float
         Of solving, of the more accurate solutions behind the error bar, and of compiling or loading.
-    compiled : {"steps", "parts", ""}
-        What was compiled at the end: whole steps, the rate and the projection in them, or nothing.
+    compiled : {"steps", "first", "parts", ""}
+        What was compiled at the end: whole steps; whole steps without optimization, as in the first run of a scene by
+        Taylor's method; the rate and the projection in them; or nothing.
     why : str
         The reason for the method.
     step : float or None
@@ -47,7 +50,7 @@ class Cost(ShownAsText):
 
     def __repr__(self) -> str:
         setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
-        kind = {"steps": "compiled", "parts": "compiled in parts", "": "not compiled"}[self.compiled]
+        kind = KINDS[self.compiled]
         seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, compiling {self.compile_seconds:.3g} s"
         return (
             f"{self.method}, {setting} ({self.why or 'as asked'})\n"
