@@ -13,13 +13,12 @@ from twolink.integrate.state import Array, StateSpace
 
 SAFETY = 2.0  # the second solution has errors of its own
 # Of the largest distance to several: there rounding decides, and those of the second solutions are as large as that of
-# the first. A factor of 2 was too small in 2 of 358 double pendulums over 5 to 60 s, by 1.7 at most; of 1000
-# scenes of all kinds (scripts/honest_bars.py), a factor of 4 was too small in one by 1.12, and of 6 in one by 1.02.
-SAFETY_OF_SEVERAL = 8.0
+# the first. A factor of 2 was too small in 2 of 358 double pendulums over 5 to 60 s, by 1.7 at most; a factor of 4 in
+# one of 1000 scenes of all kinds (scripts/honest_bars.py), by 1.12.
+SAFETY_OF_SEVERAL = 6.0
 # Of the accuracy, added to a bar. Where the first error is small by chance, it is still below what is usual for the
-# second one, a hundredth of the usual first error: this covers it where that is below 0.2 of the accuracy.
-SLACK = 2e-3
-AHEAD = 5  # samples at most, of later ones whose distances count for one
+# second one, a hundredth of the usual first error: this covers it where that is below 0.4 of the accuracy.
+SLACK = 4e-3
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in both solutions
 
 
@@ -43,7 +42,7 @@ def error_bar(distance: Array, rounding: Array, safety: float | Array = SAFETY) 
     bar = safety * np.asarray(distance, dtype=float)
     bar[1:] += rounding[1:]
     last = len(bar) - 1
-    reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + min(len(bar) // 40, AHEAD)), last)
+    reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + len(bar) // 40), last)
     reach[0] = 0
     return np.asarray(np.maximum.accumulate(bar)[reach])
 
