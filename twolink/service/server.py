@@ -1,7 +1,7 @@
 """Running the service with uvicorn.
 
-The service is one process with a pool of computing processes. One process answers some 14,000 single states or 700,000
-batched ones a second and core; jobs and uploads run in the pool. Whoever needs more puts several services behind a
+The service is one process with a pool of computing processes. The process answers small queries; batches, jobs and
+uploads run in the pool. `scripts/bench_service.py` measures how many. Whoever needs more puts several services behind a
 reverse proxy.
 """
 
