@@ -44,7 +44,7 @@ from twolink.integrate.step_control import Control, control_rows
 
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
-SPREADS = (1 / 256, 1 / 64, 1 / 16)  # of a step: distances of the states between which one is interpolated
+SPREADS = (1 / 256, 1 / 64, 1 / 16, 1 / 4)  # of a step: distances of the states between which one is interpolated
 
 
 class StepMap:
