@@ -42,9 +42,9 @@ _decode: Callable[[bytes], Progress | Done | Failed] = msgspec.msgpack.Decoder(P
 class Workers:
     """At most `count` worker processes.
 
-    memory: the limit that they share with other pools. threads: of each. niceness: how
-    far they let the service, and other programs, run first. waiting: tasks that may wait, see `Turns`.
-    tasks: the module whose TASKS they run. writable: the folders that they may write, besides that of their kernels.
+    memory: the limit that they share with other pools. threads: of each. niceness: how far they let the service, and
+    other programs, run first. waiting: tasks that may wait, see `Turns`. tasks: the module whose TASKS they run.
+    writable: the folders that they may write, besides that of their kernels.
     on_death: called for each process that dies during a task.
     """
 

@@ -25,7 +25,7 @@ from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import limit_of_loops, refined
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.verification import Seconds, Solved, second_solutions
+from twolink.simulation.verification import SecondSolutions, Solved, second_solutions
 
 MAX_SAMPLES = 20_000_000
 LOOKS, MAX_LOOKS = 41, 400  # times at which errors are looked at, at least and about at most
@@ -116,15 +116,13 @@ def run_of(
     run: Trajectory | None = None
     try:
         while verify and not coarse.solution.interrupted:
-            kept, seconds = (
-                others,
-                second_solutions(_looked_at(coarse, looks), solved_again, equations, accuracy, others),
-            )
-            others = seconds.solutions
+            kept = others
+            second = second_solutions(_looked_at(coarse, looks), solved_again, equations, accuracy, kept)
+            others = second.solutions
             verifying += sum(other.seconds for other in others if other not in kept)
             compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
             cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
-            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, looks, seconds)
+            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, looks, second)
             if run.error is None or measured or run.error[-1] <= accuracy:
                 return run
             verifying += coarse.seconds
@@ -205,13 +203,13 @@ def _trajectory(
     times: np.ndarray,
     accuracy: float | None,
     looks: np.ndarray,
-    seconds: Seconds | None = None,
+    second: SecondSolutions | None = None,
 ) -> Trajectory:
     """The solution at the asked times, with its error bar where there are second solutions."""
     choice, solution = solved.choice, solved.solution
-    error, cut = None, seconds is not None and seconds.interrupted
-    if seconds is not None and not cut:
-        error = bar_of_run(equations.space, solution, _numbers(solution, looks), seconds.distance, seconds.safety)
+    error, cut = None, second is not None and second.interrupted
+    if second is not None and not cut:
+        error = bar_of_run(equations.space, solution, _numbers(solution, looks), second.distance, second.safety)
         error[1:] += SLACK * (accuracy or 0.0)
     # An event may end the run at a time that was not asked for.
     all_asked = len(times) >= LOOKS or np.array_equal(solution.t, times)

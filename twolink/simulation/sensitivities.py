@@ -18,7 +18,6 @@ from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
 MARGIN = 10.0  # times smaller than the accuracy the first tolerance is
-STEPS = 1.3  # times as many as those of the run, at first
 TRIALS = 5  # of smaller tolerances
 
 
@@ -69,7 +68,7 @@ def sensitivities(
     wrt : sequence of str
         By what: "q" and "v", the initial configuration (along tangent directions) and velocity; "q.JOINT" and
         "v.JOINT", those of a joint; a physical constant (`algorithms.mechanism.parameter_names`: "forearm.mass",
-        "gravity.z", ...).
+        "gravity.z", ...); a number of an effect, by its place in the scene ("effects.1.damping.elbow").
     duration : float, optional
         Simulated time, s; by default the scene's own.
     accuracy : float

@@ -24,7 +24,6 @@ from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
-STEPS = 1.0  # times as many as those of the run, at first
 
 
 class Course(NamedTuple):
@@ -90,7 +89,7 @@ class SensitivityRun:
     ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
         """S at sample times (n,), the legs, and S (., 2 nv, k) at their times."""
         run, rows, start = self.run, 2 * self.equations.space.nv, self._start(course)
-        every = max(1, int(len(course.dense.t) / (STEPS * max(1, run.cost.steps if run.cost else 1))))
+        every = max(1, len(course.dense.t) // max(1, run.cost.steps if run.cost else 1))
         times = course.dense.t[::every]
         legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), rows, start.shape[1]))
         piece = np.maximum(np.searchsorted([begin for begin, _ in course.edges], samples, side="right") - 1, 0)

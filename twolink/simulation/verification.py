@@ -42,7 +42,7 @@ class Solve(Protocol):
     def __call__(self, choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved: ...
 
 
-class Seconds(NamedTuple):
+class SecondSolutions(NamedTuple):
     """More accurate solutions, and the largest distance of the coarse one from them at its samples (n,), rad or m."""
 
     solutions: list[Solved]
@@ -61,7 +61,7 @@ class Seconds(NamedTuple):
 
 def second_solutions(
     coarse: Solved, solve: Solve, equations: Equations, accuracy: float, earlier: Sequence[Solved] = ()
-) -> Seconds:
+) -> SecondSolutions:
     """More accurate solutions beside a coarse one.
 
     Parameters
@@ -78,7 +78,7 @@ def second_solutions(
 
     Returns
     -------
-    Seconds
+    SecondSolutions
         One solution, perturbed, where the truncation of steps decides about the error. Where rounding may, one that has
         more digits; or two, perturbed in opposite directions, where there are no more digits.
 
@@ -114,12 +114,12 @@ def _of_as_many_digits(
     equations: Equations,
     accuracy: float,
     earlier: Sequence[Solved],
-) -> Seconds:
+) -> SecondSolutions:
     """One finer solution of a choice, or where rounding counts two, or one that has more digits."""
     margin = coarse.choice.setting if coarse.choice.method.adaptive else 0.0
     perturbation = second_solution(steps_ratio(choice.method), margin)
     first = solve(choice, perturbation)
-    one = _seconds([first], coarse, equations)
+    one = _with_distance([first], coarse, equations)
     if one.interrupted:
         return one
     method, tolerance = coarse.choice.method, coarse.choice.setting
@@ -131,7 +131,7 @@ def _of_as_many_digits(
         if tolerance >= ROUNDING_MEASURED:
             same = solve(coarse.choice, Perturbation(START_SHIFT))
             if same.solution.interrupted:
-                return _seconds([same], coarse, equations)
+                return _with_distance([same], coarse, equations)
             first = replace(first, seconds=first.seconds + same.seconds)
             if _rounding_is_small(equations, coarse, same, one.distance, accuracy):
                 return one._replace(solutions=[first])
@@ -139,24 +139,24 @@ def _of_as_many_digits(
     more = more_digits(equations, coarse.solution.steps) if exact else None
     if more is not None:
         return _with_more_digits(more, coarse, solve, equations, earlier)
-    return _seconds([first, solve(choice, perturbation.opposite)], coarse, equations)
+    return _with_distance([first, solve(choice, perturbation.opposite)], coarse, equations)
 
 
-def _seconds(solutions: list[Solved], coarse: Solved, equations: Equations) -> Seconds:
+def _with_distance(solutions: list[Solved], coarse: Solved, equations: Equations) -> SecondSolutions:
     """Solutions with the largest distance from them; no distance where one is interrupted."""
-    seconds = Seconds(solutions, np.empty(0))
-    if seconds.interrupted:
-        return seconds
+    second = SecondSolutions(solutions, np.empty(0))
+    if second.interrupted:
+        return second
     method = coarse.choice.method
     each = [distance_of_runs(equations.space, method, coarse.solution, one.solution) for one in solutions]
-    return seconds._replace(distance=np.max(each, axis=0))
+    return second._replace(distance=np.max(each, axis=0))
 
 
 def _with_more_digits(
     choice: MethodChoice, coarse: Solved, solve: Solve, equations: Equations, earlier: Sequence[Solved]
-) -> Seconds:
+) -> SecondSolutions:
     same = [one for one in earlier if one.choice == choice]
-    return _seconds(same or [solve(choice)], coarse, equations)
+    return _with_distance(same or [solve(choice)], coarse, equations)
 
 
 def _rounding_grows(equations: Equations, coarse: Solved, distance: Array, accuracy: float) -> bool:

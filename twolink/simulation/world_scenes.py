@@ -8,7 +8,7 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import body_names
 from twolink.algorithms.spatial import ENTRIES
 from twolink.effects.effect import Effect
-from twolink.integrate.effect_numbers import PREFIX, with_number
+from twolink.integrate.effect_numbers import PREFIX, physical, with_number
 from twolink.scenes import Scene
 
 _COORDINATES = ("x", "y", "z")
@@ -48,12 +48,12 @@ def world_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     for name in (name for name in values if name.startswith(PREFIX)):
         place, *path = name.removeprefix(PREFIX).split(".")
         effects[int(place)] = with_number(effects[int(place)], path, values[name])
-    physical = {name: value for name, value in values.items() if not name.startswith(PREFIX)}
-    damping = {name.removesuffix(_DAMPING): d for name, d in physical.items() if name.endswith(_DAMPING)}
+    constants = physical(values)
+    damping = {name.removesuffix(_DAMPING): d for name, d in constants.items() if name.endswith(_DAMPING)}
     if damping:
         from twolink.effects import JointDamping  # only where it is asked for
 
         effects.append(JointDamping(damping=damping))
-    if physical:
-        effects.append(_Constants(values=physical))
+    if constants:
+        effects.append(_Constants(values=constants))
     return scene.with_effects(effects)
