@@ -7,7 +7,9 @@
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
 (n, nv) arrays are in its time. The contestants take turns, a warm-up and five calls each, in every round; the table has
 medians of all calls. Agreement is the largest difference of the results from Pinocchio's, relative to the largest
-entry of the batch. Writes out/bench_queries.csv.
+entry of the batch. Two more lines show how near the machine's limits are: a compiled function that reads and writes as
+many numbers in columns and only adds them, and the time of as many multiplications and additions in independent chains,
+which have no division, and no operation that waits for another. Writes out/bench_queries.csv.
 """
 
 import argparse
@@ -39,6 +41,8 @@ OUT = Path(__file__).parents[1] / "out"
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 CHAINS = (2, 4, 8, 15, 30, 60)
 TURN = 5
+MOVING = "limit: memory"
+CHAINED, PEAK = 16, 1024  # chains, and operations in all, of the function that shows the peak of arithmetic
 Contest = dict[str, Callable[[], np.ndarray]]
 
 
@@ -92,7 +96,27 @@ def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
         who |= mujoco_contest(other, *states, threads)
     who["twolink, rows"] = lambda: ask(*states, engine="compiled")
     who["twolink, columns"] = lambda: ask(*columns, engine="compiled")
+    who[MOVING] = moving(states, robot.nv)
     return who
+
+
+def moving(states: list[np.ndarray], outputs: int) -> Callable[[], np.ndarray]:
+    """Read and write as many numbers in columns, and do nothing but add them."""
+    x = [kernels.heyoka().expression(f"x{i}") for i in range(sum(s.shape[1] for s in states))]
+    add = kernels.heyoka().cfunc([sum(x[i + outputs :: outputs], x[i]) for i in range(outputs)], vars=x)
+    columns, out = np.ascontiguousarray(np.hstack(states).T), np.empty((outputs, len(states[0])))
+    return lambda: add(columns, outputs=out, batch_parallel=True).T
+
+
+def seconds_of_operation(states: int = 20_000) -> float:
+    """Seconds of a multiplication or addition in independent chains, on all threads."""
+    x = [kernels.heyoka().expression(f"x{i}") for i in range(2)]
+    chains = [x[0] + float(i) for i in range(CHAINED)]
+    for k in range(PEAK // 2):
+        chains[k % CHAINED] = chains[k % CHAINED] * x[1] + x[0]
+    busy, out = kernels.heyoka().cfunc(chains, vars=x), np.empty((CHAINED, states))
+    columns = np.random.default_rng(0).uniform(0.1, 0.9, (2, states))
+    return fastest(lambda: busy(columns, outputs=out, batch_parallel=True), 20) / (PEAK * states)
 
 
 def mujoco_contest(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, w: np.ndarray, threads: int) -> Contest:
@@ -178,7 +202,7 @@ def sines(chosen: dict[str, tl.Robot], n: int = 20_000) -> None:
 
 
 def compare(chosen: dict[str, tl.Robot], states: int, rounds: int) -> None:
-    rows = []
+    rows, operation = [], seconds_of_operation()
     print(f"{states} states, {thread_count()} threads, medians of {rounds} rounds")
     for name, robot in chosen.items():
         drawn = draw(robot, states if robot.nv < 20 else states // 4)
@@ -190,10 +214,13 @@ def compare(chosen: dict[str, tl.Robot], states: int, rounds: int) -> None:
             reference = next(name for name in times if name.endswith("InParallel"))
             base, truth = times[reference], answers[reference]
             print(f"\n{name}, {query} dynamics: nv = {robot.nv}, {operations} operations")
+            moved = times.pop(MOVING)
             for who, ns in times.items():
                 error = np.abs(answers[who] - truth[: len(answers[who])]).max() / np.abs(truth).max()
                 print(f"  {who:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x  agrees to {error:.0e}")
                 rows.append([name, query, robot.nv, operations, who, ns, base / ns, error])
+            for limit, ns in ((MOVING, moved), ("limit: arithmetic", operations * operation * 1e9)):
+                print(f"  {limit:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x")
     OUT.mkdir(exist_ok=True)
     with (OUT / "bench_queries.csv").open("w", newline="") as file:
         header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error"]
