@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
+    from twolink.sweeps.sweeping import sweep
 
 _IMPORTED_WHEN_USED = {
     "identify": "twolink.identification.identify",
@@ -26,6 +27,7 @@ _IMPORTED_WHEN_USED = {
     "connect": "twolink.service.client",
     "Sensitivities": "twolink.simulation.sensitivities",
     "sensitivities": "twolink.simulation.sensitivities",
+    "sweep": "twolink.sweeps.sweeping",
 }
 
 
@@ -71,4 +73,5 @@ __all__ = [
     "sensitivities",
     "simulate",
     "simulate_many",
+    "sweep",
 ]

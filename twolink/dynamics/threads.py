@@ -1,9 +1,10 @@
 """Threads: how many (TWOLINK_THREADS), whether this process may use a thread pool at all, and sharing work."""
 
+import contextlib
 import functools
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
@@ -29,7 +30,9 @@ def is_forked_child() -> bool:
 
 
 def thread_count() -> int:
-    """TWOLINK_THREADS when it is set, else the CPUs that this process may use."""
+    """TWOLINK_THREADS when it is set, else the CPUs that this process may use; 1 within shared work."""
+    if is_shared():
+        return 1
     text = os.environ.get("TWOLINK_THREADS", "").strip()
     if not text:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -44,6 +47,16 @@ def thread_count() -> int:
 def is_shared() -> bool:
     """Whether this thread does a part of work that threads share: then what it calls shall use no more threads."""
     return getattr(_own, "sharing", False)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it, this thread uses no other ones: other processes use the other cores."""
+    before, _own.sharing = is_shared(), True
+    try:
+        yield
+    finally:
+        _own.sharing = before
 
 
 def share(parts: Sequence[Callable[[threading.Event], None]], report: Callable[[], None]) -> None:

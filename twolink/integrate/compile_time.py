@@ -5,6 +5,7 @@ import logging
 import os
 import time
 from collections.abc import Iterator
+from contextvars import ContextVar
 
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
@@ -17,14 +18,26 @@ PROJECTION = 1.3  # the same of the projection alone
 TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
 UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often: two to eight times as soon compiled
 log = logging.getLogger("twolink")
+_asked_for: ContextVar[bool] = ContextVar("reproducible", default=False)
 
 
 def is_reproducible() -> bool:
-    """Whether the setting TWOLINK_REPRODUCIBLE=1 asks for the same bits from a scene's first run on.
+    """Whether the same bits are asked for from a scene's first run on: by TWOLINK_REPRODUCIBLE=1 or `reproducible`.
 
-    The first code of a scene and the optimized code that follows round differently.
+    The first code of a scene and the optimized code that follows round differently, and a study of this machine may
+    choose another method.
     """
-    return os.environ.get("TWOLINK_REPRODUCIBLE", "") not in ("", "0")
+    return _asked_for.get() or os.environ.get("TWOLINK_REPRODUCIBLE", "") not in ("", "0")
+
+
+@contextlib.contextmanager
+def reproducible() -> Iterator[None]:
+    """Within it, a run has the same bits on every machine of one kind, whatever ran before."""
+    token = _asked_for.set(True)
+    try:
+        yield
+    finally:
+        _asked_for.reset(token)
 
 
 def compiling_seconds(operations: float) -> float:

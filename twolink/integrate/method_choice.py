@@ -15,7 +15,7 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor
-from twolink.integrate.compile_time import MAX_COMPILING, MAX_IN_PARTS, in_parts, parts_seconds
+from twolink.integrate.compile_time import MAX_COMPILING, MAX_IN_PARTS, in_parts, is_reproducible, parts_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
@@ -92,7 +92,7 @@ def choose(
         method = METHODS["esdirk43"]
         why = f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps would have to be as short"
         return MethodChoice(method, first_setting(equations, method, accuracy), why)
-    entry = calibration.cheapest(equations, duration, accuracy)
+    entry = None if is_reproducible() else calibration.cheapest(equations, duration, accuracy)
     if entry is not None:
         return MethodChoice(METHODS[entry.method], entry.setting, "measured on this scene by an accuracy study")
     if in_parts(equations, METHODS["dop853"]):

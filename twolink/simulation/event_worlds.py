@@ -8,7 +8,6 @@ import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.assembly import assembled
-from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
 from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of
@@ -60,7 +59,7 @@ def solve_one_by_one(
     for i in range(count):
         own = world_scene(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
         try:
-            run = _run(own, _from(equations_of(own), states[:, i]), times, accuracy, verify)
+            run = _run(own, states[:, i], times, accuracy, verify)
         except SceneError as refused:
             raise SceneError(refused.what, where=f"world {i}", remedy=refused.remedy, code=refused.code) from None
         events.append(tuple(run.events) if run else ())
@@ -77,18 +76,23 @@ def solve_one_by_one(
     return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events))
 
 
-def _from(equations: Equations, x: Array) -> Equations:
-    """The equations from another state x (nq + nv,), moved to where the loops are closed."""
+def run_from(scene: Scene, x: Array, times: Array, accuracy: float, *, verify: bool = True) -> Trajectory:
+    """The run of a scene from another state x (nq + nv,), by the method that `simulate` chooses.
+
+    Runs of one scene share its equations, and so their compiled steps. Raises what `simulate` raises.
+    """
+    equations = equations_of(scene)
     if equations.constraints is not None:
         x = assembled(equations.constraints, x)
-    return replace(equations.starting_at(x, 0.0), assembled=(0.0, 0.0))
-
-
-def _run(scene: Scene, equations: Equations, times: Array, accuracy: float, verify: bool) -> Trajectory | None:
-    """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
+    equations = replace(equations.starting_at(x, 0.0), assembled=(0.0, 0.0))
     choice = choose(equations, accuracy, float(times[-1]), "auto")
+    return run_of(scene, equations, choice, times, accuracy, verify=verify)
+
+
+def _run(scene: Scene, x: Array, times: Array, accuracy: float, verify: bool) -> Trajectory | None:
+    """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
     try:
-        return run_of(scene, equations, choice, times, accuracy, verify=verify)
+        return run_from(scene, x, times, accuracy, verify=verify)
     except AccuracyError as error:
         run: Any = error.run
         return run if isinstance(run, Trajectory) else None

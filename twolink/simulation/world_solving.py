@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twolink.integrate.method_choice import first_tolerance, second_tolerance, steps_ratio
+from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
@@ -98,9 +99,9 @@ class _Worlds:
         return bar, (fine, finer)
 
 
-def can_be_finer(step_map: StepMap, accuracy: float) -> bool:
-    """Whether the first solution for an accuracy can be verified by one of a smaller tolerance."""
-    return first_tolerance(step_map.method, accuracy) > LEAST * smallest_tolerance(step_map.method)
+def can_be_finer(method: Method, accuracy: float) -> bool:
+    """Whether a method's first solution for an accuracy can be verified by one of a smaller tolerance."""
+    return first_tolerance(method, accuracy) > LEAST * smallest_tolerance(method)
 
 
 def solve_worlds(

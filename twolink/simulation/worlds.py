@@ -1,6 +1,6 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,7 +135,7 @@ def simulate_many(
     _require_samples(samples, states.shape)
     times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
     kept = slice(0, samples + 1 if samples else 0)
-    if _differs_beyond_numbers(scene, values):
+    if differs_beyond_numbers(scene, values):
         ones = solve_one_by_one(scene, states, values, times, accuracy, progress, verify=verify)
         return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
                       times[kept], ones.q[kept], ones.v[kept], ones.events)  # fmt: skip
@@ -143,7 +143,7 @@ def simulate_many(
     close_loops(steps_by.equations, states)
     parameter_rows = np.array(list(values.values())) if values else None
     looks, method = with_looks(times, LOOKS) if verify else times, steps_by.method
-    if verify and not can_be_finer(steps_by, accuracy):
+    if verify and not can_be_finer(method, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
     solved = solve_worlds(steps_by, states, looks, accuracy, parameter_rows, progress, verify=verify)
@@ -155,14 +155,17 @@ def simulate_many(
                   vs[kept])  # fmt: skip
 
 
-def _differs_beyond_numbers(scene: Scene, values: Mapping[str, np.ndarray]) -> bool:
-    """Whether worlds are no batch of one step: they have events, loops of their own, or constants of their own."""
+def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
+    """Whether worlds that differ in these parameters are no batch of one step.
+
+    They have events, loops of their own, or constants of their own.
+    """
     equations, known = equations_of(scene), effect_numbers(scene)
-    constant = any(name.startswith(PREFIX) and name not in known for name in values)
-    if constant or equations.switching is not None or (values and equations.constraints is not None):
+    constant = any(name.startswith(PREFIX) and name not in known for name in names)
+    if constant or equations.switching is not None or (names and equations.constraints is not None):
         return True
     try:
-        equations_of(scene, tuple(values))
+        equations_of(scene, tuple(names))
     except TypeError:  # a number that a formula takes as a constant, such as a limit of effort
         return True
     return False

@@ -1,0 +1,148 @@
+"""tl.sweep: what the store holds is what `simulate` gives, whatever computes it."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink import effects
+from twolink.errors import SceneError
+from twolink.sweeps import open_sweep
+
+pytest.importorskip("heyoka")
+pytest.importorskip("zarr")
+ARM = tl.load_scene("arm-swing")
+ELBOWS, MASSES = [-0.4, 0.1, 0.5], [1.0, 1.5]
+GRID = {"q.elbow": ELBOWS, "forearm.mass": MASSES}
+HERE = ThreadPoolExecutor(1)  # computes in this process
+
+
+def swept(out: Path, vary: dict = GRID, scene: tl.Scene = ARM, **options):
+    return tl.sweep(scene, vary, out, **{"duration": 1.0, "executor": HERE, **options})
+
+
+def test_a_grid_in_worker_processes_is_what_simulate_gives(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", executor=None, workers=2, chunk=2, outputs=["final", "cost"])
+    assert dict(data.sizes) == {"q.elbow": 3, "forearm.mass": 2, "q_name": 2, "v_name": 2}
+    assert (data.status == 1).all()
+    assert (data.error <= 1e-6).all()
+    assert data["q.elbow"].attrs["units"] == "rad"
+    for elbow in ELBOWS:
+        worlds = tl.simulate_many(ARM, [0.0, elbow], parameters={"forearm.mass": MASSES}, duration=1.0)
+        found = data.sel({"q.elbow": elbow})
+        assert np.array_equal(found.q, worlds.q)
+        assert np.array_equal(found.error, worlds.error)
+        assert np.array_equal(found.steps, worlds.steps)
+
+
+def test_bits_do_not_depend_on_the_engine_the_workers_or_the_chunks(tmp_path: Path) -> None:
+    rubbing = tl.Scene(ARM.base, effects=[effects.Gravity(), effects.DryFriction(kinetic={"elbow": 0.5})])
+    vary = {"effects.1": [True, False], "accuracy": [1e-4, 1e-6], "q.elbow": [0.1, 0.2, 0.3]}
+    ways = [{"chunk": 1}, {"chunk": 5}, {}, {"executor": None, "workers": 1, "chunk": 4}]
+    first, *others = (
+        swept(tmp_path / f"{i}.zarr", vary, rubbing, outputs=["final", "samples", "energy"], samples=3, **options)
+        for i, options in enumerate(ways)
+    )
+    assert (first.status == 1).all()
+    for other in others:
+        for name in ("q", "v", "error", "t", "energy", "q_samples", "status", "reason"):
+            assert np.array_equal(first[name], other[name]), name
+
+
+def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", {"forearm.mass": [1.0, -1.0, 2.0]})
+    assert data.status.values.tolist() == [1, 3, 1]
+    assert "no body has -1" in str(data.reason.values[1])
+    assert np.isnan(data.q.values[1]).all()
+    whole = tl.simulate_many(ARM, parameters={"forearm.mass": [1.0, 2.0]}, duration=1.0)
+    assert np.array_equal(data.q.values[[0, 2]], whole.q)
+
+
+def test_it_goes_on_where_it_was_stopped(tmp_path: Path) -> None:
+    def stop(done: int, total: int, label: str) -> None:
+        assert "runs/s" in label
+        if done >= 2 * total / 3:
+            raise KeyboardInterrupt
+
+    part = swept(tmp_path / "x.zarr", chunk=1, progress=stop)
+    assert (part.status.values.ravel()[:4] == 1).all()
+    assert (part.status == 0).sum() == 2
+    calls: list[int] = []
+    whole = swept(tmp_path / "x.zarr", chunk=1, progress=lambda done, _total, _label: calls.append(done))
+    assert calls == [5, 6]
+    assert whole.equals(swept(tmp_path / "y.zarr"))
+
+
+def test_another_sweep_is_refused_and_the_difference_is_named(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr")
+    other = tl.Scene(ARM.base, effects=[effects.Gravity(field=(0.0, 0.0, -1.6))])
+    for options, part in (
+        ({"accuracy": 1e-5}, "accuracy was 1e-06 and is now 1e-05"),
+        ({"scene": other}, "scene.effects[0].field[2] was -9.81 and is now -1.6"),
+        ({"vary": {"q.elbow": ELBOWS, "forearm.mass": [1.0]}}, "forearm.mass had the value 1.5"),
+        ({"vary": {"q.elbow": ELBOWS}}, "vary"),
+    ):
+        with pytest.raises(SceneError, match="another sweep") as caught:
+            swept(tmp_path / "x.zarr", **options)
+        assert caught.value.code == "another-sweep"
+        assert part in str(caught.value)
+
+
+def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
+    swept(tmp_path / "x.zarr", chunk=2)
+    done: list[int] = []
+    more = {"q.elbow": [-0.4, -0.1, 0.1, 0.5], "forearm.mass": [1.0, 1.5, 2.0]}
+    data = swept(tmp_path / "x.zarr", more, progress=lambda d, _total, _label: done.append(d), chunk=4)
+    assert done[0] > 6
+    assert done[-1] == 12
+    assert data.equals(swept(tmp_path / "y.zarr", more))
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".x") and path.suffix != ".lock"] == []
+
+
+def test_samples_by_a_seed_and_more_of_them(tmp_path: Path) -> None:
+    vary = {"q.elbow": {"uniform": [-1.0, 1.0]}, "forearm.mass": {"normal": [1.0, 0.01]}}
+    few = swept(tmp_path / "x.zarr", vary, design="sobol", count=5, seed=3).load()
+    done: list[int] = []
+    many = swept(tmp_path / "x.zarr", vary, design="sobol", count=8, seed=3, progress=lambda d, *_: done.append(d))
+    assert done == [8]
+    assert many.isel(run=slice(5)).equals(few)
+    assert set(many.coords) >= {"run", "q.elbow", "forearm.mass"}
+    assert len(np.unique(many["q.elbow"])) == 8
+    for design in ("random", "latin-hypercube"):
+        assert (swept(tmp_path / f"{design}.zarr", vary, design=design, count=4).status == 1).all()
+
+
+def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_module.py").write_text("def change(run):\n    return float(run.energy[-1] - run.energy[0])\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1, 0.2]}, outputs=["own_module:change"])
+    assert (np.abs(data.change) < 1e-5).all()
+    with pytest.raises(SceneError, match="cannot be imported"):
+        swept(tmp_path / "y.zarr", outputs=["no_such:thing"])
+
+
+def test_no_store_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="no store"):
+        open_sweep(tmp_path)
+    with pytest.raises(SceneError, match="no store"):
+        swept(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("vary", "part"),
+    [
+        ({"q.elbo": [0.0]}, "did you mean 'q.elbow'"),
+        ({}, "values by name"),
+        ({"q.elbow": [np.nan]}, "finite"),
+        ({"q.elbow": [0.1, 0.1]}, "twice"),
+        ({"effects.0": [0.5]}, "true or false"),
+        ({"accuracy": [0.0]}, "above 0"),
+        ({"q.elbow": {"range": [0, 1]}}, "range with 3 numbers"),
+    ],
+)
+def test_refusals(vary: dict, part: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=part):
+        swept(tmp_path / "x.zarr", vary)
+    assert not (tmp_path / "x.zarr").exists()

@@ -1,0 +1,168 @@
+"""Which runs a sweep consists of: a grid, a list, or random samples."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import SceneError, require_known
+from twolink.scenes import Scene
+from twolink.sweeps.quantities import Quantity, as_values, quantity
+
+RUN = "run"  # the dimension of lists and samples
+SAMPLERS = ("random", "sobol", "latin-hypercube")
+DESIGNS = ("grid", "list", *SAMPLERS)
+Block = tuple[slice, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The runs of a sweep.
+
+    kind: one of DESIGNS. quantities: what varies, by name. values (n,): of each; in a grid each has a dimension of its
+    own, else all share the dimension "run". count and seed: of samples, else None.
+    """
+
+    kind: str
+    quantities: dict[str, Quantity]
+    values: dict[str, np.ndarray]
+    count: int | None = None
+    seed: int | None = None
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The names of the dimensions."""
+        return tuple(self.values) if self.kind == "grid" else (RUN,)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The number of runs along each dimension."""
+        sizes = [len(numbers) for numbers in self.values.values()]
+        return tuple(sizes) if self.kind == "grid" else (sizes[0],)
+
+    @property
+    def runs(self) -> int:
+        """The number of runs."""
+        return math.prod(self.shape)
+
+    def in_block(self, block: Block) -> dict[str, np.ndarray]:
+        """The values (n,) of each quantity in the runs of a block, in C order."""
+        if self.kind != "grid":
+            return {name: numbers[block[0]] for name, numbers in self.values.items()}
+        axes = [numbers[part] for numbers, part in zip(self.values.values(), block, strict=True)]
+        return {name: grid.ravel() for name, grid in zip(self.values, np.meshgrid(*axes, indexing="ij"), strict=True)}
+
+
+def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | None, seed: int) -> Design:
+    """The runs that are asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    vary : mapping
+        Values by name, or {"range": [first, last, count]} for equally spaced ones; of samples {"uniform": [low, high]}
+        or {"normal": [mean, standard deviation]}.
+    kind : str
+        "grid": all combinations. "list": the values at one position of all together. "random", "sobol" or
+        "latin-hypercube": samples (`scipy.stats.qmc`).
+    count, seed : int
+        Of samples.
+
+    Raises
+    ------
+    SceneError
+        A name is unknown, or the values do not fit.
+    """
+    require_known(kind, DESIGNS, SceneError, "there is no design {!r}", argument="design")
+    if not isinstance(vary, Mapping) or not vary:
+        raise SceneError(f"expected values by name, got {vary!r:.60}", argument="vary",
+                         remedy='such as {"q.elbow": [0.0, 0.5, 1.0]}')  # fmt: skip
+    quantities = {str(name): quantity(scene, str(name)) for name in vary}
+    if kind in SAMPLERS:
+        return Design(kind, quantities, _samples(quantities, vary, kind, count, seed), count, seed)
+    if count is not None:
+        raise SceneError(f"a {kind} has the number of runs that its values give", argument="count",
+                         remedy='leave it out, or design="sobol"')  # fmt: skip
+    values = {name: as_values(quantities[name], _range(name, given)) for name, given in vary.items()}
+    for name, numbers in values.items():
+        if kind == "grid" and len(np.unique(numbers)) < len(numbers):
+            raise SceneError("a value is there twice", where=f"vary[{name!r}]", argument="vary", remedy="keep one")
+    if kind == "list" and len({len(numbers) for numbers in values.values()}) > 1:
+        sizes = {name: len(numbers) for name, numbers in values.items()}
+        raise SceneError(f"a list needs as many values of each, got {sizes}", argument="vary",
+                         remedy='give as many of each, or design="grid"')  # fmt: skip
+    return Design(kind, quantities, values)
+
+
+def _range(name: str, given: Any) -> Any:
+    """Values as they are given, or those of a range."""
+    if not isinstance(given, Mapping):
+        return given
+    first, last, count = _numbers(name, given, ("range",), 3)[1]
+    if count != int(count) or not 1 <= count <= 1e9:
+        raise SceneError(f"expected a number of values, got {count:g}", where=f"vary[{name!r}]", argument="vary",
+                         remedy="such as 100")  # fmt: skip
+    return np.linspace(first, last, int(count))
+
+
+def _numbers(name: str, given: Any, kinds: tuple[str, ...], size: int) -> tuple[str, list[float]]:
+    """What a mapping of one entry says: its name, and its numbers. Raises SceneError."""
+    remedy = f"such as {{{kinds[0]!r}: {[0.0, 1.0, 100][:size]}}}"
+    if isinstance(given, Mapping) and len(given) == 1:
+        kind, numbers = next(iter(given.items()))
+        array = np.asarray(numbers)
+        if kind in kinds and array.shape == (size,) and array.dtype.kind in "fiu" and np.isfinite(array).all():
+            return kind, [float(x) for x in array]
+    raise SceneError(f"expected {' or '.join(kinds)} with {size} numbers, got {given!r:.60}", where=f"vary[{name!r}]",
+                     argument="vary", remedy=remedy)  # fmt: skip
+
+
+def _samples(
+    quantities: Mapping[str, Quantity], vary: Mapping[str, Any], kind: str, count: int | None, seed: int
+) -> dict[str, np.ndarray]:
+    """Samples (count,) of each quantity. More of them begin with the same ones, except in a Latin hypercube."""
+    from scipy.special import ndtri
+    from scipy.stats import qmc
+
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 1:
+        raise SceneError(f"expected a number of runs from 1, got {count!r}", argument="count", remedy="such as 1024")
+    if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool) or seed < 0:
+        raise SceneError(f"expected a whole number from 0, got {seed!r}", argument="seed", remedy="such as 0")
+    asked = {name: _numbers(name, given, ("uniform", "normal"), 2) for name, given in vary.items()}
+    if kind == "random":
+        unit = np.random.default_rng(seed).random((count, len(asked)))
+    elif kind == "sobol":  # whole powers of 2 keep the balance, and scipy warns of other numbers
+        unit = qmc.Sobol(len(asked), rng=seed).random_base2(max(0, math.ceil(math.log2(count))))[:count]
+    else:
+        unit = qmc.LatinHypercube(len(asked), rng=seed).random(count)
+    values = {}
+    for (name, (law, (a, b))), u in zip(asked.items(), unit.T, strict=True):
+        if b < a if law == "uniform" else b < 0.0:
+            raise SceneError(f"got {law} with {[a, b]}", where=f"vary[{name!r}]", argument="vary",
+                             remedy="[low, high], or [mean, standard deviation]")  # fmt: skip
+        tiny = 2.0**-54  # ndtri(0) is infinite
+        numbers = a + (b - a) * u if law == "uniform" else a + b * ndtri(np.clip(u, tiny, 1.0 - tiny))
+        if quantities[name].kind == "effect":
+            raise SceneError("an effect is on or off", where=f"vary[{name!r}]", argument="vary",
+                             remedy='give values: design="grid" or "list"')  # fmt: skip
+        values[name] = as_values(quantities[name], numbers)
+    return values
+
+
+def block_shape(shape: tuple[int, ...], runs: int) -> tuple[int, ...]:
+    """The shape of blocks of up to so many runs that tile an array of this shape; the last dimensions are filled."""
+    sizes = [1] * len(shape)
+    for i in reversed(range(len(shape))):
+        sizes[i] = max(1, min(shape[i], runs))
+        runs //= sizes[i]
+        if sizes[i] < shape[i]:
+            break
+    return tuple(sizes)
+
+
+def blocks(shape: tuple[int, ...], sizes: tuple[int, ...]) -> Iterator[Block]:
+    """The blocks of these sizes that tile an array, in C order."""
+    for index in np.ndindex(*(-(-n // size) for n, size in zip(shape, sizes, strict=True))):
+        yield tuple(slice(i * size, min(n, (i + 1) * size)) for i, size, n in zip(index, sizes, shape, strict=True))

@@ -1,0 +1,134 @@
+"""What is kept of every run, as the variables of the store."""
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import SceneError, nearest
+from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.trajectory_tables import UNITS, coordinate_names
+
+PENDING, DONE, INACCURATE, FAILED, ABANDONED = range(5)
+STATUS = ("pending", "done", "inaccurate", "failed", "abandoned")  # by number
+OUTPUTS = ("final", "samples", "events", "energy", "cost")
+TEXT = "str"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of the store: its dimensions and sizes behind those of the runs, its type and attributes."""
+
+    name: str
+    description: str
+    units: str = ""
+    kind: str = "f8"
+    dims: tuple[str, ...] = ()
+    shape: tuple[int, ...] = ()
+
+    @property
+    def fill(self) -> Any:
+        """The value of a run that has none."""
+        return "" if self.kind == TEXT else np.nan if self.kind == "f8" else 0
+
+    def empty(self, runs: int) -> np.ndarray:
+        """Values (runs, ...) that are all missing."""
+        return np.full((runs, *self.shape), self.fill, dtype=object if self.kind == TEXT else self.kind)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of every run.
+
+    duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; samples: times
+    before the end, equally spaced; verify: whether there are error bars.
+    """
+
+    duration: float
+    accuracy: float
+    outputs: tuple[str, ...]
+    samples: int
+    verify: bool
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """The outputs that are functions of the run."""
+        return tuple(name for name in self.outputs if name not in OUTPUTS)
+
+    @property
+    def times(self) -> np.ndarray:
+        """The times of the samples and the end, s; the first is 0."""
+        return np.linspace(0.0, self.duration, self.samples + 2) if self.samples else np.array([0.0, self.duration])
+
+
+def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
+    """The outputs, each once; functions can be imported. Raises SceneError, code "unknown-output"."""
+    names = tuple(dict.fromkeys([outputs] if isinstance(outputs, str) else outputs))
+    for name in names:
+        if ":" in str(name):
+            function_of(name)
+        elif name not in OUTPUTS:
+            remedy = f"{nearest(str(name), OUTPUTS)} (a function of the run is module:function)"
+            raise SceneError(f"there is no output {name!r}", argument="outputs", code="unknown-output", remedy=remedy)
+    columns = [column_of(name) for name in names if ":" in name]
+    if len(set(columns)) < len(columns) or set(columns) & {"status", "reason", "error"}:
+        raise SceneError(f"the functions' names are not distinct: {columns}", argument="outputs", code="unknown-output",
+                         remedy="rename one")  # fmt: skip
+    return names
+
+
+def column_of(function: str) -> str:
+    """The variable's name for "module:function"."""
+    return function.rpartition(":")[2]
+
+
+def function_of(name: str) -> Callable[[Trajectory], float]:
+    """The function that "module:function" names. Raises SceneError, code "unknown-output"."""
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise SceneError(f"{name!r} cannot be imported: {error}", argument="outputs", code="unknown-output",
+                         remedy="give module:function of a module that workers can import") from None  # fmt: skip
+    if not callable(found):
+        raise SceneError(f"{name!r} is no function", argument="outputs", code="unknown-output",
+                         remedy="give module:function")  # fmt: skip
+    return found  # type: ignore[no-any-return]
+
+
+def variables(robot: Any, request: Request) -> list[Variable]:
+    """The variables for what is asked for; `status` is the last one, and is written last."""
+    size = {"q_name": robot.nq, "v_name": robot.nv, "time": request.samples + 1}
+    found = [Variable("error", "bound on the global error of q at the end", UNITS["error"])]
+    if "final" in request.outputs:
+        found += [Variable("t", "time of the end, or of the event that ended the run", "s"),
+                  Variable("q", "configuration at the end", UNITS["q"], "f8", ("q_name",), (size["q_name"],)),
+                  Variable("v", "velocity at the end", UNITS["v"], "f8", ("v_name",), (size["v_name"],))]  # fmt: skip
+    if "samples" in request.outputs:
+        for letter, what in (("q", "configuration"), ("v", "velocity")):
+            dims = "time", f"{letter}_name"
+            found.append(Variable(f"{letter}_samples", f"{what} at the samples", UNITS[letter], "f8", dims,
+                                  tuple(size[name] for name in dims)))  # fmt: skip
+    if "energy" in request.outputs:
+        found.append(Variable("energy", "kinetic and potential energy at the end", "J"))
+    if "events" in request.outputs:
+        found += [Variable("event_count", "number of events", "1", "i4"),
+                  Variable("events", "events as JSON: t [s], kind, what, detail", "", TEXT)]  # fmt: skip
+    if "cost" in request.outputs:
+        found += [Variable("steps", "steps of the solution", "1", "i8"),
+                  Variable("seconds", "time of solving, error bar included; the mean of a batch", "s")]  # fmt: skip
+    found += [Variable(column_of(name), f"what {name} gives for the run") for name in request.functions]
+    return [*found, Variable("reason", "why a run is not done", "", TEXT),
+            Variable("status", ", ".join(f"{i} {name}" for i, name in enumerate(STATUS)), "", "i1")]  # fmt: skip
+
+
+def coordinates(robot: Any, request: Request) -> dict[str, Any]:
+    """The coordinates of the variables' own dimensions."""
+    found: dict[str, Any] = {}
+    if {"final", "samples"} & set(request.outputs):
+        found |= {"q_name": coordinate_names(robot, "q"), "v_name": coordinate_names(robot, "v")}
+    if "samples" in request.outputs:
+        found["time"] = request.times[:-1] if request.samples else request.times[:1]
+    return found

@@ -1,0 +1,141 @@
+"""The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep again."""
+
+import functools
+import hashlib
+import json
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from twolink.dynamics.saved_robot import robot_notes
+from twolink.effects.effect import plain
+from twolink.errors import SceneError
+from twolink.scenes import Scene
+from twolink.sweeps.design import RUN, Block, Design, block_shape
+from twolink.sweeps.outputs import Request, Variable, variables
+from twolink.sweeps.runs import Columns, Task, ways
+
+BATCH, SINGLE = 4096, 64  # runs of a block at most
+LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
+PARTS = 32  # blocks at least, so that workers end together
+MAX_NUMBERS = 20_000_000  # that a block keeps
+WAYS_FROM = 4096  # runs of which the ways are told
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A sweep: the scene, its runs, and what is kept of them. sizes: of a block along each dimension."""
+
+    scene: Scene
+    design: Design
+    request: Request
+    sizes: tuple[int, ...]
+
+    @functools.cached_property
+    def variables(self) -> list[Variable]:
+        """The variables of the store; `status` is the last."""
+        return variables(self.scene.robot, self.request)
+
+    @functools.cached_property
+    def record(self) -> dict[str, Any]:
+        """What the results depend on beside the values that vary, as plain data."""
+        request, design = self.request, self.design
+        return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
+                "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
+                "outputs": list(request.outputs), "samples": request.samples, "verify": request.verify}  # fmt: skip
+
+    @functools.cached_property
+    def _scene(self) -> tuple[str, bytes]:
+        content = pickle.dumps(self.scene)
+        return hashlib.sha256(content).hexdigest(), content
+
+    def task(self, block: Block) -> Task:
+        """The runs of a block."""
+        return self.task_of(self.design.in_block(block))
+
+    def task_of(self, values: Columns) -> Task:
+        """Runs with these values (n,) by name."""
+        return Task(*self._scene, self.request, self.design.quantities, values)
+
+    @property
+    def first(self) -> Task:
+        """The first run."""
+        return self.task(tuple(slice(0, 1) for _ in self.design.shape))
+
+    @functools.cached_property
+    def ways(self) -> dict[str, int]:
+        """How many runs of the first block are solved in which way, and why."""
+        return _ways(self.scene, self.request, self.design, WAYS_FROM)
+
+
+def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> Plan:
+    """The plan. chunk: the number of runs of a block; by default what keeps workers busy. Raises SceneError."""
+    for name in design.values:
+        if "/" in name:
+            raise SceneError("a store cannot have a name with /", where=f"vary[{name!r}]", argument="vary",
+                             remedy="rename the joint or link in the URDF")  # fmt: skip
+    if chunk is None:
+        in_batches = all(text.startswith("in batches") for text in _ways(scene, request, design, 1))
+        least, most = (LEAST_BATCH, BATCH) if in_batches else (1, SINGLE)
+        numbers = sum(_size(variable) for variable in variables(scene.robot, request))
+        chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
+    elif not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
+        raise SceneError(f"expected a number of runs, got {chunk!r}", argument="chunk", remedy="such as 1000")
+    return Plan(scene, design, request, block_shape(design.shape, chunk))
+
+
+def _size(variable: Variable) -> int:
+    size = 1
+    for n in variable.shape:
+        size *= n
+    return size
+
+
+def _ways(scene: Scene, request: Request, design: Design, runs: int) -> dict[str, int]:
+    first = tuple(slice(0, n) for n in block_shape(design.shape, runs))
+    return ways(scene, request, design.quantities, design.in_block(first))
+
+
+def scene_record(scene: Scene) -> dict[str, Any]:
+    """A scene as plain data: its robot's notes, its state and its effects. Functions are named by their module.
+
+    Raises SceneError for a function that has no name to be found by.
+    """
+    effects = [msgspec.to_builtins(effect, enc_hook=_named) for effect in scene.effects]
+    return {"robot": robot_notes(scene.base), "q": scene.q.tolist(), "v": scene.v.tolist(),
+            "effects": json.loads(json.dumps(effects))}  # fmt: skip
+
+
+def _named(value: Any) -> Any:
+    """NumPy's numbers as Python's, and functions by module and name."""
+    name = getattr(value, "__qualname__", "")
+    if callable(value):
+        if not name or "<" in name:
+            raise SceneError("a function in an effect has no name that workers find it by", argument="scene",
+                             remedy="define it in a module")  # fmt: skip
+        return f"{value.__module__}:{name}"
+    return plain(value)
+
+
+def difference(old: Any, new: Any, path: str = "") -> str:
+    """The first difference of two records, as text; empty where they are equal."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        keys = [*old, *(key for key in new if key not in old)]
+        pairs = [(f"{path}.{key}".lstrip("."), old.get(key), new.get(key)) for key in keys]
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        pairs = [(f"{path}[{i}]", a, b) for i, (a, b) in enumerate(zip(old, new, strict=True))]
+    else:
+        return "" if old == new else f"{path} was {_short(old)} and is now {_short(new)}"
+    return next((text for name, a, b in pairs if (text := difference(a, b, name))), "")
+
+
+def _short(value: Any) -> str:
+    return f"{value!r:.80}"
+
+
+def dimension_of(name: str, design: Design) -> tuple[str, ...]:
+    """The dimensions of a quantity's values."""
+    return (name,) if design.kind == "grid" else (RUN,)

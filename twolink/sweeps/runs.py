@@ -1,0 +1,261 @@
+"""The runs of a block, computed by a worker: in batches where the scene allows, else one after the other.
+
+A run has the same bits whatever the others in its block are, in any process, on any number of threads.
+"""
+
+import dataclasses
+import json
+import pickle
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twolink.dynamics.kernels import heyoka
+from twolink.dynamics.threads import one_thread
+from twolink.errors import AccuracyError, TwolinkError
+from twolink.integrate.compile_time import reproducible
+from twolink.integrate.methods import METHODS
+from twolink.scenes import Scene
+from twolink.simulation.event_worlds import run_from
+from twolink.simulation.sampling import sample_times
+from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.world_scenes import world_scene
+from twolink.simulation.world_solving import can_be_finer
+from twolink.simulation.worlds import differs_beyond_numbers, simulate_many
+from twolink.sweeps.outputs import (
+    DONE,
+    FAILED,
+    INACCURATE,
+    Request,
+    Variable,
+    column_of,
+    function_of,
+    variables,
+)
+from twolink.sweeps.quantities import Cells, Quantity, cells, renamed, variant
+
+SAMPLED = 200.0  # samples a second of runs that functions get, as `simulate` has them
+LONGEST_REASON = 300
+MAX_SAMPLES = 20_000_000
+KEPT = 8  # scenes that a thread keeps
+LOST = "its step size collapsed, or its state stopped being finite"
+Columns = dict[str, np.ndarray]
+_own = threading.local()  # Pinocchio's data in a scene are not for several threads
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Runs for a worker.
+
+    scene: pickled; key: its digest. quantities, values (n,): what varies, by name.
+    """
+
+    key: str
+    scene: bytes
+    request: Request
+    quantities: dict[str, Quantity]
+    values: dict[str, np.ndarray]
+
+    @property
+    def runs(self) -> int:
+        """The number of runs."""
+        return len(next(iter(self.values.values())))
+
+    def part(self, some: slice) -> "Task":
+        """Some of the runs."""
+        return dataclasses.replace(self, values={name: numbers[some] for name, numbers in self.values.items()})
+
+
+def compute(task: Task) -> Columns:
+    """The variables (n, ...) of the runs, by name."""
+    with reproducible(), one_thread():
+        kept: dict[Any, Scene] = _own.__dict__.setdefault("scenes", {})
+        if task.key not in kept:
+            if len(kept) >= KEPT:
+                kept.clear()
+            kept[task.key] = pickle.loads(task.scene)
+        return compute_runs(kept[task.key], task.request, task.quantities, task.values, kept, task.key)
+
+
+def compute_runs(
+    scene: Scene,
+    request: Request,
+    quantities: dict[str, Quantity],
+    values: Columns,
+    kept: dict[Any, Scene],
+    key: str = "",
+) -> Columns:
+    """The variables (n, ...) of runs of a scene. kept: the scenes without some of the effects, so far."""
+    runs = len(next(iter(values.values())))
+    kinds = {v.name: v for v in variables(scene.robot, request)}
+    out = {name: kind.empty(runs) for name, kind in kinds.items()}
+    for off, accuracy, rows in _groups(request, quantities, values):
+        name = (key, off)
+        if off and name not in kept:
+            kept[name] = variant(scene, off)
+        some = {name: numbers[rows] for name, numbers in values.items()}
+        group = cells(scene, quantities, some, off, kept[name] if off else scene, accuracy)
+        batch, _ = way(group.scene, tuple(group.parameters), request, accuracy)
+        (_batch if batch else _one_by_one)(_Group(request, group, kinds, out, rows), np.arange(len(rows)))
+    return out
+
+
+def _groups(
+    request: Request, quantities: dict[str, Quantity], values: Columns
+) -> Iterator[tuple[tuple[int, ...], float, np.ndarray]]:
+    """The runs that have the same effects and accuracy: the places of effects that are off, the accuracy, the rows."""
+    chosen = [name for name, what in quantities.items() if what.kind in ("effect", "accuracy")]
+    runs = len(next(iter(values.values())))
+    if not chosen:
+        yield (), request.accuracy, np.arange(runs)
+        return
+    table = np.stack([values[name].astype(float) for name in chosen], axis=1)
+    for row in np.unique(table, axis=0):
+        by_name = dict(zip(chosen, row, strict=True))
+        off = tuple(sorted(quantities[name].place for name in chosen
+                           if quantities[name].kind == "effect" and not by_name[name]))  # fmt: skip
+        rows = np.flatnonzero((table == row).all(axis=1))
+        yield off, float(by_name.get("accuracy", request.accuracy)), rows
+
+
+def way(scene: Scene, names: tuple[str, ...], request: Request, accuracy: float) -> tuple[bool, str]:
+    """Whether runs that differ in these parameters are solved in batches, and why."""
+    if request.functions:
+        return False, f"one by one: {request.functions[0]} needs the whole run"
+    if heyoka() is None:
+        return False, "one by one: heyoka is not installed"
+    if "energy" in request.outputs and names:
+        return False, "one by one: the energy depends on each run's parameters"
+    if request.verify and not can_be_finer(METHODS["dop853"], accuracy):
+        return False, f"one by one: {accuracy:g} is below what batches can verify"
+    if differs_beyond_numbers(scene, names):
+        return False, "one by one: the scene has events, or loops or constants that differ by run"
+    return True, "in batches: the scene is smooth, and runs differ in numbers only"
+
+
+def ways(scene: Scene, request: Request, quantities: dict[str, Quantity], values: Columns) -> dict[str, int]:
+    """How many of the runs with these values are solved in which way, and why."""
+    counts: dict[str, int] = {}
+    names = [name for name, what in quantities.items() if what.kind == "parameter"]
+    for off, accuracy, rows in _groups(request, quantities, values):
+        own = tuple(new for name in names if (new := renamed(name, off)) is not None)
+        text = way(variant(scene, off), own, request, accuracy)[1]
+        counts[text] = counts.get(text, 0) + len(rows)
+    return counts
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Runs of one variant, and where their results go: the rows (n,) of `out`."""
+
+    request: Request
+    cells: Cells
+    kinds: dict[str, Variable]
+    out: Columns
+    rows: np.ndarray
+
+    def put(self, some: np.ndarray, **values: Any) -> None:
+        """Write results of some of the runs; those that are not asked for are left out."""
+        for name, value in values.items():
+            if name in self.out:
+                self.out[name][self.rows[some]] = value
+
+    def fail(self, i: int, error: BaseException) -> None:
+        """Record why a run failed."""
+        text = str(error) if isinstance(error, TwolinkError) else f"{type(error).__name__}: {error}"
+        self.put(np.array([i]), status=FAILED, reason=" ".join(text.split())[:LONGEST_REASON])
+
+
+def _batch(group: _Group, some: np.ndarray) -> None:
+    """Solve some of the runs in one batch; where that is refused, in two halves, down to the run that is."""
+    asked, own, times = group.request, group.cells, group.request.times
+    parameters = {name: numbers[some] for name, numbers in own.parameters.items()}
+    try:
+        worlds = simulate_many(own.scene, own.q[some], own.v[some], parameters, asked.duration, own.accuracy,
+                               samples=asked.samples, verify=asked.verify)  # fmt: skip
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever one of the runs caused
+        if len(some) == 1:
+            group.fail(int(some[0]), TwolinkError(LOST) if isinstance(error, AccuracyError) else error)
+            return
+        for half in np.array_split(some, 2):
+            _batch(group, half)
+        return
+    good = np.isfinite(worlds.q).all(axis=1)
+    error_bar = np.full(len(some), np.nan) if worlds.error is None else worlds.error
+    good &= np.isfinite(error_bar) | (worlds.error is None)
+    late = good & ~(error_bar <= own.accuracy) & asked.verify
+    status = np.where(late, INACCURATE, np.where(good, DONE, FAILED))
+    reasons = [_beyond(bar, own.accuracy) if status_ == INACCURATE else "" if status_ == DONE else LOST
+               for bar, status_ in zip(error_bar, status, strict=True)]  # fmt: skip
+    group.put(some, status=status, reason=np.array(reasons, dtype=object), error=error_bar,
+              t=np.where(good, times[-1], np.nan), q=worlds.q, v=worlds.v, steps=worlds.steps,
+              seconds=(worlds.cost.seconds + worlds.cost.verify_seconds) / len(some), events="[]")  # fmt: skip
+    if "energy" in asked.outputs:
+        energy = np.full(len(some), np.nan)
+        energy[good] = sum(own.scene.robot.energy(worlds.q[good], worlds.v[good])) if good.any() else ()
+        group.put(some, energy=energy)
+    if "samples" in asked.outputs:
+        starts = slice(0, asked.samples + 1)
+        q, v = (worlds.samples_q, worlds.samples_v) if asked.samples else (own.q[some][None], own.v[some][None])
+        group.put(some, q_samples=q[starts].swapaxes(0, 1), v_samples=v[starts].swapaxes(0, 1))
+
+
+def _beyond(bar: float, accuracy: float) -> str:
+    return f"error bar {bar:.2g} is above the accuracy {accuracy:g}"
+
+
+def _one_by_one(group: _Group, some: np.ndarray) -> None:
+    """Solve some of the runs one after the other."""
+    asked = group.request
+    times = asked.times
+    if asked.functions:
+        times = np.union1d(times, sample_times(asked.duration, SAMPLED, MAX_SAMPLES))
+    for i in some:
+        try:
+            _one(group, int(i), times)
+        except MemoryError:
+            raise
+        except Exception as error:  # a run that fails is a row with its reason
+            group.fail(int(i), error)
+
+
+def _one(group: _Group, i: int, times: np.ndarray) -> None:
+    asked, own = group.request, group.cells
+    values = {name: float(numbers[i]) for name, numbers in own.parameters.items()}
+    scene = world_scene(own.scene, values) if values else own.scene
+    start = np.concatenate([own.q[i], own.v[i]])
+    status, reason = DONE, ""
+    try:
+        run = run_from(scene, start, times, own.accuracy, verify=asked.verify)
+    except AccuracyError as error:
+        if not isinstance(error.run, Trajectory) or error.run.error is None:
+            raise
+        run, status, reason = error.run, INACCURATE, str(error)[:LONGEST_REASON]
+    if run.interrupted:
+        raise KeyboardInterrupt
+    here = np.array([i])
+    events = [{"t": float(e.t), "kind": e.kind, "what": e.what, "detail": e.detail} for e in run.events]
+    cost = run.cost
+    group.put(here, error=np.nan if run.error is None else run.error[-1], t=run.t[-1], q=run.q[-1], v=run.v[-1],
+              energy=run.energy[-1] if "energy" in asked.outputs else np.nan, event_count=len(events),
+              events=json.dumps(events), steps=cost.steps if cost else 0,
+              seconds=cost.seconds + cost.verify_seconds if cost else np.nan)  # fmt: skip
+    if "samples" in asked.outputs:
+        _put_samples(group, i, run)
+    for name in asked.functions:
+        group.put(here, **{column_of(name): float(function_of(name)(run))})
+    group.put(here, status=status, reason=reason)
+
+
+def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
+    """The samples of a run; missing behind the event that ended it."""
+    times = group.request.times[:-1] if group.request.samples else group.request.times[:1]
+    reached = np.flatnonzero(np.isin(times, run.t))
+    taken = np.searchsorted(run.t, times[reached])
+    for name, states in (("q_samples", run.q), ("v_samples", run.v)):
+        group.out[name][group.rows[i], reached] = states[taken]

@@ -1,0 +1,151 @@
+"""sweep: many runs of a scene into a store."""
+
+import dataclasses
+import logging
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import SceneError, import_extra
+from twolink.scenes import Scene
+from twolink.scenes.scene import accuracy_of
+from twolink.simulation.sampling import duration_for
+from twolink.sweeps.design import make_design
+from twolink.sweeps.engines import engine_of
+from twolink.sweeps.outputs import Request, check_outputs
+from twolink.sweeps.plan import Plan, make_plan
+from twolink.sweeps.runs import compute
+from twolink.sweeps.store import EXTRA, locked, open_store, read_record
+from twolink.sweeps.working import Report, work
+
+log = logging.getLogger("twolink")
+PART = 1e-3  # of a run, that compiles its steps
+
+
+def sweep(
+    scene: Scene,
+    vary: Mapping[str, Any],
+    out: str | os.PathLike[str],
+    *,
+    accuracy: float = 1e-6,
+    duration: float | None = None,
+    design: str = "grid",
+    count: int | None = None,
+    seed: int = 0,
+    outputs: Sequence[str] = ("final",),
+    samples: int = 0,
+    verify: bool = True,
+    executor: Any = None,
+    workers: int | None = None,
+    chunk: int | None = None,
+    progress: Report | None = None,
+) -> Any:
+    """Run a scene many times, with other initial states, parameters, effects or accuracies, into a Zarr store.
+
+    Called again with the same arguments it goes on where it was stopped, however that was. With more values it computes
+    the new runs only.
+
+    Parameters
+    ----------
+    scene : Scene
+    vary : mapping
+        Values (n,) by name: "q.JOINT", "v.JOINT", a physical parameter or number of an effect as in `simulate_many`,
+        "effects.1" (true or false: whether it acts), "accuracy". {"range": [first, last, count]} stands for equally
+        spaced values; samples have {"uniform": [low, high]} or {"normal": [mean, standard deviation]}.
+    out : path-like
+        The store, a folder; by custom it ends in .zarr.
+    accuracy : float
+        Bound on the global error of q in every run, rad or m.
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
+    design : {"grid", "list", "random", "sobol", "latin-hypercube"}
+        All combinations; the values at one position of all together; or samples (scipy.stats.qmc).
+    count, seed : int
+        Of samples.
+    outputs : sequence of str
+        "final": t, q, v at the end. "samples": q, v on the way. "events". "energy" at the end. "cost". Or a function
+        of the run, "module:function", which takes a Trajectory and returns a number.
+    samples : int
+        Number of equally spaced times of "samples" between start and end.
+    verify : bool
+        Compute error bars.
+    executor : optional
+        None: processes of this machine. A `dask.distributed.Client` or the address of a scheduler. Or what has the
+        interface of `concurrent.futures.Executor`, such as submitit's for SLURM.
+    workers : int, optional
+        Number of local processes; by default one a core (TWOLINK_THREADS).
+    chunk : int, optional
+        Runs that are computed and written together, of a new store.
+    progress : callable, optional
+        Called with the runs done, their number, and a text with the rate and the time left.
+
+    Returns
+    -------
+    xarray.Dataset
+        Opened lazily. Dimensions are named by what varies (grid), or "run". Variables: what is asked for, `error` (the
+        bar at the end, rad or m), `status` (1 done, 2 inaccurate, 3 failed, 4 abandoned: workers died of it three
+        times; 0 pending) and `reason`. Ctrl-C returns what is done so far.
+
+    Raises
+    ------
+    SceneError
+        An argument does not fit; or the store belongs to another sweep (code "another-sweep", with the difference).
+    TwolinkError
+        The store cannot be written (code "not-writable") or is in use (code "in-use"), or the cluster is gone (code
+        "cluster-lost"). What was finished is kept.
+    MissingExtraError
+        xarray or zarr is not installed.
+
+    Notes
+    -----
+    A run has the same bits whatever the engine, the number of workers and the size of chunks.
+    """
+    import_extra("zarr", EXTRA), import_extra("xarray", EXTRA)
+    request = Request(duration_for(scene, duration), accuracy_of(accuracy), check_outputs(outputs),
+                      _samples(samples, outputs), bool(verify))  # fmt: skip
+    plan = make_plan(scene, make_design(scene, vary, design, count, seed), request, chunk)
+    path = Path(out)
+    with locked(path):
+        store = open_store(path, plan)
+        if next(store.pending(), None) is not None:
+            for text in plan.ways:
+                log.info("%s runs %s", f"{plan.design.runs:,}", text)
+            try:
+                with engine_of(executor, workers) as engine:
+                    _compile(plan)
+                    engine.ready()
+                    work(store, engine, progress or (lambda *_: None))
+            except KeyboardInterrupt:
+                log.warning("interrupted: what is done is kept in %s", path)
+    return open_sweep(path)
+
+
+def _compile(plan: Plan) -> None:
+    """Compile what the first run needs: workers load it. A part of the run is enough, and calls no functions."""
+    task = plan.first
+    request = dataclasses.replace(task.request, outputs=(), samples=0, duration=PART * task.request.duration)
+    compute(dataclasses.replace(task, request=request))
+
+
+def _samples(samples: int, outputs: Sequence[str]) -> int:
+    if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or not 0 <= samples <= 10_000_000:
+        raise SceneError(f"expected a whole number from 0, got {samples!r}", argument="samples", remedy="such as 100")
+    if samples and "samples" not in outputs:
+        raise SceneError("they are not among the outputs", argument="samples", remedy='outputs=["final", "samples"]')
+    return int(samples)
+
+
+def open_sweep(path: str | os.PathLike[str]) -> Any:
+    """The results of a sweep, finished or not, as an xarray.Dataset that is read when it is used.
+
+    Raises
+    ------
+    SceneError
+        It is no store of a sweep; code "no-sweep".
+    """
+    xarray = import_extra("xarray", EXTRA)
+    read_record(Path(path))
+    return xarray.open_zarr(str(path), consolidated=False, chunks=None)

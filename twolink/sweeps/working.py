@@ -1,0 +1,160 @@
+"""Working through blocks: given to an engine, written when they are done, tried again where a worker died."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twolink.errors import TwolinkError
+from twolink.sweeps.design import Block
+from twolink.sweeps.engines import Engine, cluster_lost
+from twolink.sweeps.outputs import ABANDONED
+from twolink.sweeps.plan import Plan
+from twolink.sweeps.runs import Columns, Task
+from twolink.sweeps.store import Store
+
+TRIES = 3
+AHEAD = 2  # tasks given to an engine for each worker, so that none waits
+LOOK = 0.5  # s: between two looks at the engine
+Report = Callable[[int, int, str], None]
+
+
+@dataclass(eq=False)
+class _Part:
+    """A part of a block that is given to a worker: the runs (n,) of the block's pending ones, and tries in vain."""
+
+    block: "_Block"
+    rows: np.ndarray
+    tries: int = 0
+
+
+@dataclass(eq=False)
+class _Block:
+    """A block under way. some (n,): its runs that were pending; columns: their results so far; left: runs to come."""
+
+    block: Block
+    some: np.ndarray
+    task: Task
+    left: int
+    columns: Columns = field(default_factory=dict)
+
+
+class _Work:
+    """The blocks of a store on their way through an engine."""
+
+    def __init__(self, store: Store, engine: Engine, report: Report, done: int) -> None:
+        self.store, self.engine, self.report = store, engine, report
+        self.plan: Plan = store.plan
+        self.done, self.begun, self.begin = done, done, time.monotonic()
+        self.again: deque[_Part] = deque()  # to be tried again, one after the other
+        self.under_way: dict[Future[Columns], _Part] = {}
+
+    def all(self) -> None:
+        """Compute and write all that is pending."""
+        parts = self._parts()
+        try:
+            while self._fill(parts) or self.under_way:
+                finished, _ = wait(self.under_way, LOOK, FIRST_COMPLETED)
+                self.engine.check()
+                self._take(finished)
+        finally:
+            for future in self.under_way:
+                future.cancel()
+
+    def _parts(self) -> Iterator[_Part]:
+        for block, some in self.store.pending():
+            task = self.plan.task(block)
+            if len(some) < task.runs:
+                task = self.plan.task_of({name: numbers[some] for name, numbers in task.values.items()})
+            yield _Part(_Block(block, some, task, len(some)), np.arange(len(some)))
+
+    def _fill(self, parts: Iterator[_Part]) -> bool:
+        """Give tasks to the engine, those that are tried again one at a time: then it is known who ends a worker."""
+        if self.again:
+            if not self.under_way:
+                self._submit(self.again.popleft())
+            return True
+        while len(self.under_way) < AHEAD * self.engine.width:
+            part = next(parts, None)
+            if part is None:
+                return False
+            self._submit(part)
+        return True
+
+    def _submit(self, part: _Part) -> None:
+        task = part.block.task
+        some = task if len(part.rows) == task.runs else task.part(slice(part.rows[0], part.rows[-1] + 1))
+        try:
+            self.under_way[self.engine.submit(some)] = part
+        except BrokenExecutor:  # a worker died while it had nothing to do
+            self.engine.restart()
+            self.under_way[self.engine.submit(some)] = part
+
+    def _take(self, finished: set[Future[Columns]]) -> None:
+        failed = list[tuple[_Part, BaseException]]()
+        if any(isinstance(future.exception(), BrokenExecutor) for future in finished if not future.cancelled()):
+            finished, _ = wait(self.under_way, LOOK)  # a pool that broke ends them all
+        for future in finished:
+            part = self.under_way.pop(future)
+            try:
+                self._put(part, future.result())
+            except TwolinkError:  # of the store: nothing can be kept
+                raise
+            except CancelledError:
+                raise cluster_lost() from None
+            except Exception as error:  # the worker died, or has no memory
+                failed.append((part, error))
+        if failed:
+            self.engine.restart()
+            for part, reason in failed:
+                self._again(part, reason)
+
+    def _again(self, part: _Part, error: BaseException) -> None:
+        """Try a part again; after three tries its halves, and after those of a single run give it up."""
+        part.tries += 1
+        if part.tries < TRIES:
+            self.again.append(part)
+        elif len(part.rows) > 1:
+            self.again.extend(_Part(part.block, half, TRIES - 1) for half in np.array_split(part.rows, 2))
+        else:
+            text = " ".join(f"given up after {TRIES} tries: {type(error).__name__}: {error}".split())
+            columns = {v.name: v.empty(1) for v in self.plan.variables}
+            columns["status"][:], columns["reason"][:] = ABANDONED, text[:300]
+            self._put(part, columns)
+
+    def _put(self, part: _Part, columns: Columns) -> None:
+        """Keep a part's results; write the block when it is complete."""
+        whole = part.block
+        if len(part.rows) == len(whole.some):
+            whole.columns = columns
+        else:
+            if not whole.columns:
+                whole.columns = {v.name: v.empty(len(whole.some)) for v in self.plan.variables}
+            for name, values in columns.items():
+                whole.columns[name][part.rows] = values
+        whole.left -= len(part.rows)
+        if whole.left == 0:
+            self.store.write(whole.block, whole.some, whole.columns)
+            self.done += len(whole.some)
+            self._tell()
+
+    def _tell(self) -> None:
+        total = self.plan.design.runs
+        rate = (self.done - self.begun) / max(1e-9, time.monotonic() - self.begin)
+        self.report(self.done, total, f"{rate:.4g} runs/s, {(total - self.done) / rate:.0f} s left")
+
+
+def work(store: Store, engine: Engine, report: Report) -> None:
+    """Compute and write all runs of a store that are pending.
+
+    Raises
+    ------
+    TwolinkError
+        The store cannot be written, or the cluster is gone (code "cluster-lost"). What was finished is kept.
+    """
+    pending = sum(len(some) for _, some in store.pending())
+    if pending:
+        _Work(store, engine, report, store.plan.design.runs - pending).all()
