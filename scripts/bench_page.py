@@ -121,13 +121,16 @@ def effects(columns: Columns) -> str:
 
 
 BENCHES = (
-    Bench("compare_peers", "Single trajectories, beside SciPy, MuJoCo and Drake", (), ("--quick",), peers),
+    # Every setting, with the full budget, takes half an hour: scripts/compare_peers.py.
+    Bench("compare_peers", "Single trajectories, beside SciPy, MuJoCo and Drake", ("--quick", "--rounds", "3"),
+          ("--quick",), peers),
     Bench("bench_queries", "Batches of queries, beside Pinocchio and MuJoCo", (),
           ("--quick", "--rounds", "3", "--states", "20000"), queries),
     Bench("bench_worlds", "Many worlds, beside MuJoCo", (), ("--quick",)),
     Bench("bench_first_answer", "The first answer of a new scene, beside SciPy", (), ("--quick",), first_answers),
     Bench("bench_effects", "What effects cost", (), ("--quick",), effects),
-    Bench("bench_loops", "Closed chains of many loops", (), ("--numbers", "1,4,16")),
+    Bench("bench_sensitivities", "Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),
+    Bench("bench_loops", "Closed chains of many loops", (), ("--numbers", "1,4,16"), ("--numbers", "1,4")),
     Bench("bench_service", "The service over HTTP", (), ("--seconds", "1", "--rounds", "1", "--requests", "5000")),
 )  # fmt: skip
 
