@@ -13,6 +13,9 @@ from twolink.scenes import Scene, load_scene, scenes
 from twolink.simulation import Cost, Event, Explanation, Trajectory, Worlds, explain, simulate, simulate_many
 
 if TYPE_CHECKING:
+    from twolink.control.equilibria import Equilibria, equilibria
+    from twolink.control.feedback import lqr
+    from twolink.control.linearization import Linearization, linearize
     from twolink.identification.identify import identify
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
@@ -20,6 +23,11 @@ if TYPE_CHECKING:
     from twolink.sweeps.sweeping import sweep
 
 _IMPORTED_WHEN_USED = {
+    "Equilibria": "twolink.control.equilibria",
+    "equilibria": "twolink.control.equilibria",
+    "Linearization": "twolink.control.linearization",
+    "linearize": "twolink.control.linearization",
+    "lqr": "twolink.control.feedback",
     "identify": "twolink.identification.identify",
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
@@ -46,8 +54,10 @@ def __dir__() -> list[str]:
 __all__ = [
     "Book",
     "Cost",
+    "Equilibria",
     "Event",
     "Explanation",
+    "Linearization",
     "LoadReport",
     "Robot",
     "Scene",
@@ -60,13 +70,16 @@ __all__ = [
     "connect",
     "effects",
     "energy_book",
+    "equilibria",
     "errors",
     "explain",
     "identify",
     "lagrange",
+    "linearize",
     "load_robot",
     "load_scene",
     "loop_forces",
+    "lqr",
     "methods",
     "robots",
     "scenes",

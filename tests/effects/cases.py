@@ -153,6 +153,28 @@ def computed(model, q, v, t):
     return pin.rnea(model, model.createData(), q, v, a)
 
 
+def feedback(model, q, v, _t):
+    """The rotation's error as (R0^T R - R^T R0) / 2."""
+    target = np.array(HELD.target)
+    start, end = (pin.Quaternion(x[3:7]).matrix() for x in (target, q))
+    turned = start.T @ end
+    error = np.concatenate([start.T @ (q[:3] - target[:3]), pin.unSkew((turned - turned.T) / 2), (q - target)[7:]])
+    tau = np.zeros(model.nv)
+    for joint, row in HELD.gain.items():
+        k = entry(model, joint)[1]
+        tau[k] = np.clip(HELD.torque.get(joint, 0.0) - np.array(row) @ np.concatenate([error, v]), -90, 90)
+    return tau
+
+
+def held() -> E.StateFeedback:
+    """Gains of all entries of the state of a floating UR5."""
+    gains = np.random.default_rng(2).uniform(-20, 20, (2, 20))
+    rows = dict(zip(("elbow_joint", "wrist_3_joint"), map(tuple, gains.tolist()), strict=True))
+    q = tuple(state(robot("floating"), 9)[0].tolist())
+    return E.StateFeedback(rows, q, {"elbow_joint": 4.0}, dict.fromkeys(rows, 90.0))
+
+
+HELD = held()
 WRENCH = {"force": (E.Sine(3.0, 4.0), 2.0, 0.0), "moment": (0.0, E.Polynomial((1.0, 2.0, 3.0)), 0.7)}
 PIECES = E.Sampled((0.0, 0.2, 0.5, 2.0), (1.0, -2.0, 4.0, 0.0))
 GROUND = {"first": "universe", "second": "tool0", "first_point": (1.0, 0.2, 0.1), "second_point": (0.0, 0.1, 0.0)}
@@ -181,6 +203,7 @@ CASES = {
                                 {"elbow_joint": 8.0}, {"elbow_joint": E.Polynomial((2.0, 1.0))},
                                 {"elbow_joint": 20.0}), pd),
     "weight": Case("ur5", E.GravityCompensation(effort=dict.fromkeys(tl.load_robot("ur5").joint_names, 20.0)), weight),
+    "feedback": Case("floating", HELD, feedback),
     "computed": Case("arm", E.ComputedTorque({"shoulder": E.Sine(0.3, 2.0), "elbow": E.Polynomial((0.1, 1.0, 1.0))},
                                              9.0, 6.0), computed),
 }  # fmt: skip

@@ -42,6 +42,8 @@ FILES = {
     "smooth-friction": ("friction = {elbow = 2}\nscale = 0.1", E.SmoothFriction({"elbow": 2.0}, 0.1)),
     "spring-between": ('first = "universe"\nsecond = "tip"\nstiffness = 10\nfirst_point = [0, 0, 1]',
                        E.SpringBetween("universe", "tip", 10.0, first_point=(0.0, 0.0, 1.0))),
+    "state-feedback": ('target = [0.5, 1]\ngain = {elbow = [1, 2, 3, 4]}\ntorque = {elbow = 0.5}\neffort = {elbow = 9}',
+                       E.StateFeedback({"elbow": (1.0, 2.0, 3.0, 4.0)}, (0.5, 1.0), {"elbow": 0.5}, {"elbow": 9.0})),
     "torque": ('inputs = {elbow = {kind = "sampled", file = "FOLDER/tau.csv", beyond = "zero"}}',
                E.Torque({"elbow": E.Sampled((0.0, 1.0), (2.0, 3.0), beyond="zero")})),
 }  # fmt: skip

@@ -26,6 +26,7 @@ from twolink.effects.rotor import Rotor as Rotor
 from twolink.effects.sampled import Sampled as Sampled
 from twolink.effects.smooth_friction import SmoothFriction as SmoothFriction
 from twolink.effects.spring_between import SpringBetween as SpringBetween
+from twolink.effects.state_feedback import StateFeedback as StateFeedback
 from twolink.effects.torque import Torque as Torque
 from twolink.effects.watch import Watch as Watch
 from twolink.effects.weld_loop import WeldLoop as WeldLoop

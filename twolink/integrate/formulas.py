@@ -80,6 +80,14 @@ def accelerations(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any
     return list(function(equations.robot.model, "forward_dynamics").variants[equations.variant](mech, arguments, xp))
 
 
+def unbalanced_forces(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Scalar]:
+    """M a = tau - h (nv) of a state x (size,): what accelerates the robot, without constraints, friction and locks."""
+    motion = motion_of(equations, mech, t, x, xp)
+    loads = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects)
+    h = newton_euler(mech, poses(mech, motion.q, xp), motion.v, [0.0] * mech.nv, loads.wrenches)
+    return [minus(tau, bias) for tau, bias in zip(loads.tau, h, strict=True)]
+
+
 def lock_torques(
     equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any, solution: Dynamics
 ) -> tuple[list[Scalar], list[Scalar]]:

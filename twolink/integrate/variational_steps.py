@@ -134,16 +134,16 @@ class VariationalSteps:
 
 def to_tangent(space: StateSpace, q: Array, change: Array) -> Array:
     """Changes (m, nq, n) of configurations (nq, n) as tangent vectors (m, nv, n), without what leaves the manifold."""
-    basis = _basis(space, q)  # whose columns are orthogonal to each other
+    basis = tangent_basis(space, q)  # whose columns are orthogonal to each other
     return np.asarray(np.einsum("qkn,mqn->mkn", basis / (basis * basis).sum(axis=0), change))
 
 
 def _from_tangent(space: StateSpace, q: Array, tangents: Array) -> Array:
     """The changes (m, nq, n) of configurations (nq, n) along tangent vectors (m, nv, n)."""
-    return np.asarray(np.einsum("qkn,mkn->mqn", _basis(space, q), tangents)) if space.curved else tangents
+    return np.asarray(np.einsum("qkn,mkn->mqn", tangent_basis(space, q), tangents)) if space.curved else tangents
 
 
-def _basis(space: StateSpace, q: Array) -> Array:
+def tangent_basis(space: StateSpace, q: Array) -> Array:
     """q' of each unit velocity, (nq, nv, n)."""
     units = np.repeat(np.eye(space.nv)[:, :, None], q.shape[1], axis=2)
     return np.stack([space.rate(q, unit) for unit in units], axis=1)

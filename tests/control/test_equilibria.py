@@ -1,0 +1,71 @@
+"""equilibria: all of small arms, each once, with the stability that closed forms give."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.errors import SceneError
+
+E = tl.effects
+ARM = tl.load_robot("two_link")
+
+
+def test_the_arm_has_four() -> None:
+    """Hanging and upright, straight and folded: q = (+-90 deg, 0 or 180 deg)."""
+    found = tl.equilibria(tl.Scene(ARM, effects=[E.Gravity()]), starts=24)
+    expected = {(-np.pi / 2, 0.0): "centre", (-np.pi / 2, np.pi): "saddle", (np.pi / 2, np.pi): "saddle",
+                (np.pi / 2, 0.0): "saddle"}  # fmt: skip
+    assert len(found) == 4
+    for (q, stability), each in zip(expected.items(), found, strict=True):
+        np.testing.assert_allclose(each.q, q, atol=1e-12)
+        assert each.stability == stability
+    assert [int((each.eigenvalues.real > each.eigenvalue_errors).sum()) for each in found] == [0, 1, 1, 2]
+    assert "centre" in str(found)
+
+
+@pytest.mark.parametrize(("damping", "stability"), [({"shoulder": 0.5}, "asymptotically stable"), ({}, "centre")])
+def test_damping_decides_at_the_lowest(damping: dict[str, float], stability: str) -> None:
+    effects = [E.Gravity(), *([E.JointDamping(damping)] if damping else [])]
+    assert tl.equilibria(tl.Scene(ARM, effects=effects), [-1.5, 0.1])[0].stability == stability
+
+
+def test_a_spring_moves_them_and_counts_turns() -> None:
+    """k (q - q0) = -m g l cos q for one joint: the roots, found by bisection, each with its slope's sign."""
+    scene = tl.Scene(ARM, effects=[E.Gravity(), E.JointSpring({"shoulder": 6.0, "elbow": 400.0}, {"shoulder": 0.5})])
+    found = tl.equilibria(scene, starts=24)
+    assert len(found) >= 3
+    for each in found:
+        q = each.q
+        gravity = scene.robot.gravity_torque(q)
+        np.testing.assert_allclose(gravity, [-6.0 * (q[0] - 0.5), -400.0 * q[1]], atol=1e-8)
+        stiffness = -scene.robot.mass_matrix(q) @ each.A[2:, :2]
+        assert (each.stability == "centre") == bool((np.linalg.eigvalsh(stiffness) > 0).all())
+    assert Counter(each.stability for each in found)["centre"] >= 2
+    assert len({tuple(each.q.round(5)) for each in found}) == len(found)
+
+
+def test_a_line_of_equilibria_has_unknown_stability() -> None:
+    weightless = tl.Scene(ARM, effects=[E.Gravity(), E.GravityCompensation(), E.JointSpring({"elbow": 3.0})])
+    (found,) = tl.equilibria(weightless, [0.3, 0.4])
+    np.testing.assert_allclose(found.q[1], 0.0, atol=1e-12)
+    assert found.stability == "unknown"
+
+
+def test_negative_damping_is_unstable() -> None:
+    gain = {"shoulder": (9.0, 0.0, -1.0, 0.0), "elbow": (0.0, 9.0, 0.0, -1.0)}
+    (found,) = tl.equilibria(tl.Scene(ARM, effects=[E.StateFeedback(gain, (0.3, 0.2))]), [0.2, 0.1])
+    np.testing.assert_allclose(found.q, [0.3, 0.2], atol=1e-12)
+    assert found.stability == "unstable"
+
+
+def test_without_equilibria() -> None:
+    pushed = tl.Scene(ARM, effects=[E.Torque({"shoulder": 3.0})])
+    assert len(tl.equilibria(pushed, starts=4)) == 0
+    with pytest.raises(SceneError) as caught:
+        tl.equilibria(pushed, [0.0, 0.0])
+    assert caught.value.code == "no-equilibrium"
+    with pytest.raises(SceneError) as caught:
+        tl.equilibria(tl.Scene(ARM, effects=[E.Torque({"shoulder": E.Sine(1.0, 2.0)})]))
+    assert caught.value.code == "depends-on-time"
