@@ -1,6 +1,8 @@
 """Batches of dynamics queries, side by side in one run on the same states: Pinocchio, MuJoCo, twolink.
 
     python scripts/bench_queries.py [--states 100000] [--rounds 9] [--quick]
+    python scripts/bench_queries.py --derivatives       # of forward dynamics, a tenth of the states
+    python scripts/bench_queries.py --cached     # ms in which a new process gets Talos's kernels from the cache
     python scripts/bench_queries.py --engines    # what the rule of twolink/dynamics/engine.py is rounded from
     python scripts/bench_queries.py --sine       # the sine of twolink/algorithms/sincos.py against heyoka's
 
@@ -16,8 +18,12 @@ import argparse
 import csv
 import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -76,10 +82,12 @@ def mujoco_model(robot: tl.Robot) -> mujoco.MjModel | None:
 
 def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
     """Everyone's answer to forward or inverse dynamics of the batch; the loops take a hundredth of it."""
+    if query == "forward_dynamics_derivatives":
+        return derivatives(robot, states)
     model, data, threads = robot.model, robot.model.createData(), thread_count()
     pool, out = pin.ModelPool(model, threads), np.empty((robot.nv, len(states[0])), order="F")
-    one, many = {"forward": (pin.aba, pin.abaInParallel), "inverse": (pin.rnea, pin.rneaInParallel)}[query]
-    ask = getattr(robot, f"{query}_dynamics")
+    one, many = (pin.aba, pin.abaInParallel) if query == "forward_dynamics" else (pin.rnea, pin.rneaInParallel)
+    ask = getattr(robot, query)
     few = [x[: len(x) // 100] for x in states]
     columns = [np.ascontiguousarray(x.T).T for x in states]
 
@@ -91,7 +99,7 @@ def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
         f"pin.{one.__name__}, loop": lambda: np.array([one(model, data, *s) for s in zip(*few, strict=True)]),
         f"pin.{one.__name__}InParallel": parallel,
     }
-    other = mujoco_model(robot) if query == "forward" else None
+    other = mujoco_model(robot) if query == "forward_dynamics" else None
     if other is not None:
         who |= mujoco_contest(other, *states, threads)
     who["twolink, rows"] = lambda: ask(*states, engine="compiled")
@@ -117,6 +125,31 @@ def seconds_of_operation(states: int = 20_000) -> float:
     busy, out = kernels.heyoka().cfunc(chains, vars=x), np.empty((CHAINED, states))
     columns = np.random.default_rng(0).uniform(0.1, 0.9, (2, states))
     return fastest(lambda: busy(columns, outputs=out, batch_parallel=True), 20) / (PEAK * states)
+
+
+def derivatives(robot: tl.Robot, states: list[np.ndarray]) -> Contest:
+    """Everyone's (da/dq, da/dv, da/dtau) of the batch; the loops take a hundredth of it."""
+    model, few = robot.model, [x[: len(x) // 100] for x in states]
+    columns = [np.ascontiguousarray(x.T).T for x in states]
+
+    def loop(part: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+        data = model.createData()
+        return [pin.computeABADerivatives(model, data, *state)[0].copy() for state in zip(*part, strict=True)]
+
+    def threads() -> np.ndarray:
+        parts = zip(*(np.array_split(x, thread_count()) for x in few), strict=True)
+        with ThreadPoolExecutor(thread_count()) as pool:
+            return np.concatenate(list(pool.map(loop, parts)))
+
+    def ours(arrays: list[np.ndarray]) -> np.ndarray:
+        return robot.forward_dynamics_derivatives(*arrays, engine="compiled")[0]
+
+    return {
+        "pin.computeABADerivatives": lambda: np.array(loop(tuple(few))),
+        "the same, threads": threads,
+        "twolink, rows": lambda: ours(states),
+        "twolink, columns": lambda: ours(columns),
+    }
 
 
 def mujoco_contest(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, w: np.ndarray, threads: int) -> Contest:
@@ -201,26 +234,51 @@ def sines(chosen: dict[str, tl.Robot], n: int = 20_000) -> None:
         print(f"{name}: own {own:.1f} ns a state, heyoka's {theirs:.1f} ns, {100 * (theirs / own - 1):.0f} % slower")
 
 
-def compare(chosen: dict[str, tl.Robot], states: int, rounds: int) -> None:
+def cached(name: str = "talos", root: str = "free") -> None:
+    """Milliseconds until each kernel of a robot answers in a new process: first made, then read from the cache."""
+    code = f"""
+import time, twolink as tl
+robot = tl.load_robot({name!r}, root={root!r})
+robot.compiled().certificate("gravity_torque")
+for query in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias"):
+    start = time.perf_counter()
+    robot.compiled().certificate(query)
+    print(query, 1e3 * (time.perf_counter() - start))
+"""
+    with tempfile.TemporaryDirectory() as cache:
+        environment, took = {**os.environ, "TWOLINK_CACHE": cache}, []
+        for _ in range(6):
+            done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+            took.append({line.split()[0]: float(line.split()[1]) for line in done.stdout.splitlines()})
+    print(f"{name}: ms to make a kernel, and median to read it from the cache")
+    for query, made in took[0].items():
+        print(f"  {query:<20}{made:>9.0f}{statistics.median(times[query] for times in took[1:]):>9.1f}")
+
+
+def compare(chosen: dict[str, tl.Robot], queries: tuple[str, ...], states: int, rounds: int) -> None:
     rows, operation = [], seconds_of_operation()
     print(f"{states} states, {thread_count()} threads, medians of {rounds} rounds")
     for name, robot in chosen.items():
         drawn = draw(robot, states if robot.nv < 20 else states // 4)
-        for query in ("forward", "inverse"):
-            robot.compiled().certificate(f"{query}_dynamics")
+        for query in queries:
+            robot.compiled().certificate(query)
             times, answers = run(contest(robot, query, drawn), rounds)
-            counts = kernels.count_operations(robot.model, function(robot.model, f"{query}_dynamics"))
+            counts = kernels.count_operations(robot.model, function(robot.model, query))
             operations = min(sum(c.values()) for c in counts)
-            reference = next(name for name in times if name.endswith("InParallel"))
+            reference = next(
+                (name for name in times if name.endswith("InParallel")), min(list(times)[:2], key=times.__getitem__)
+            )
             base, truth = times[reference], answers[reference]
-            print(f"\n{name}, {query} dynamics: nv = {robot.nv}, {operations} operations")
-            moved = times.pop(MOVING)
+            print(f"\n{name}, {query.replace('_', ' ')}: nv = {robot.nv}, {operations} operations")
+            moved = times.pop(MOVING, None)
             for who, ns in times.items():
-                error = np.abs(answers[who] - truth[: len(answers[who])]).max() / np.abs(truth).max()
+                count = min(len(answers[who]), len(truth))
+                error = np.abs(answers[who][:count] - truth[:count]).max() / np.abs(truth).max()
                 print(f"  {who:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x  agrees to {error:.0e}")
                 rows.append([name, query, robot.nv, operations, who, ns, base / ns, error])
             for limit, ns in ((MOVING, moved), ("limit: arithmetic", operations * operation * 1e9)):
-                print(f"  {limit:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x")
+                if ns is not None:
+                    print(f"  {limit:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x")
     OUT.mkdir(exist_ok=True)
     with (OUT / "bench_queries.csv").open("w", newline="") as file:
         header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error"]
@@ -233,16 +291,24 @@ def main() -> None:
     parser.add_argument("--states", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--quick", action="store_true", help="arm, UR5, Panda and one chain only")
+    parser.add_argument("--derivatives", action="store_true", help="derivatives of forward dynamics")
+    parser.add_argument("--cached", action="store_true", help="reading kernels from the cache")
     parser.add_argument("--engines", action="store_true", help="compiling against Pinocchio, query by query")
     parser.add_argument("--sine", action="store_true", help="our sine against heyoka's")
     options = parser.parse_args()
+    if options.cached:
+        cached()
+        return
     chosen = robots(options.quick)
-    if options.engines:
+    if options.derivatives:
+        few = {name: robot for name, robot in chosen.items() if robot.nv < 20}
+        compare(few, ("forward_dynamics_derivatives",), options.states // 10, options.rounds)
+    elif options.engines:
         engines(chosen)
     elif options.sine:
         sines(chosen)
     else:
-        compare(chosen, options.states, options.rounds)
+        compare(chosen, ("forward_dynamics", "inverse_dynamics"), options.states, options.rounds)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 Each Function brings its reference, with the scale that its rounding errors are measured by (`algorithms.references`).
 """
 
+import functools
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -69,9 +70,13 @@ def certify(
             what = f"the compiled function differs from Pinocchio by {error:.1e} of its scale, the bound is {BOUND:.0e}"
             raise CertificationError(what, where=f"{function.name} at {shown}", remedy=NOT_USED)
         worst = max(worst, error)
-    versions = ", ".join(f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy"))
     operations = sum(kernel.operations.values())
-    return Certificate(function.name, count, worst, BOUND, operations, versions, platform.machine())
+    return Certificate(function.name, count, worst, BOUND, operations, _versions(), platform.machine())
+
+
+@functools.cache
+def _versions() -> str:
+    return ", ".join(f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy"))
 
 
 def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -159,7 +159,7 @@ class Compiled:
         match cache.load(file):
             case (Kernel() as kernel, certificate):
                 with contextlib.suppress(CertificationError):  # made elsewhere, or damaged: build it again
-                    certify(model, traced, kernel, self.parameters, 8)
+                    certify(model, traced, kernel, self.parameters, 4)  # one of each kind of state
                     return kernel, certificate
         try:
             kernel = build(model, traced, self.parameters)
