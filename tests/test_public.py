@@ -30,7 +30,7 @@ FACE = {
                "parameter_names", "parameter_values"],
     tl.Scene: ["robot", "q", "v", "effects", "duration", "save"],
     tl.Trajectory: ["t", "q", "v", "energy", "error", "events", "cost", "save", "plot", "playback", "play",
-                    "at", "tau", "acceleration", "to_xarray", "to_pandas"],
+                    "at", "tau", "acceleration", "contact_forces", "to_xarray", "to_pandas"],
 }  # fmt: skip
 
 

@@ -55,6 +55,33 @@ def ball() -> tl.Robot:
     return tl.load_robot(f'<robot name="ball"><link name="ball">{_inertial(2.0, 0.008)}</link></robot>', root="free")
 
 
+@functools.cache
+def free_bodies(*names: str) -> tl.Robot:
+    """Free bodies of 1 kg and 0.1 kg m^2."""
+    bodies = "".join(f'<link name="{n}">{_inertial(1.0, 0.1)}</link><joint name="{n}_joint" type="floating">'
+                     f'<parent link="ground"/><child link="{n}"/></joint>' for n in names)  # fmt: skip
+    return tl.load_robot(f'<robot name="bodies"><link name="ground"/>{bodies}</robot>')
+
+
+@functools.cache
+def sliders_in_a_row(*masses: float) -> tl.Robot:
+    """Links b0, b1, ... of these masses, side by side along x."""
+    return tl.load_robot('<robot name="row"><link name="ground"/>'
+                         + "".join(f'<link name="b{k}">{_inertial(m, 1.0)}</link>'
+                                   + _joint(f"j{k}", "prismatic", "ground", f"b{k}", "1 0 0")
+                                   for k, m in enumerate(masses)) + "</robot>")  # fmt: skip
+
+
+@functools.cache
+def ball_over_ball() -> tl.Robot:
+    """A free ball of 0.1 m, and one of 1 m that is fixed in the ground."""
+    shapes = {"base": 1.0, "ball": 0.1}
+    base, body = (f'<collision><geometry><sphere radius="{r}"/></geometry></collision>' for r in shapes.values())
+    return tl.load_robot(f'<robot name="balls"><link name="base">{base}</link><link name="ball">{_inertial(2.0, 0.008)}'
+                         f'{body}</link><joint name="free" type="floating"><parent link="base"/><child link="ball"/>'
+                         f"</joint></robot>")  # fmt: skip
+
+
 def bouncing(t: np.ndarray, height: float, e: float) -> np.ndarray:
     """The height of a point that falls from rest and bounces, v -> -e v, in closed form."""
     fall = np.sqrt(2 * height / G)

@@ -18,6 +18,9 @@ FILES = {
                         'times = [0, 1, 2], values = [0, 1, 0.5], interpolation = "cubic"}}',
                         E.ComputedTorque({"shoulder": 0.5, "elbow": E.Sampled((0.0, 1.0, 2.0), (0.0, 1.0, 0.5),
                                          interpolation="cubic")}, 16.0, 8.0, "urdf")),
+    "contact": ('pairs = ["ground", ["tip", {kind = "plane", height = -9}]]\nfriction = 0.5\n'
+                'shapes = {tip = [{kind = "sphere", radius = 0.1}]}',
+                E.Contact(("ground", ("tip", E.Plane(height=-9.0))), 0.5, shapes={"tip": (E.Sphere(0.1),)})),
     "frame-wrench": ('frame = "tip"\naxes = "frame"\nforce = [0, 0, {kind = "polynomial", coefficients = [1, 2]}]',
                      E.FrameWrench("tip", (0.0, 0.0, E.Polynomial((1.0, 2.0))), axes="frame")),
     "gravity": ("field = [0, 0, -1.62]", E.Gravity((0.0, 0.0, -1.62))),

@@ -63,7 +63,7 @@ class Jet:
 
 
 class JetNamespace:
-    """sin, cos and sqrt of jets, by those of another namespace. Jets must not be NumPy's to broadcast."""
+    """sin, cos, sqrt and choices of jets, by those of another namespace. Jets must not be NumPy's to broadcast."""
 
     def __init__(self, xp: Any) -> None:
         self.xp = xp
@@ -94,6 +94,17 @@ class JetNamespace:
         for k in range(1, len(x.c)):
             r.append(times(half, minus(x.c[k], plus(*(times(r[i], r[k - i]) for i in range(1, k))))))
         return Jet(r)
+
+    def less(self, a: Any, b: Any) -> Any:
+        """Whether a < b now."""
+        return self.xp.less(coefficient(a, 0), coefficient(b, 0))
+
+    def where(self, condition: Any, yes: Any, no: Any) -> Any:
+        """One of two jets, all of its coefficients."""
+        size = max(len(x.c) if isinstance(x, Jet) else 0 for x in (yes, no))
+        if not size:
+            return self.xp.where(condition, yes, no)
+        return Jet([self.xp.where(condition, coefficient(yes, k), coefficient(no, k)) for k in range(size)])
 
 
 def coefficient(x: Any, k: int) -> Scalar:

@@ -13,7 +13,9 @@ from typing import Any
 def _binary(what: str, *, swapped: bool = False) -> Callable[[Symbol, Any], Symbol]:
     """An operator of symbols. swapped: the other operand stands on the left."""
 
-    def operator(x: Symbol, other: Any) -> Symbol:
+    def operator(x: Symbol, other: Any) -> Any:
+        if not isinstance(other, (Symbol, int, float)):
+            return NotImplemented  # such as a jet, which takes a symbol as its value
         return x.tape.enter(what, other, x) if swapped else x.tape.enter(what, x, other)
 
     return operator

@@ -4,6 +4,8 @@ from twolink.effects.air_drag import AirDrag as AirDrag
 from twolink.effects.computed_torque import ComputedTorque as ComputedTorque
 from twolink.effects.conditions import FrameReaches as FrameReaches
 from twolink.effects.conditions import JointReaches as JointReaches
+from twolink.effects.contact import Contact as Contact
+from twolink.effects.contact_pairs import Plane as Plane
 from twolink.effects.coupling import Coupling as Coupling
 from twolink.effects.detent import Detent as Detent
 from twolink.effects.dry_friction import DryFriction as DryFriction
@@ -30,6 +32,11 @@ from twolink.effects.state_feedback import StateFeedback as StateFeedback
 from twolink.effects.torque import Torque as Torque
 from twolink.effects.watch import Watch as Watch
 from twolink.effects.weld_loop import WeldLoop as WeldLoop
+from twolink.robots.shapes import Box as Box
+from twolink.robots.shapes import Capsule as Capsule
+from twolink.robots.shapes import Convex as Convex
+from twolink.robots.shapes import Cylinder as Cylinder
+from twolink.robots.shapes import Sphere as Sphere
 
 TYPES: dict[str, str]
 

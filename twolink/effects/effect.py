@@ -46,6 +46,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
 
+    def notes(self, robot: Robot) -> Sequence[str]:
+        """What `explain` says of the effect beside its fields, one line each."""
+        del robot
+        return ()
+
     def breaks(self, duration: float) -> Sequence[float]:
         """The times [s] below the duration at which what it does is not smooth."""
         del duration

@@ -1,8 +1,9 @@
 """Loops: constraints g(q) = 0 or b(q) v = 0 between places of a robot, besides its joints."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
-from twolink.algorithms.spatial import Scalar
+from twolink.algorithms.spatial import Scalar, Vec
 from twolink.effects.effect import Effect
 from twolink.effects.motion import Motion
 
@@ -40,4 +41,9 @@ class Loop(Effect, frozen=True):
         one, and does not act along it.
         """
         del motion, along
+        return None
+
+    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec] | None:
+        """The pair of bodies whose contact this is, and the force on the first along the world's axes, N."""
+        del motion, multipliers
         return None

@@ -1,9 +1,9 @@
 """Switching effects: what changes at events, as a few frozen concepts that an effect declares.
 
-Hold      holds one degree of freedom at rest, up to a torque
-Stop      a joint's coordinate that stays on one side of a position
-Contact   a gap between bodies that stays at or above 0
-Trigger   what happens where a value passes 0, or at a time
+Hold          holds one degree of freedom at rest, up to a torque
+Stop          a joint's coordinate that stays on one side of a position
+ContactPoint  a gap between bodies that stays at or above 0
+Trigger       what happens where a value passes 0, or at a time
 
 The engine in integrate.hybrid knows these concepts and no effect by name.
 """
@@ -75,7 +75,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactPoint:
     """A gap g(q) >= 0 with restitution and Coulomb's friction.
 
     gap: g, m. velocity: (g', slip along two tangents), m/s. constraint: from whether it rolls, and the direction of
@@ -132,7 +132,7 @@ class SwitchingEffect(Effect, frozen=True):
 
     analytic: ClassVar[bool] = False  # only between events
 
-    def modes(self, robot: Robot) -> Iterable[Hold | Stop | Contact | Trigger]:
+    def modes(self, robot: Robot) -> Iterable[Hold | Stop | ContactPoint | Trigger]:
         """What changes at events."""
         raise NotImplementedError
 
@@ -153,7 +153,7 @@ class Switching:
     effects: tuple[Effect, ...] = ()
     holds: tuple[tuple[int, Hold], ...] = ()
     stops: tuple[Stop, ...] = ()
-    contacts: tuple[tuple[int, Contact], ...] = ()
+    contacts: tuple[tuple[int, ContactPoint], ...] = ()
     triggers: tuple[tuple[int, Trigger], ...] = ()
 
     @property
@@ -208,6 +208,6 @@ def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switch
             *((place, stop.hold) for place, stop in stops),
         ),
         tuple(stop for _, stop in stops),
-        tuple((place, item) for place, item in declared if isinstance(item, Contact)),
+        tuple((place, item) for place, item in declared if isinstance(item, ContactPoint)),
         tuple((place, item) for place, item in declared if isinstance(item, Trigger)),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
-from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, contact_forces
 from twolink.integrate.methods import METHODS
 from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.solution import Piece
@@ -107,6 +107,14 @@ class DenseOutput:
             at_group = accelerations_and_joint_torques(group.equations, group.t, group.stored_x)
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
+
+    def contact_forces(self) -> dict[str, Array]:
+        """The force between each pair of bodies that touch at some stored time, on the first (n, 3), N."""
+        forces: dict[str, Array] = {}
+        for group in self._groups(self.t):
+            for pair, force in contact_forces(group.equations, group.t, group.stored_x).items():
+                forces.setdefault(pair, np.zeros((len(self.t), 3)))[group.places] = force.T
+        return forces
 
     def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array]]:
         """The equations of each piece that has some of the times (m,), and the places of those."""

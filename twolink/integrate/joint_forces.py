@@ -1,8 +1,10 @@
-"""Accelerations along a solution, and the torques that effects, friction and holds apply in the joints."""
+"""Accelerations along a solution, the torques that effects, friction and holds apply in the joints, contact forces."""
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
 
@@ -30,9 +32,36 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     tau : ndarray (nv, n)
         Joint torques and forces of effects, dry friction and holds, N m or N.
     """
-    rows = equations.start[len(x) :]
-    states = np.concatenate([x, np.repeat(rows[:, None], x.shape[1], axis=1)])
-    snapshot = Evaluator(equations).by_numpy(t, states)
+    snapshot = Evaluator(equations).by_numpy(t, _full(equations, x))
     tau = snapshot.tau.copy()
     tau[list(equations.layout.lockable)] += snapshot.locks
     return snapshot.a, tau
+
+
+def contact_forces(equations: Equations, t: Array, x: Array) -> dict[str, Array]:
+    """The sum of the forces between the bodies of each pair that touches, at states x (nq + nv, n) of one piece.
+
+    Returns
+    -------
+    dict of str to ndarray (3, n)
+        By pair, the force on its first body along the world's axes, N.
+    """
+    constraints, forces = equations.constraints, dict[str, Array]()
+    if constraints is None:
+        return forces
+    states = _full(equations, x)
+    every = np.zeros((len(constraints.all_rows), len(t)))
+    every[list(constraints.kept)] = Evaluator(equations).by_numpy(t, states).multipliers
+    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
+    loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
+    for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):
+        found = loop.contact_force(motion, list(rows))
+        if found is not None:
+            force = np.array([np.broadcast_to(entry, len(t)) for entry in found[1]])
+            forces[found[0]] = forces.get(found[0], 0.0) + force
+    return forces
+
+
+def _full(equations: Equations, x: Array) -> Array:
+    """States (size, n) with the numbers of the piece behind (q, v)."""
+    return np.concatenate([x, np.repeat(equations.start[len(x) :, None], x.shape[1], axis=1)])

@@ -39,8 +39,8 @@ def compare(robot: RobotModel, configurations: int = 5) -> dict[str, Any]:
 
     root = ElementTree.fromstring(robot.visuals.text)
     for link in root.iter("link"):  # yourdfpy refuses capsules
-        for visual in link.findall("visual"):
-            link.remove(visual)
+        for shape in link.findall("visual") + link.findall("collision"):
+            link.remove(shape)
     urdf = io.BytesIO(ElementTree.tostring(root))
     second = yourdfpy.URDF.load(urdf, build_scene_graph=True, load_meshes=False, force_mesh=False)
     model, rng = robot.visuals.model, np.random.default_rng(7)

@@ -97,7 +97,8 @@ def load_model(
             beyond=beyond_limits(full, locked, reference),
         ),
     ]
-    visuals = Visuals(*drawable_urdf(tree.element, folders), full, locked, reference)
+    text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
+    visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes)
     name = urdf.entry.name if urdf.entry else tree.name or urdf.label
     return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
 

@@ -66,14 +66,15 @@ def missing_meshes(robot: Element, folders: MeshFolders) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in names if folders.find(name) is None))
 
 
-def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, MeshFile]]:
-    """The URDF as text without collisions, meshes by their full path, and its meshes by Pinocchio's name of the visual.
+def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, MeshFile], dict[str, MeshFile]]:
+    """The URDF as text, meshes by their full path, and the meshes of visuals and of collisions by Pinocchio's name.
 
-    Visuals whose mesh is missing are left out. A material is defined where it first stands, for all visuals after it:
-    one that stands in a visual that is left out moves up to the robot.
+    Visuals whose mesh is missing are left out; such collisions stay, for whoever asks for them. A material is defined
+    where it first stands, for all visuals after it: one that stands in a visual that is left out moves up to the robot.
     """
     kept = {id(visual): _located(visual, folders) for visual in _visuals(robot)}
     meshes: dict[str, MeshFile] = {}
+    collision_meshes: dict[str, MeshFile] = {}
     out = Element("robot", dict(robot.attributes), robot.line)
     out.children = [c for c in robot.children if c.tag in ("joint", "material")]
     defined = {material.attributes.get("name", "") for material in robot.all("material")}
@@ -88,9 +89,11 @@ def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, 
         drawn = [found for visual in link.all("visual") if (found := kept[id(visual)]) is not None]
         name = link.attributes.get("name", "")
         meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(drawn) if mesh is not None}
-        parts = [*link.all("inertial"), *(visual for visual, _ in drawn)]
+        solids = [_located(collision, folders) or (collision, None) for collision in link.all("collision")]
+        collision_meshes |= {f"{name}_{k}": mesh for k, (_, mesh) in enumerate(solids) if mesh is not None}
+        parts = [*link.all("inertial"), *(visual for visual, _ in drawn), *(solid for solid, _ in solids)]
         out.children.append(Element("link", link.attributes, link.line, parts))
-    return out.to_xml(), meshes
+    return out.to_xml(), meshes, collision_meshes
 
 
 def _visuals(robot: Element) -> Iterator[Element]:
@@ -98,7 +101,7 @@ def _visuals(robot: Element) -> Iterator[Element]:
 
 
 def _located(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile | None] | None:
-    """The visual with the full path of its mesh, and the mesh; None without geometry or where it is missing."""
+    """A visual or collision with the full path of its mesh, and the mesh; None without a shape or a file."""
     geometry = visual.first("geometry")
     mesh = None if geometry is None else geometry.first("mesh")
     if geometry is None or mesh is None:
@@ -111,14 +114,14 @@ def _located(visual: Element, folders: MeshFolders) -> tuple[Element, MeshFile |
     return _with_shape(visual, located), file
 
 
-def _with_shape(visual: Element, shape: Element) -> Element:
-    rest = [child for child in visual.children if child.tag != "geometry"]
+def _with_shape(body: Element, shape: Element) -> Element:
+    rest = [child for child in body.children if child.tag != "geometry"]
     geometry = Element("geometry", {}, shape.line, [shape])
-    return Element("visual", visual.attributes, visual.line, [*rest, geometry])
+    return Element(body.tag, body.attributes, body.line, [*rest, geometry])
 
 
 def without_meshes(text: str) -> str:
-    """The text of `drawable_urdf` with a sphere in place of each mesh.
+    """The text of `drawable_urdf` without collisions, and with a sphere in place of each mesh.
 
     Pinocchio's reader of URDF would open each mesh, and whatever other files it names.
     """
@@ -127,6 +130,7 @@ def without_meshes(text: str) -> str:
         link.children = [
             _with_shape(child, Element("sphere", {"radius": "1"}, child.line)) if _has_mesh(child) else child
             for child in link.children
+            if child.tag != "collision"
         ]
     return robot.to_xml()
 

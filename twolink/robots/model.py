@@ -1,15 +1,17 @@
 """RobotModel: a robot whose URDF was read, checked and reported."""
 
 import copyreg
+import functools
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
 
 from twolink.errors import QueryError, ShowError
+from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, joint_layouts
 from twolink.robots.load_options import gravity_field, shapes_without_joints
 from twolink.robots.load_report import LoadReport
@@ -22,14 +24,15 @@ copyreg.pickle(pin.Model, reduce_model)
 
 @dataclass(frozen=True)
 class Visuals:
-    """What drawing needs: URDF text with visuals, their meshes by Pinocchio's name of the visual, the model before
-    joints were locked, and where they were locked."""
+    """What drawing and contact need: URDF text with visuals and collisions, the meshes of both by Pinocchio's names,
+    the model before joints were locked, and where they were locked."""
 
     text: str
     meshes: dict[str, MeshFile]
     model: pin.Model
     locked: tuple[int, ...]
     reference: np.ndarray
+    collision_meshes: dict[str, MeshFile] = field(default_factory=dict)
 
 
 class RobotModel:
@@ -157,6 +160,11 @@ class RobotModel:
             if item.name in visuals.meshes:
                 set_mesh(item, visuals.meshes[item.name])
         return shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
+
+    @functools.cached_property
+    def solids(self) -> tuple[Solid, ...]:
+        """The collision shapes of the links. Raises RobotError for one that has no size, or a mesh without a file."""
+        return read_solids(self.visuals.text, self.visuals.collision_meshes, f"robot {self.name!r}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.name, self.model, self.report, self.visuals)

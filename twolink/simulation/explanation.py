@@ -44,6 +44,8 @@ class Explanation(ShownAsText):
         Its title.
     effects : tuple of str
         Its effects with their fields.
+    notes : tuple of str
+        What effects say of themselves, such as which bodies may touch.
     formulation : str
         The simplest that covers the effects.
     states : int
@@ -67,6 +69,7 @@ class Explanation(ShownAsText):
 
     scene: str
     effects: tuple[str, ...]
+    notes: tuple[str, ...]
     formulation: str
     states: int
     operations: int
@@ -83,6 +86,7 @@ class Explanation(ShownAsText):
         lines = [
             self.scene,
             f"  effects      {', '.join(self.effects) or 'none: free motion'}",
+            *(f"               {note}" for note in self.notes),
             f"  formulation  {self.formulation}, {self.states} states",
             f"  operations   {self.operations} an evaluation",
             *(f"    {share.operations:>8,}  {share.effect}" for share in self.shares),
@@ -132,6 +136,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
+        tuple(note for effect in scene.effects for note in effect.notes(scene.robot)),
         _formulation(equations),
         equations.moving,
         equations.operations,

@@ -146,6 +146,18 @@ class Trajectory(ShownAsText):
         return self._accelerations_and_torques[1]
 
     @functools.cached_property
+    def contact_forces(self) -> dict[str, np.ndarray]:
+        """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
+
+        A pair is named "LINK - LINK" or "LINK - ground". At an event the force after it. A pair that touches at several
+        points has the sum. Impulses of impacts are not in it. Raises SceneError (code "no-equations") for a loaded
+        trajectory.
+        """
+        solution = self._solution("contact_forces")
+        kept = np.searchsorted(solution.t, self.t)
+        return {pair: force[kept] for pair, force in solution.contact_forces().items()}
+
+    @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
         solution = self._solution("tau")
         a, tau = solution.accelerations_and_torques()

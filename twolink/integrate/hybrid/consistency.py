@@ -1,7 +1,8 @@
 """Consistent modes: which joints are held and which contacts press, slide or roll, so that the laws hold.
 
 Everything that may be at rest is tried at rest. The force that breaks its law most is given up, one at a time, until
-none does; what then would move the wrong way is tried at rest again.
+none does; what then would move the wrong way is tried at rest again. Where this finds no mode for the contacts, their
+forces are solved for at once (`contact_problem`), and the modes are those of the accelerations.
 """
 
 import math
@@ -9,6 +10,8 @@ import math
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
+from twolink.integrate.hybrid.contact_rows import contact_bias, contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Mode, Situation
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
@@ -18,6 +21,8 @@ ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
 RANK = 1e-7  # singular values of constraint rows below it are 0
+OVERLAPS = 1e-8  # relative: an acceleration with which a gap becomes negative
+SAME = 1e-7  # relative: accelerations of two ways to compute them
 Key = tuple[str, int]  # ("joint", degree of freedom), ("contact", number), ("roll", number)
 
 
@@ -40,9 +45,14 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
         here = here.in_mode(_without_redundant_locks(here))
         mode, key = _improved(here, tried)
         here = here.in_mode(mode)
-        if key is None:
+        if key is None and not _overlapping(here, still):
             return here
+        if key is None:
+            break
         tried.add(key)
+    solved = _by_contact_problem(here, still)
+    if solved is not None:
+        return solved
     raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
                         where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
                         code="no-consistent-mode", t=here.t)  # fmt: skip
@@ -148,6 +158,47 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
     if key[0] == "contact":
         return mode.with_contact(key[1], "free"), key
     return sliding(mode, key[1], forces[key[1]]), key
+
+
+def _touching(here: Situation, still: float) -> list[int]:
+    """The contacts that touch and do not part or approach."""
+    if not here.system.contacts:
+        return []
+    gap, rate = here.look().contacts[:, :2, 0].T
+    return np.flatnonzero((gap <= NEAR) & (np.abs(rate) <= still)).tolist()
+
+
+def _overlapping(here: Situation, still: float) -> bool:
+    """Whether an open contact that touches begins to overlap."""
+    snapshot = here.look()
+    small = OVERLAPS * (1.0 + float(np.abs(snapshot.a).max(initial=0.0)))
+    return any(here.mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(here, still))
+
+
+def _by_contact_problem(here: Situation, still: float) -> Situation | None:
+    """The mode in which the contacts that touch do what the solution of the contact problem says; None without one."""
+    touching = _touching(here, still)
+    without = here
+    for i in touching:
+        without = without.in_mode(without.mode.with_contact(i, "free"))
+    locked = np.eye(len(here.v))[sorted(here.mode.locked)]
+    inverse = inverse_under(mass_matrix(without), np.concatenate([loop_rows(without), locked]))
+    look, contacts = without.look(), list[Rows]()
+    for i in touching:
+        friction, slip = here.system.contacts[i].friction, look.contacts[i, 2:4, 0]
+        count, speed = 3 if friction else 1, float(np.linalg.norm(slip))
+        contacts.append(Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], friction,
+                             slip / speed if speed > still else None))  # fmt: skip
+    solution = solve_contacts(look.a[:, 0], inverse, contacts)
+    if solution is None:
+        return None
+    mode = without.mode
+    for i, contact in zip(touching, solution[1], strict=True):
+        if not contact.opens:
+            mode = mode.with_contact(i, "rolling" if contact.slides is None else "sliding", contact.slides)
+    here = here.in_mode(mode)
+    difference = np.abs(here.look().a[:, 0] - solution[0]).max()
+    return here if difference <= SAME * (1.0 + np.abs(solution[0]).max()) else None
 
 
 def _wrong_way(here: Situation, snapshot: Snapshot, tried: set[Key], allowed: float) -> tuple[Mode, Key | None]:

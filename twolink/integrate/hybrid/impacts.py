@@ -18,6 +18,7 @@ import pinocchio as pin
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.consistency import NEAR, still_speed
+from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
@@ -66,13 +67,10 @@ def catch_touch(system: System, catch: Catch, v: float) -> Touch:
 
 
 def contact_touch(here: Situation, i: int) -> Touch:
-    """A contact that is hit or closed. Its velocities are linear in v: their rows are those of unit velocities."""
-    contact, nq, nv = here.system.contacts[i], here.system.nq, len(here.v)
-    states = np.repeat(here.full_state()[:, None], nv, axis=1)
-    states[nq : nq + nv] = np.eye(nv)
-    velocities = here.own.evaluate(np.full(nv, here.t), states).contacts[i, 1:4]
-    return Touch(contact.name, velocities if contact.friction else velocities[:1], contact.restitution,
-                 contact.friction, "m/s", i)  # fmt: skip
+    """A contact that is hit or closed."""
+    contact, rows = here.system.contacts[i], contact_rows(here, i)
+    return Touch(contact.name, rows if contact.friction else rows[:1], contact.restitution, contact.friction, "m/s",
+                 i)  # fmt: skip
 
 
 def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impact]] | None:
@@ -85,7 +83,7 @@ def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impa
     approach = np.array([-float(touch.rows[0] @ v) for touch in touches])
     if not approach[0] > 0.0:
         return None
-    mass, fixed = mass_matrix(here), _loop_rows(here)
+    mass, fixed = mass_matrix(here), loop_rows(here)
     touches = [touch if speed > still else replace(touch, restitution=0.0)
                for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
     new = after(mass, v, touches, fixed)
@@ -111,12 +109,6 @@ def onto_contact(here: Situation, i: int) -> Array:
     return np.asarray(pin.integrate(here.system.robot.model, q, -gap / float(row @ direction) * direction))
 
 
-def mass_matrix(here: Situation) -> Array:
-    """M(q), by Pinocchio, with what acts in the mode."""
-    robot = here.own.equations.robot
-    return np.array(pin.crba(robot.model, robot.data, here.x[: here.system.nq]))
-
-
 def _unit_row(system: System, dof: int, side: float) -> Array:
     row = np.zeros((1, system.robot.nv))
     row[0, dof] = side
@@ -131,16 +123,6 @@ def _others(here: Situation, hit: Touch) -> list[Touch]:
     gaps = here.look().contacts[:, 0, 0] if system.contacts else ()
     return touches + [contact_touch(here, i) for i, kind in enumerate(here.mode.contacts)
                       if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
-
-
-def _loop_rows(here: Situation) -> Array:
-    """The rows of constraints that are no contacts, (m, nv)."""
-    constraints = here.own.equations.constraints
-    if constraints is None:
-        return np.empty((0, len(here.v)))
-    of_contacts = {row for rows in here.own.rows.values() for row in rows}
-    kept = [number for row, number in enumerate(constraints.kept) if row not in of_contacts]
-    return constraints.jacobian_at(here.x[: here.system.nq], kept)
 
 
 def _last_bounce(here: Situation, touch: Touch, small: float) -> float | None:
@@ -166,10 +148,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
 
     Raises AccuracyError where the laws would create energy, or are not fulfilled by any impulses.
     """
-    inverse = np.linalg.inv(mass)
-    if len(fixed):
-        gain = fixed @ inverse @ fixed.T
-        inverse = inverse - inverse @ fixed.T @ np.linalg.pinv(gain, rcond=1e-10) @ fixed @ inverse
+    inverse = inverse_under(mass, fixed)
     wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
     impulses = [np.zeros(len(touch.rows)) for touch in touches]
     new, single = np.array(v), len(touches) == 1 and len(touches[0].rows) == 1  # its first impulse is exact

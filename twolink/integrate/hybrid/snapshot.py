@@ -20,7 +20,7 @@ from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.motion import Motion
-from twolink.effects.switching import Contact
+from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
@@ -73,7 +73,7 @@ class Evaluator:
     def __init__(
         self,
         equations: Equations,
-        contacts: Sequence[Contact] = (),
+        contacts: Sequence[ContactPoint] = (),
         conditions: Sequence[Condition] = (),
         *,
         compiled: bool = False,
@@ -122,7 +122,7 @@ class Evaluator:
         limits = [distance for _, distance in solution.loads.limits]
         return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions]
 
-    def _contact_rows(self, contact: Contact, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
+    def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
         space = self.equations.space
         changes = zip((*motion.q, *motion.v), (*space.rate(x[: space.nq], x[space.nq :]), *a), strict=True)

@@ -1,0 +1,123 @@
+"""Bodies that touch: closed forms of blocks, balls, ladders and chains of impacts."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import twolink as tl
+from tests.effects.bodies import G, ball, ball_over_ball, free_bodies, kinds, planar, sliders_in_a_row, times
+
+E = tl.effects
+BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}  # in the plane of x and z, of 1 kg
+ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0)))}
+WALL = E.Plane((1.0, 0.0, 0.0))
+
+
+def test_a_block_slides_to_rest_on_its_corners() -> None:
+    """After v0 / (mu g), over v0^2 / (2 mu g); the ground gives its weight, and mu times it while it slides."""
+    mu, v0 = 0.3, 2.0
+    effects = [E.Gravity(), E.Contact(("ground",), friction=mu, shapes=BLOCK)]
+    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.0, 1e-9, samples=50)
+    end = v0 / (mu * G)
+    t = np.fmin(run.t, end)
+    assert np.abs(run.q[:, 0] - (v0 * t - mu * G * t**2 / 2)).max() < 1e-9
+    assert np.abs(run.q[:, 1:] - [0.1, 0]).max() < 1e-12
+    assert times(run, "roll") == pytest.approx(end, abs=1e-9)
+    force = run.contact_forces["body - ground"]
+    assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-9)
+    assert force[:, 0] == pytest.approx(np.where(run.t < end, -mu * G, 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_a_ball_rolls_down_an_incline(share: float) -> None:
+    """With 5/7 g sin if friction allows it."""
+    angle, radius = 0.5, 0.1
+    n, mu = np.array([-math.sin(angle), 0.0, math.cos(angle)]), share * 2 / 7 * math.tan(angle)
+    contact = E.Contact((("ball", E.Plane(tuple(map(float, n)))),), mu, shapes={"ball": (E.Sphere(radius),)})
+    run = tl.simulate(tl.Scene(ball(), [*(radius * n), 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, 1e-9,
+                      samples=20)  # fmt: skip
+    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
+    slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
+    assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
+
+
+def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
+    """Without friction theta'^2 = 3 g (cos theta_0 - cos theta) for 1 m; it leaves at cos theta = 2/3 cos theta_0."""
+    first = 0.3
+    effects = [E.Gravity(), E.Contact(("ground", ("body", WALL)), shapes=ENDS)]
+    start = [0.5 * math.sin(first), 0.5 * math.cos(first), -(math.pi / 2 - first)]  # the upper end at the wall
+    leaves = math.acos(2 / 3 * math.cos(first))
+    # theta = first + u^2: theta' is 0 at first.
+    when = quad(lambda u: 2 * u / math.sqrt(3 * G * (math.cos(first) - math.cos(first + u * u))), 1e-9,
+                math.sqrt(leaves - first), epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
+    run = tl.simulate(tl.Scene(planar(1 / 12), start, effects=effects), when + 0.1, 1e-9, samples=40)
+    assert times(run, "leave") == pytest.approx([when], abs=1e-8)
+    held = run.t < when
+    theta = math.pi / 2 + run.q[held, 2]
+    assert np.abs(run.v[held, 2] ** 2 - 3 * G * (math.cos(first) - np.cos(theta))).max() < 1e-8
+    assert np.abs(run.v[~held, 0] - run.v[~held, 0][0]).max() < 1e-9  # nothing pushes along x any more
+    assert np.ptp(run.energy) < 1e-8
+
+
+@pytest.mark.parametrize("e", [0.0, 0.6, 1.0])
+def test_two_spheres_collide_along_a_line(e: float) -> None:
+    robot = sliders_in_a_row(1.0, 2.0)
+    effects = [E.Contact((("b0", "b1"),), restitution=e, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
+    run = tl.simulate(tl.Scene(robot, [0, 0.5], [1.0, 0.0], effects), 1.0, 1e-9, samples=20)
+    after = np.array([(1 - 2 * e) / 3, (1 + e) / 3])
+    late = np.fmax(run.t - 0.3, 0)
+    assert np.abs(run.q - np.column_stack([run.t - late, 0.5 + 0 * late]) - np.outer(late, after)).max() < 1e-9
+
+
+def test_newtons_cradle_with_gaps_passes_the_speed_on() -> None:
+    gap, count = 1e-3, 5
+    robot = sliders_in_a_row(*[1.0] * count)
+    pairs = tuple((f"b{k}", f"b{k + 1}") for k in range(count - 1))
+    effects = [E.Contact(pairs, restitution=1.0, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(count)})]
+    start = np.arange(count) * (0.2 + gap)
+    start[0] -= 0.3
+    run = tl.simulate(tl.Scene(robot, start, [1, 0, 0, 0, 0], effects), 1.0, 1e-9, samples=11)
+    assert kinds(run) == ["impact"] * 4
+    assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
+    last = start[-1] + 1.0 - 0.3 - 4 * gap
+    assert run.q[-1] == pytest.approx([*(start[1:] - 0.2), last], abs=1e-9)
+
+
+def test_two_free_spheres_collide_off_centre() -> None:
+    """The part of the velocity along the line of centres is exchanged; without friction the rest stays."""
+    robot, r, offset = free_bodies("a", "b"), 0.5, 0.6
+    effects = [E.Contact((("a", "b"),), restitution=1.0, shapes={n: (E.Sphere(r),) for n in "ab"})]
+    q = [-2.0, 0, 0, 0, 0, 0, 1, 0, offset, 0, 0, 0, 0, 1]
+    run = tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 3.0, 1e-9, samples=10)
+    n = np.array([0.8, 0.6, 0.0])
+    assert run.v[-1, :3] == pytest.approx([1, 0, 0] - 0.8 * n, abs=1e-9)
+    assert run.v[-1, 6:9] == pytest.approx(0.8 * n, abs=1e-9)
+    assert run.q[-1, 7:10] == pytest.approx([0, offset, 0] + 0.8 * n * (3.0 - 1.2), abs=1e-9)
+
+
+def test_a_ball_in_a_box_keeps_its_energy_and_its_unfolded_path() -> None:
+    """Elastic walls at -1 and 1 on all sides: each coordinate is a triangular wave."""
+    walls = [(tuple(s * float(k == i) for k in range(3)), -1.0) for i in range(3) for s in (1.0, -1.0)]
+    pairs = tuple(("ball", E.Plane(n, h)) for n, h in walls)
+    effects = [E.Contact(pairs, restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})]
+    v = np.array([3.0, 4.1, -2.3])
+    run = tl.simulate(tl.Scene(ball(), v=[*v, 0, 0, 0], effects=effects), 20.0, 1e-9, samples=41)
+    wave = np.abs((np.outer(run.t, v) - 0.9) % 3.6 - 1.8) - 0.9
+    assert np.abs(run.q[:, :3] - wave).max() < 1e-9
+    assert len(run.events) > 90
+    assert np.ptp(run.energy) < 1e-9
+
+
+def test_a_sphere_rolls_off_a_sphere_at_the_classical_angle() -> None:
+    """Without friction it leaves at cos theta = 2/3 of the start."""
+    robot, first = ball_over_ball(), 0.1
+    effects = [E.Gravity(), E.Contact((("ball", "base"),))]
+    start = [1.1 * math.sin(first), 0.0, 1.1 * math.cos(first), 0, 0, 0, 1]
+    run = tl.simulate(tl.Scene(robot, start, effects=effects), 1.6, 1e-9, samples=200)
+    leave = times(run, "leave")[0]
+    where = run.at(leave)[0]
+    assert where[2] / 1.1 == pytest.approx(2 / 3 * math.cos(first), abs=1e-8)
+    held = run.t < leave
+    assert np.abs(np.linalg.norm(run.q[held, :3], axis=1) - 1.1).max() < 1e-9

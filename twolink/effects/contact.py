@@ -1,0 +1,78 @@
+"""Bodies that touch: pairs of links, with friction and restitution, each contact located."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from twolink.dynamics import Robot
+from twolink.effects.contact_pairs import Body, Pairs, select_pairs, solids_of
+from twolink.effects.contact_points import gaps_of
+from twolink.effects.effect import NotNegative
+from twolink.effects.joint_stops import check_restitution
+from twolink.effects.switching import ContactPoint, SwitchingEffect
+from twolink.effects.touching import contact_point
+from twolink.robots.shapes import AnyShape
+
+SHOWN = 8  # names of pairs in a line
+
+
+class Contact(SwitchingEffect, frozen=True):
+    """Bodies that touch, at the points where their shapes meet, with Coulomb's friction and Newton's restitution.
+
+        0 <= g,  0 <= N,  g N = 0     bodies do not overlap and do not pull (Signorini 1933)
+        |T| <= mu N                   friction; T = mu N against the slip while the bodies slide (Coulomb 1785)
+        g'+ = -e g'-                  at an impact (Newton 1687)
+
+    Parameters
+    ----------
+    pairs : tuple of str or pair
+        Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
+        ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
+        against each other, without those that a joint connects and those that overlap in the neutral configuration;
+        bodies that only a free joint connects count as separate.
+    friction : float
+        mu, not negative.
+    restitution : float
+        e, from 0 to 1.
+    shapes : mapping of link to shapes
+        In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
+
+    Notes
+    -----
+    Several contacts that are hit at once each obey Newton's law by themselves. Where bodies rest on more points than
+    determine their forces, only the sums of the forces of a pair are determined.
+    """
+
+    pairs: tuple[str | tuple[Body, Body], ...] = ("self", "ground")
+    friction: NotNegative = 0.0
+    restitution: NotNegative = 0.0
+    shapes: Mapping[str, tuple[AnyShape, ...]] = {}
+
+    def check(self, robot: Robot) -> None:
+        """Names exist, and at least one pair may touch."""
+        check_restitution(self.restitution)
+        self.selected(robot)
+
+    def selected(self, robot: Robot) -> Pairs:
+        """The pairs that may touch, and those of "self" that may not."""
+        return select_pairs(robot, solids_of(robot, self.shapes), self.pairs)
+
+    def notes(self, robot: Robot) -> list[str]:
+        """How many pairs are watched, and which of "self" are not."""
+        pairs = self.selected(robot)
+        lines = [f"{len(pairs.chosen)} pairs may touch: {_listed([pair.name for pair in pairs.chosen])}"]
+        for reason in sorted({reason for _, reason in pairs.excluded}):
+            names = [name for name, why in pairs.excluded if why == reason]
+            lines.append(f"{len(names)} pairs are left out ({reason}): {_listed(names)}")
+        return lines
+
+    def modes(self, robot: Robot) -> list[ContactPoint]:
+        """A gap for each point at which a pair may touch."""
+        friction, restitution = float(self.friction), float(self.restitution)
+        return [contact_point(pair.name, gap, friction, restitution)
+                for pair in self.selected(robot).chosen for gap in gaps_of(pair)]  # fmt: skip
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The first names of a list."""
+    return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")

@@ -1,0 +1,182 @@
+"""Which bodies of a robot may touch: the pairs that a scene names, and what "self" and "ground" stand for."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import pinocchio as pin
+
+from twolink.algorithms.functions import frame_pose
+from twolink.effects.effect import check_name
+from twolink.errors import SceneError
+from twolink.robots.collisions import Solid, collision_model
+from twolink.robots.shapes import AnyShape, Capsule, Sphere, Vector
+
+if TYPE_CHECKING:
+    from twolink.dynamics import Robot
+
+SELF, GROUND = "self", "ground"
+
+
+class Plane(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="plane"):
+    """A plane of the world: n . x = height, with the bodies on the side that the normal n points to.
+
+    Parameters
+    ----------
+    normal : (float, float, float)
+        n, along the world's axes, of any length: it is scaled to 1.
+    height : float
+        Along n, m.
+    """
+
+    normal: Vector = (0.0, 0.0, 1.0)
+    height: float = 0.0
+
+
+Body = str | Plane
+LEVEL = Plane()
+
+
+class Pair(NamedTuple):
+    """Two bodies that may touch, the rounder one first. name: of both."""
+
+    name: str
+    first: Solid
+    second: Solid | Plane
+
+
+class Pairs(NamedTuple):
+    """The pairs of a scene. excluded: those of "self" that may not touch, with the reason."""
+
+    chosen: tuple[Pair, ...]
+    excluded: tuple[tuple[str, str], ...]
+
+
+def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[Solid, ...]:
+    """The shapes of a robot: of its URDF, or for some links given ones."""
+    solids = [solid for solid in robot.solids if solid.link not in given]
+    for link, shapes in given.items():
+        check_name(link, robot.frame_names, f"shapes.{link}", "link")
+        solids += [Solid(f"{link}_{k}", link, shape) for k, shape in enumerate(shapes)]
+    return tuple(solids)
+
+
+def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tuple[Body, Body]]) -> Pairs:
+    """The pairs that a scene asks for. Raises SceneError for names that do not exist and bodies that never meet."""
+    if not solids:
+        raise SceneError("no link of the robot has a collision shape", where="pairs",
+                         remedy="add <collision> elements to the URDF, or give shapes=", code="no-shapes")  # fmt: skip
+    chosen: dict[tuple[object, object], Pair] = {}
+    excluded: list[tuple[str, str]] = []
+    for i, item in enumerate(asked):
+        if item == SELF:
+            allowed, not_allowed = _own_pairs(robot, solids)
+            excluded += not_allowed
+        elif item == GROUND:
+            allowed = [_pair(solids, solid, LEVEL) for solid in solids if _body(robot, solid)]
+        else:
+            allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
+        for pair in allowed:
+            chosen.setdefault((pair.first, pair.second), pair)
+    return Pairs(tuple(chosen.values()), tuple(excluded))
+
+
+def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[tuple[str, str]]]:
+    """The robot's own pairs that may touch, and the others: adjacent links, and shapes that overlap at rest.
+
+    Bodies that only a joint of three directions or more connects, such as a free one, are neither: they are separate.
+    """
+    model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
+    geometry = collision_model(model, solids)
+    data, places = model.createData(), geometry.createData()
+    pin.updateGeometryPlacements(model, data, geometry, places, robot.neutral)
+    for i, k in itertools.combinations(range(len(solids)), 2):
+        a, b = (_body(robot, solids[j]) for j in (i, k))
+        if a == b:
+            continue
+        pair, path = _pair(solids, solids[i], solids[k]), _joints_between(model, a, b)
+        separate = any(_is_free(model, joint) for joint in path)
+        geometry.addCollisionPair(pin.CollisionPair(i, k))
+        if not separate and len(path) == 1:
+            excluded.append((pair.name, "adjacent"))
+        elif not separate and _overlap(geometry, places, i, k):
+            excluded.append((pair.name, "overlap at rest"))
+        else:
+            allowed.append(pair)
+    return allowed, excluded
+
+
+def _overlap(geometry: pin.GeometryModel, places: pin.GeometryData, i: int, k: int) -> bool:
+    import coal
+
+    shapes, at = (geometry.geometryObjects[j].geometry for j in (i, k)), (places.oMg[j] for j in (i, k))
+    a, b = shapes
+    p, q = (coal.Transform3s(place.rotation, place.translation) for place in at)
+    result = coal.CollisionResult()
+    return bool(coal.collide(a, p, b, q, coal.CollisionRequest(), result))
+
+
+def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:
+    """Every shape of one named body with every shape of the other."""
+    if isinstance(item, str) or not (isinstance(item, (tuple, list)) and len(item) == 2):
+        raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r}", where=where,
+                         remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
+    first, second = (_named(solids, body, f"{where}[{k}]") for k, body in enumerate(item))
+    if isinstance(first, Plane):
+        first, second = second, first
+    if isinstance(first, Plane):
+        raise SceneError("two planes do not touch", where=where, remedy="name a link of the robot")
+    seconds = [second] if isinstance(second, Plane) else second
+    pairs = [(a, b) for a in first for b in seconds
+             if _body(robot, a) != (0 if isinstance(b, Plane) else _body(robot, b))]  # fmt: skip
+    if not pairs:
+        raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
+    return [_pair(solids, a, b) for a, b in pairs]
+
+
+def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Plane:
+    if isinstance(body, Plane):
+        return body
+    if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
+        return LEVEL
+    found = [solid for solid in solids if body in (solid.link, solid.name)]
+    if not found:
+        names = dict.fromkeys((*(solid.link for solid in solids), *(solid.name for solid in solids), GROUND))
+        check_name(body, names, where, "link with a collision shape")
+    return found
+
+
+def _pair(solids: Sequence[Solid], a: Solid, b: Solid | Plane) -> Pair:
+    if isinstance(b, Solid):
+        a, b = sorted((a, b), key=_roundness)
+
+    def name(solid: Solid | Plane) -> str:
+        if isinstance(solid, Plane):
+            return GROUND if solid == LEVEL else "plane"
+        alone = sum(other.link == solid.link for other in solids) == 1
+        return solid.link if alone else solid.name
+
+    return Pair(f"{name(a)} - {name(b)}", a, b)
+
+
+def _body(robot: Robot, solid: Solid) -> int:
+    """The number of the body that carries a solid; 0 is the ground."""
+    return frame_pose(robot.model, solid.link)[0]
+
+
+def _joints_between(model: pin.Model, a: int, b: int) -> list[int]:
+    """The joints on the way from one body to another."""
+    ways = [set(map(int, model.supports[j])) - {0} for j in (a, b)]
+    return sorted(ways[0] ^ ways[1])
+
+
+def _is_free(model: pin.Model, joint: int) -> bool:
+    return bool(model.nvs[joint] >= 3 and model.joints[joint].shortname() != "JointModelSpherical")
+
+
+def _roundness(solid: Solid) -> int:
+    """0 for a sphere, 1 for a capsule, 2 for what has flat sides."""
+    return next((rank for rank, kind in enumerate((Sphere, Capsule)) if isinstance(solid.shape, kind)), 2)

@@ -1,0 +1,278 @@
+"""Gaps between two shapes as formulas: distance, common normal, and the points of both bodies that touch.
+
+    g = n . (x_a - x_b),   g' = n . (v_a - v_b)
+
+x_a, x_b: the nearest points of the two bodies. n: the unit normal at them, from b to a. v_a, v_b: the velocities of the
+material points there. The second equation holds at any distance: the nearest points move along the surfaces, across n.
+
+A shape is a core with a radius around it: a point for a sphere, a segment for a capsule, and the solid itself with the
+radius 0 for a box and a cylinder. Cores do not meet while g >= 0, unless both radii are 0. Source: Ericson, Real-Time
+Collision Detection, 2005, sections 5.1.3 and 5.1.9.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import msgspec
+
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, constant, cross, dot, minus, scale, times
+from twolink.effects.conditions import across
+from twolink.effects.frame_checks import floats
+from twolink.effects.motion import GROUND, Motion
+from twolink.io.text import kebab_case
+
+PARALLEL = 1e-9  # the square of the sine between two segments below it: they count as parallel
+
+
+class Place(NamedTuple):
+    """A point of a body: at `point` in the frame's axes, and `offset` from there along the world's axes, m."""
+
+    frame: str
+    point: Vec
+    offset: Vec
+
+    def position(self, motion: Motion) -> Vec:
+        """Where it is in the world, m."""
+        return add(motion.position(self.frame, self.point), self.offset)
+
+    def velocity(self, motion: Motion) -> Vec:
+        """Its velocity along the world's axes, m/s."""
+        velocity = motion.velocity(self.frame, self.point)
+        if self.offset is ZERO:
+            return velocity
+        return add(velocity, cross(motion.angular_velocity(self.frame), self.offset))
+
+
+class Nearest(NamedTuple):
+    """The gap g [m], the normal n with two tangents across it, and the nearest points of the bodies a and b."""
+
+    gap: Scalar
+    axes: tuple[Vec, Vec, Vec]
+    first: Place
+    second: Place
+
+
+class Gap(msgspec.Struct, frozen=True, tag_field="kind", tag=kebab_case):
+    """A gap between two shapes. Subclasses say where their nearest points are."""
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The nearest points."""
+        raise NotImplementedError
+
+    def value(self, motion: Motion) -> Scalar:
+        """g, m."""
+        return self.nearest(motion).gap
+
+    def velocity(self, motion: Motion) -> Vec:
+        """g' and the slip of a on b along the two tangents, m/s."""
+        near = self.nearest(motion)
+        slip = sub(near.first.velocity(motion), near.second.velocity(motion))
+        x, y, z = (dot(axis, slip) for axis in near.axes)
+        return x, y, z
+
+
+class Ball(msgspec.Struct, frozen=True):
+    """A ball of a link: its centre in the link's axes and its radius, m."""
+
+    frame: str
+    point: Vec
+    radius: float
+
+    def centre(self, motion: Motion) -> Vec:
+        """Its centre in the world, m."""
+        return motion.position(self.frame, self.point)
+
+    def surface(self, normal: Vec) -> Place:
+        """Its point farthest against the normal."""
+        return Place(self.frame, self.point, scale(-self.radius, normal) if self.radius else ZERO)
+
+
+class PlaneGap(Gap, frozen=True):
+    """From a ball or a point of body a to a plane of body b: g = n . (x - x_b) - height - radius.
+
+    frame: of the plane. normal: n in its axes, of length 1. height: of the plane along n from the frame's origin, m.
+    """
+
+    ball: Ball
+    frame: str
+    normal: Vec
+    height: float
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The ball's lowest point."""
+        normal = floats(self.normal)
+        x, axes = self.ball.centre(motion), (normal, *across(normal))
+        if self.frame == GROUND:
+            gap = minus(dot(normal, x), self.height + self.ball.radius)
+            return Nearest(gap, axes, self.ball.surface(normal), Place(GROUND, ZERO, ZERO))
+        n, s, t = (motion.direction(self.frame, axis) for axis in axes)
+        apart = sub(x, motion.position(self.frame))
+        distance = minus(dot(n, apart), self.height)
+        touched = sub(apart, scale(distance, n))
+        gap = minus(distance, self.ball.radius)
+        return Nearest(gap, (n, s, t), self.ball.surface(n), Place(self.frame, ZERO, touched))
+
+
+class RimGap(Gap, frozen=True):
+    """From the rim of a disc of body a to a plane of body b: its lowest point, c - R m.
+
+        m = (n - (n . u) u) / |n - (n . u) u|,   g = n . (c - x_b) - height - R |n - (n . u) u|
+
+    point, axis, radius: c, u and R of the disc in the frame of a. It has no lowest point where it lies flat.
+    """
+
+    link: str
+    point: Vec
+    axis: Vec
+    radius: float
+    frame: str
+    normal: Vec
+    height: float
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The lowest point of the rim."""
+        normal = floats(self.normal)
+        n, s, t = (motion.direction(self.frame, axis) for axis in (normal, *across(normal)))
+        u = motion.direction(self.link, self.axis)
+        across_axis = sub(n, scale(dot(n, u), u))
+        length = motion.xp.sqrt(dot(across_axis, across_axis))
+        offset = scale(-self.radius / length, across_axis)
+        apart = sub(add(motion.position(self.link, self.point), offset), motion.position(self.frame))
+        gap = minus(dot(n, apart), self.height)
+        touched = sub(apart, scale(gap, n))
+        return Nearest(gap, (n, s, t), Place(self.link, self.point, offset), Place(self.frame, ZERO, touched))
+
+
+class RoundGap(Gap, frozen=True):
+    """Between two balls or capsules: g = |x_a - x_b| - r_a - r_b with the nearest points of points or segments.
+
+    first, second: balls about the segments' middles. first_half, second_half: from there to an end, in the axes of the
+    frame; 0 for a ball.
+    """
+
+    first: Ball
+    second: Ball
+    first_half: Vec = ZERO
+    second_half: Vec = ZERO
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The nearest points of the segments, each with its radius."""
+        a, b = self.first.centre(motion), self.second.centre(motion)
+        u, w = (motion.direction(ball.frame, half) if any(half) else None
+                for ball, half in ((self.first, self.first_half), (self.second, self.second_half)))  # fmt: skip
+        along_a, along_b = _nearest_of_segments(sub(a, b), u, w, motion.xp)
+        return _round(motion, (self.first, a, along_a), (self.second, b, along_b))
+
+
+class BoxGap(Gap, frozen=True):
+    """From a ball of body a to a box of body b: to the nearest point of a face, an edge or a corner.
+
+    frame, point, axes, half: the box's link, its centre and own axes in the link's, and half its edges, m.
+    """
+
+    ball: Ball
+    frame: str
+    point: Vec
+    axes: tuple[Vec, Vec, Vec]
+    half: Vec
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The point of the box with the ball's centre's coordinates, each limited to the box."""
+        x, middle = self.ball.centre(motion), motion.position(self.frame, self.point)
+        apart, inside = sub(x, middle), ZERO
+        for axis, half in zip(self.axes, self.half, strict=True):
+            e = motion.direction(self.frame, axis)
+            inside = add(inside, scale(_limited(dot(e, apart), half, motion.xp), e))
+        return _round(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
+
+
+class CylinderGap(Gap, frozen=True):
+    """From a ball of body a to a cylinder of body b: to the nearest point of its side, an end or a rim.
+
+    frame, point, axis, radius, half: the cylinder's link, its middle and axis in the link's axes, its radius and half
+    its length, m.
+    """
+
+    ball: Ball
+    frame: str
+    point: Vec
+    axis: Vec
+    radius: float
+    half: float
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The ball's centre, limited to the cylinder along its axis and across it."""
+        xp = motion.xp
+        x, middle = self.ball.centre(motion), motion.position(self.frame, self.point)
+        apart, u = sub(x, middle), motion.direction(self.frame, self.axis)
+        along = dot(u, apart)
+        outward = sub(apart, scale(along, u))
+        square = dot(outward, outward)
+        beyond = xp.less(self.radius * self.radius, square)
+        share = xp.where(beyond, self.radius / xp.sqrt(xp.where(beyond, square, 1.0)), 1.0)
+        inside = add(scale(_limited(along, self.half, xp), u), scale(share, outward))
+        return _round(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
+
+
+AnyGap = PlaneGap | RimGap | RoundGap | BoxGap | CylinderGap
+Core = tuple[Ball, Vec, Vec]  # a ball, its centre in the world, and the offset of the core's nearest point from there
+
+
+def sub(a: Vec, b: Vec) -> Vec:
+    """a - b."""
+    x, y, z = (minus(p, q) for p, q in zip(a, b, strict=True))
+    return x, y, z
+
+
+def tangents(n: Vec, xp: Any) -> tuple[Vec, Vec]:
+    """Two unit vectors across a unit vector and each other, smooth but where n_z changes its sign.
+
+    Source: Duff et al., Building an orthonormal basis, revisited, Journal of Computer Graphics Techniques 6 (1), 2017.
+    """
+    if all(map(constant, n)):
+        return across(n)
+    x, y, z = n
+    sign = xp.where(xp.less(z, 0.0), -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = times(times(x, y), a)
+    first = 1.0 + sign * times(times(x, x), a), times(sign, b), -(sign * x)
+    return first, (b, sign + times(times(y, y), a), -y)
+
+
+def _round(motion: Motion, a: Core, b: Core) -> Nearest:
+    """The nearest points of two balls about core points."""
+    xp = motion.xp
+    (first, x, along_a), (second, y, along_b) = a, b
+    line = sub(add(x, along_a), add(y, along_b))
+    distance = xp.sqrt(dot(line, line))
+    n = scale(1.0 / distance, line)
+    ends = (Place(ball.frame, ball.point, add(along, scale(side * ball.radius, n)))
+            for ball, along, side in ((first, along_a, -1.0), (second, along_b, 1.0)))  # fmt: skip
+    return Nearest(minus(distance, first.radius + second.radius), (n, *tangents(n, xp)), *ends)
+
+
+def _limited(x: Scalar, most: Scalar, xp: Any) -> Scalar:
+    """x between -most and most."""
+    low = xp.where(xp.less(x, -most), -most, x)
+    return xp.where(xp.less(most, low), most, low)
+
+
+def _nearest_of_segments(apart: Vec, u: Vec | None, w: Vec | None, xp: Any) -> tuple[Vec, Vec]:
+    """(s u, t w) with s and t from -1 to 1, nearest to each other. apart: of the middles; None: a point, no segment."""
+    if u is None:
+        return ZERO, ZERO if w is None else scale(_along(w, apart, xp), w)
+    if w is None:
+        return scale(_along(u, scale(-1.0, apart), xp), u), ZERO
+    a, b, c, d, e = dot(u, u), dot(u, w), dot(w, w), dot(u, apart), dot(w, apart)
+    # The nearest points of the lines, then each limited in turn.
+    size = a * c - b * b
+    crossing = xp.less(PARALLEL * a * c, size)
+    s = xp.where(crossing, (b * e - c * d) / xp.where(crossing, size, 1.0), 0.0)
+    t = _limited((b * _limited(s, 1.0, xp) + e) / c, 1.0, xp)
+    return scale(_limited((b * t - d) / a, 1.0, xp), u), scale(t, w)
+
+
+def _along(line: Vec, far: Vec, xp: Any) -> Scalar:
+    """s from -1 to 1 of the point s line of a segment that is nearest to a point."""
+    return _limited(dot(line, far) / dot(line, line), 1.0, xp)

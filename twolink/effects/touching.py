@@ -1,0 +1,80 @@
+"""The law of a closed contact: one point of a gap that presses, slides, rolls or sticks.
+
+    0 <= g,  0 <= N,  g N = 0                                  bodies do not overlap, and do not pull (Signorini 1933)
+    |T| <= mu N           while c = 0                          friction holds (Coulomb 1785)
+    T = -mu N c / |c|     while c is not 0
+    g'+ = -e g'-          at an impact (Newton 1687)
+
+N, T: the normal force and that of friction. c: the slip along the tangents.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import ClassVar
+
+from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
+from twolink.effects.gaps import AnyGap
+from twolink.effects.inputs import Slot
+from twolink.effects.loop import Loop
+from twolink.effects.motion import Motion
+from twolink.effects.switching import ContactPoint
+
+
+def contact_point(name: str, gap: AnyGap, friction: float, restitution: float) -> ContactPoint:
+    """A contact of the engine from a gap and the numbers of its law."""
+    constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
+    return ContactPoint(name, restitution, friction, gap.value, gap.velocity, constraint, content)
+
+
+class Touching(Loop, frozen=True):
+    """g = 0, and while it rolls or sticks c = 0 along both tangents; while it slides, with friction.
+
+    pair: the name of the two bodies. friction: mu. rolling: whether it rolls or sticks. before: the direction of
+    sliding when that began, along the two tangents: c does not change to the other side of it before an event.
+    """
+
+    pair: str
+    gap: AnyGap
+    friction: float
+    rolling: bool
+    before: tuple[Slot, Slot] | tuple[float, float]
+
+    max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
+
+    def rows(self, motion: Motion) -> list[Scalar]:
+        """The gap."""
+        return [self.gap.value(motion)]
+
+    def velocity_rows(self, motion: Motion) -> list[Scalar]:
+        """c along the tangents."""
+        return list(self.gap.velocity(motion)[1:]) if self.rolling else []
+
+    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+        """The power of a normal force of size 1 and of its friction."""
+        if self.rolling or not self.friction:
+            return None
+        normal, *others = self.gap.velocity(along)
+        friction = plus(*(times(d, other) for d, other in zip(self.sliding(motion), others, strict=True)))
+        return [minus(normal, times(self.friction, friction))]
+
+    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec]:
+        """The normal force and that of friction."""
+        normal, *across = multipliers
+        if not self.rolling:
+            directions = self.sliding(motion) if self.friction else (0.0, 0.0)
+            across = [times(-self.friction, times(normal, d)) for d in directions]
+        axes = self.gap.nearest(motion).axes
+        return self.pair, add(*(scale(size, axis) for size, axis in zip((normal, *across), axes, strict=True)))
+
+    def sliding(self, motion: Motion) -> list[Scalar]:
+        """The direction of sliding, c / |c|, along the two tangents."""
+        xp = motion.xp
+        _, x, y = self.gap.velocity(motion)
+        a, b = self.before
+        speed = xp.sqrt(plus(times(x, x), times(y, y)))
+        # Past the instant of no sliding, which steps look beyond, the direction stays, so that it has no corner.
+        sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
+        still = xp.less(speed, 1e-300)
+        return [xp.where(still, was, times(sign, now / xp.where(still, 1.0, speed))) for was, now in ((a, x), (b, y))]
