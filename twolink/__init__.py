@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from twolink.control.equilibria import Equilibria, equilibria
     from twolink.control.feedback import lqr
     from twolink.control.linearization import Linearization, linearize
+    from twolink.control.periodic import PeriodicMotion, periodic_motion
     from twolink.identification.identify import identify
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
@@ -28,6 +29,8 @@ _IMPORTED_WHEN_USED = {
     "Linearization": "twolink.control.linearization",
     "linearize": "twolink.control.linearization",
     "lqr": "twolink.control.feedback",
+    "PeriodicMotion": "twolink.control.periodic",
+    "periodic_motion": "twolink.control.periodic",
     "identify": "twolink.identification.identify",
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
@@ -59,6 +62,7 @@ __all__ = [
     "Explanation",
     "Linearization",
     "LoadReport",
+    "PeriodicMotion",
     "Robot",
     "Scene",
     "Sensitivities",
@@ -81,6 +85,7 @@ __all__ = [
     "loop_forces",
     "lqr",
     "methods",
+    "periodic_motion",
     "robots",
     "scenes",
     "sensitivities",

@@ -1,0 +1,244 @@
+"""periodic_motion: a motion that repeats itself exactly, by shooting, and its Floquet multipliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from twolink.control.eigenvalues import eigenvalues
+from twolink.control.shooting import Shooting, Shots
+from twolink.control.smooth import depends_on_time
+from twolink.dynamics.arguments import positive
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.equations import Equations
+from twolink.integrate.pinocchio_rate import rate
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.state import Array
+from twolink.io.listing import Table
+from twolink.scenes import Scene
+from twolink.scenes.scene import accuracy_of
+from twolink.simulation.scene_run import simulate
+from twolink.simulation.sensitivity_names import wanted_of
+from twolink.simulation.text import ShownAsText
+from twolink.simulation.trajectory import Trajectory
+
+ROUNDS = 30  # of Newton's method
+REPEATS = 1e-9  # relative: forces that differ by less repeat
+AT_REST = 1e3  # times the accuracy: velocities below it are none
+CLOSED = 10.0  # times the accuracy, by which the ends of a period may miss each other
+
+Kind = Literal["asymptotically stable", "neutral", "unstable", "unknown"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PeriodicMotion(ShownAsText):
+    """A motion with x(T) = x(0), and how small deviations from it grow in a period: dx(T) = M dx(0).
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene, with the start of the motion and the duration of a period.
+    period, period_error : float
+        T and an estimate of its error, s.
+    run : Trajectory
+        One period.
+    residual : float
+        max |x(T) - x(0)|, rad, m, per second.
+    start_error : float
+        An estimate of the error of the start, from the residual and the error bar of the run.
+    monodromy : ndarray (2 nv, 2 nv)
+        M, in the tangent space.
+    error : float
+        Bound on the error of M in the 2-norm: by the error bar of its entries, and what the last step of Newton's
+        method has changed.
+    autonomous : bool
+        Whether forces do not depend on time. Then one multiplier is 1: that of a shift in time.
+    """
+
+    scene: Scene
+    period: float
+    period_error: float
+    run: Trajectory
+    residual: float
+    start_error: float
+    monodromy: np.ndarray
+    error: float
+    autonomous: bool
+
+    @cached_property
+    def _eigenvalues(self) -> tuple[np.ndarray, np.ndarray]:
+        values, errors = eigenvalues(self.monodromy, self.error)
+        order = np.argsort(-np.abs(values), kind="stable")
+        return values[order], errors[order]
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Floquet multipliers (2 nv,), the eigenvalues of M, the largest first."""
+        return self._eigenvalues[0]
+
+    @property
+    def multiplier_errors(self) -> np.ndarray:
+        """Bounds on their errors (2 nv,); about the root of that of M where two coincide."""
+        return self._eigenvalues[1]
+
+    @property
+    def stability(self) -> Kind:
+        """Of the motion as a whole, shifts in time apart.
+
+        "asymptotically stable": all other multipliers are inside the unit circle. "unstable": one is outside.
+        "neutral": all are on it as far as their errors tell, as of conservative scenes. "unknown": else.
+        """
+        sizes, errors = np.abs(self.multipliers), self.multiplier_errors
+        if (sizes - errors > 1.0).any():
+            return "unstable"
+        if self.autonomous:
+            shift = int(np.argmin(np.abs(self.multipliers - 1.0)))
+            sizes, errors = np.delete(sizes, shift), np.delete(errors, shift)
+        if (sizes + errors < 1.0).all():
+            return "asymptotically stable"
+        return "neutral" if (np.abs(sizes - 1.0) <= errors).all() else "unknown"
+
+    def table(self) -> Table:
+        """The multipliers: real and imaginary part, size, error."""
+        rows = tuple((float(z.real), float(z.imag), float(abs(z)), float(error))
+                     for z, error in zip(self.multipliers, self.multiplier_errors, strict=True))  # fmt: skip
+        return Table(("real", "imaginary", "size", "error"), rows)
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the multipliers and the unit circle into a .png, .svg or .pdf."""
+        from twolink.show.eigenvalue_plot import plot_eigenvalues
+
+        title = f"{self.scene.robot.name}: Floquet multipliers, period {self.period:.6g} s"
+        return plot_eigenvalues(Path(path), title, self.multipliers, self.multiplier_errors, unit_circle=True)
+
+    def __str__(self) -> str:
+        start = ", ".join(f"{x:.9g}" for x in (*self.scene.q, *self.scene.v))
+        return "\n".join([
+            f"{self.scene.robot.name}: {self.stability}",
+            f"period {self.period:.12g} s (error about {self.period_error:.1e})",
+            f"start {start} (error about {self.start_error:.1e}); the ends differ by {self.residual:.1e}",
+            f"Floquet multipliers, from a monodromy matrix within {self.error:.1e}:",
+            str(self.table()),
+        ])  # fmt: skip
+
+    __repr__ = __str__
+
+
+def periodic_motion(
+    scene: Scene,
+    period: float,
+    vary: Sequence[str] = ("q", "v"),
+    *,
+    segments: int = 1,
+    accuracy: float = 1e-9,
+) -> PeriodicMotion:
+    """A motion near the scene's own that repeats itself exactly, by shooting, and its Floquet multipliers.
+
+        x(T; x0) - x0 = 0,   by Newton's method with the monodromy matrix M = dx(T)/dx0
+
+    Parameters
+    ----------
+    scene : Scene
+        Its start is the guess. Impacts, stick and slip may occur: `sensitivities` go on through events.
+    period : float
+        The guess of T, s; T itself where forces depend on time, which must repeat after it.
+    vary : sequence of str
+        What of the start may change: names as `sensitivities` takes them ("q", "v", "q.elbow"); nothing else does.
+        With ["q"] a motion released from rest stays one.
+    segments : int
+        Parts of the period that begin from states of their own (multiple shooting), for unstable motions.
+    accuracy : float
+        Of the motion and its derivatives, as in `sensitivities`.
+
+    Returns
+    -------
+    PeriodicMotion
+
+    Raises
+    ------
+    SceneError
+        An argument does not fit, or forces depend on time and do not repeat after the period.
+    AccuracyError
+        There is no periodic motion near (code "no-periodic-motion"); or as `sensitivities`.
+
+    Notes
+    -----
+    A step is the shortest that solves the linear equations, along no shift in time. So where periodic motions form a
+    family, as those of different energy do, the one near the guess is found.
+
+    References
+    ----------
+    Nayfeh and Balachandran: Applied Nonlinear Dynamics, 1995, chapter 5.
+    """
+    period = positive(period, "period", SceneError, "such as 2.5", expected="a time above 0 s")
+    equations, accuracy = equations_of(scene), accuracy_of(accuracy)
+    autonomous = not depends_on_time(equations)
+    if isinstance(segments, bool) or not isinstance(segments, int) or segments < 1:
+        raise SceneError(f"expected a whole number from 1, got {segments!r}", argument="segments", remedy="such as 4")
+    if not autonomous:
+        _require_repeating(equations, period)
+        if segments > 1:
+            raise SceneError("forces depend on time, and runs begin at t = 0", argument="segments",
+                             remedy="leave it at 1", code="depends-on-time")  # fmt: skip
+    shooting = Shooting(scene, _directions(scene, vary), segments, accuracy, autonomous)
+    shots, change = shooting.first(period), 0.0
+    for _ in range(ROUNDS):  # a round more than is needed shows what is left
+        done = shots.size <= CLOSED * accuracy * shots.scale
+        after = shooting.improved(shots)
+        if after is not None:
+            change = float(np.linalg.norm(after.monodromy - shots.monodromy, 2))
+            shots = after
+        if done or after is None:
+            break
+    if not done:
+        raise AccuracyError(f"no periodic motion was found near: after {shots.period:.6g} s the ends differ by "
+                            f"{shots.size:.1e}", where="start", code="no-periodic-motion", period=shots.period,
+                            remedy="give a nearer guess, vary more of the start, or use more segments")  # fmt: skip
+    if max(float(np.abs(s.run.v).max(initial=0.0)) for s in shots.motions) <= AT_REST * accuracy:
+        raise AccuracyError("only an equilibrium was found near, where nothing moves", where="start",
+                            remedy="start farther from it; with damping a motion needs a drive",
+                            code="no-periodic-motion", period=shots.period, residual=shots.size)  # fmt: skip
+    return _result(shooting, shots, change)
+
+
+def _result(shooting: Shooting, shots: Shots, change: float) -> PeriodicMotion:
+    """The motion, with what its errors may be."""
+    scene = shooting.scene_from(shots.starts[0], shots.period)
+    run = simulate(scene, shots.period, shooting.accuracy) if shooting.segments > 1 else shots.motions[0].run
+    bar = max(float(s.run.error.max()) for s in shots.motions if s.run.error is not None)
+    moved = np.abs(shooting.inverse(shots)) @ np.full(shots.gaps.size, shots.size + bar)
+    start = np.abs(shooting.directions) @ moved[: shooting.directions.shape[1]]
+    return PeriodicMotion(scene, shots.period, float(moved[-1]), run, shots.size, float(start.max(initial=0.0)),
+                          shots.monodromy, shots.monodromy_error + change, shooting.free_period)  # fmt: skip
+
+
+def _directions(scene: Scene, vary: Sequence[str]) -> Array:
+    """The directions (2 nv, k) of the start that `vary` names."""
+    states, names = 2 * scene.robot.nv, [vary] if isinstance(vary, str) else list(vary)
+    if not names:
+        return np.zeros((states, 0))
+    try:
+        wanted = wanted_of(scene, names)
+    except SceneError as error:
+        raise error.at("vary", SceneError, argument="vary") from None
+    if wanted.parameters:
+        raise SceneError(f"{wanted.parameters[0]!r} is not of the start", argument="vary",
+                         remedy='such as ["q"] or ["q.elbow", "v"]')  # fmt: skip
+    return wanted.start[:states]
+
+
+def _require_repeating(equations: Equations, period: float) -> None:
+    """Require forces that are the same a period later, at the start's state."""
+    x = equations.start[: equations.moving]
+    for t in period * np.array([0.0, 0.137, 0.421, 0.788]):
+        now, later = (rate(equations, s, np.concatenate([x, equations.layout.numbers_at(s)])[:, None])
+                      for s in (float(t), float(t + period)))  # fmt: skip
+        moving = slice(equations.space.nq, equations.moving)
+        if np.abs(now[moving] - later[moving]).max() > REPEATS * (1.0 + np.abs(now[moving]).max()):
+            raise SceneError(f"forces depend on time and do not repeat after {period:g} s", argument="period",
+                             remedy="give a multiple of their period", code="depends-on-time")  # fmt: skip
