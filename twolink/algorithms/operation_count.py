@@ -51,6 +51,7 @@ class Tape:
     """All operations made, each once; it is also the namespace `xp` of the recursions."""
 
     sin, cos, sqrt, tanh, less, where = map(_function, ("sin", "cos", "sqrt", "tanh", "less", "where"))
+    symbol = Symbol
 
     def __init__(self) -> None:
         self.made: dict[tuple[Any, ...], Symbol] = {}
@@ -83,7 +84,7 @@ class Tape:
 
     def _new(self, what: str, operands: tuple[int, ...]) -> Symbol:
         self.operands.append((what, operands))
-        return Symbol(self, len(self.operands) - 1)
+        return self.symbol(self, len(self.operands) - 1)
 
     def count(self, outputs: list[Any]) -> dict[str, int]:
         """How often each operation is needed for the outputs, by its sign or name."""

@@ -9,6 +9,7 @@ import msgspec
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, finite
 from twolink.effects.inputs import Input
+from twolink.effects.own_effects import check_own_formula, check_own_methods
 from twolink.effects.sampled import Sampled, check_table
 from twolink.errors import SceneError, require_known
 
@@ -19,7 +20,12 @@ _VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, 
 def check_effect(effect: Effect, robot: Robot) -> None:
     """Require an effect whose fields have the declared types and that fits the robot. Raises SceneError."""
     check_fields(effect)
+    own = not type(effect).__module__.startswith("twolink.")
+    if own:
+        check_own_methods(effect)
     effect.check(robot)
+    if own:
+        check_own_formula(effect, robot)
 
 
 def check_fields(part: msgspec.Struct, place: str = "") -> None:

@@ -17,6 +17,7 @@ from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.loop import Loop
+from twolink.effects.own_effects import formula_fingerprint
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
@@ -156,6 +157,7 @@ def _content(equations: Equations, model: pin.Model | None = None) -> str:
     constraints = equations.constraints
     effects = [
         f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
+        + formula_fingerprint(e, equations.robot.model)
         for e in (*equations.effects, *(constraints.loops if constraints else ()))
     ]
     rows = f"{constraints and (constraints.kept, constraints.scales)} {equations.layout.lockable}"

@@ -10,10 +10,11 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
-from twolink.effects import Effect
+from twolink.effects import TYPES, Effect, effect_class
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.io.atomic import write_atomic
+from twolink.io.text import kebab_case
 from twolink.scenes.file_format import RobotEntry, SceneFile
 
 
@@ -64,6 +65,13 @@ def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) 
 
 
 def _table(effect: Effect) -> Any:
+    if isinstance(getattr(effect, "of", None), Effect):
+        _table(effect.of)  # type: ignore[attr-defined]
+    name = type(effect).__name__
+    kind = kebab_case(name)
+    if kind not in TYPES or effect_class(kind) is not type(effect):
+        raise SceneError(f"{name} is no effect of twolink: load_scene could not read it", where=name,
+                         remedy="make the scene in Python, or leave the effect out", code="own-effect")  # fmt: skip
     try:
         return msgspec.to_builtins(effect, enc_hook=plain)
     except TypeError:

@@ -1,0 +1,177 @@
+"""Pages that are made from the code before a build: catalogues, commands, and the Python reference."""
+
+import inspect
+import textwrap
+from importlib import resources
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import twolink as tl
+from twolink.cli.app import app as command_line
+from twolink.effects.loop import Loop
+from twolink.effects.switching import SwitchingEffect
+from twolink.hard import SimulationCase, all_cases
+from twolink.io.listing import Table
+
+FOLDER = "generated"
+ROOMS = {  # the order and the titles of the reference's pages, by the room that a name comes from
+    "dynamics": "Robots and queries",
+    "robots": "Robots and queries",
+    "scenes": "Scenes",
+    "effects": "Scenes",
+    "simulation": "Simulation",
+    "accuracy": "Accuracy and methods",
+    "integrate": "Accuracy and methods",
+    "identification": "Identification",
+    "lagrange": "The paper's arm",
+    "service": "The service's client",
+}
+
+
+def cell(value: Any) -> str:
+    """A table's cell."""
+    text = ", ".join(map(str, value)) if isinstance(value, tuple | list) else "" if value is None else str(value)
+    return " ".join(text.replace("|", "\\|").split())
+
+
+def markdown(table: Table) -> str:
+    """A table in Markdown."""
+    rows = [table.columns, ["---"] * len(table.columns), *table.rows]
+    return "\n".join(f"| {' | '.join(map(cell, row))} |" for row in rows)
+
+
+def page(title: str, *parts: str) -> str:
+    return "\n\n".join([f"# {title}", *parts]) + "\n"
+
+
+def autodoc(directive: str, name: str, *options: str) -> str:
+    """A directive of autodoc."""
+    return "\n".join(["```{eval-rst}", f".. {directive}:: {name}", *(f"   :{option}:" for option in options), "```"])
+
+
+def effects() -> str:
+    """The catalogue of effects, by what they do."""
+    groups: dict[str, list[str]] = {
+        "Forces, controllers and changes of the robot": [],
+        "Events": [],
+        "Loops": [],
+        "Inputs and conditions": [],
+    }
+    smooth, events, loops, inputs = groups.values()
+    for name in dir(tl.effects):
+        kind = getattr(tl.effects, name)
+        if kind is not tl.effects.Effect:
+            switching, loop = issubclass(kind, SwitchingEffect), issubclass(kind, Loop)
+            group = (
+                events if switching else loops if loop else smooth if issubclass(kind, tl.effects.Effect) else inputs
+            )
+            group.append(f"### {name}\n\n{autodoc('autoclass', f'twolink.effects.{name}')}")
+    about = (
+        "A scene calls for each of these by name; what is not in its list does not exist for it. `twolink explain` "
+        "counts the operations of each. In Python they are `tl.effects.NAME(...)`; in a scene file `type` is the name "
+        "in lower case with hyphens. [Write your own](../tutorials/own_effect.md) where none fits."
+    )
+    return page("Effects", about, *("\n\n".join([f"## {title}", *entries]) for title, entries in groups.items()))
+
+
+def methods() -> str:
+    """The catalogue of methods."""
+    about = (
+        '`method="auto"`, the default, takes the cheapest for the accuracy that is asked for. The coefficients are in '
+        "`twolink/integrate/methods.toml`, and the tests prove the order of each method by its order conditions."
+    )
+    return page("Methods", about, markdown(tl.methods()))
+
+
+def scenes() -> str:
+    """The catalogue of bundled scenes, each with its file."""
+    parts = [
+        "`tl.load_scene(NAME)` loads one, `twolink run NAME` runs it, and the [gallery](../gallery.md) plays them all."
+    ]
+    parts.append(markdown(tl.scenes()))
+    folder = resources.files("twolink.scenes") / "bundled"
+    for scene in tl.scenes():
+        text = (folder / f"{scene['name']}.toml").read_text("utf-8")
+        parts.append(f"## {scene['name']}\n\n{cell(scene['title'])}.\n\n```toml\n{text}```")
+    return page("Scenes", *parts)
+
+
+def hard_cases() -> str:
+    """The catalogue of hard cases."""
+    parts = [
+        "What breaks simulators, with the exact answer of each case. `twolink hard-cases NAME` runs one and judges it; "
+        "`--peers` adds SciPy, MuJoCo and Drake where they can do it, `--html` writes one page with curves."
+    ]
+    for group, cases in groupby(all_cases(), key=lambda case: case.group):
+        parts.append(f"## {group.capitalize()}")
+        for case in cases:
+            facts = [f"- Truth: {cell(case.truth)}."]
+            if isinstance(case, SimulationCase):
+                facts.append(f"- Compared: {cell(case.quantity)}, for {case.duration or case.load().duration:g} s.")
+            parts.append(f"### {case.name}\n\n**{cell(case.title)}.** {cell(case.why)}\n\n" + "\n".join(facts))
+    return page("Hard cases", *parts)
+
+
+def commands() -> str:
+    """The commands, with their arguments and options."""
+    parts = [cell(str(command_line.info.epilog)), "Every command has `--help`; errors are one line on stderr."]
+    group = typer.main.get_command(command_line)
+    for name, command in group.commands.items():  # type: ignore[attr-defined]
+        rows = [(" ".join(f"`{text}`" for text in o.opts) if hasattr(o, "help") and o.param_type_name == "option"
+                 else f"`{str(o.name).upper()}`", getattr(o, "help", None) or "")
+                for o in command.params if not getattr(o, "hidden", False)]  # fmt: skip
+        parts += [f"## twolink {name}", cell(inspect.cleandoc(command.help or "")).replace("\\|", "|")]
+        if rows:
+            parts.append(markdown(Table(("option", "what it does"), tuple(rows))))
+    return page("Command line", *parts)
+
+
+def reference() -> dict[str, str]:
+    """The pages of the Python reference, by their names: all public names, by the room they come from."""
+    titles = list(dict.fromkeys(ROOMS.values()))
+    entries: dict[str, list[str]] = {title: [] for title in titles}
+    for name in tl.__all__:
+        thing = getattr(tl, name)
+        if inspect.ismodule(thing):
+            continue
+        room = thing.__module__.split(".")[1]
+        title = ROOMS.get(room, room.capitalize())
+        kind = "autoclass" if inspect.isclass(thing) else "autofunction"
+        options = ("members", "inherited-members: Struct, object") if kind == "autoclass" else ()
+        entries.setdefault(title, []).append(f"## {name}\n\n{autodoc(kind, f'twolink.{name}', *options)}")
+    entries["The paper's arm"].append("## lagrange.two_link\n\n" + autodoc("autofunction", "twolink.lagrange.two_link"))
+    entries["The paper's arm"].append(
+        "## lagrange.TwoLink\n\n" + autodoc("autoclass", "twolink.lagrange.TwoLink", "members")
+    )
+    entries["Scenes"].append(
+        "## effects.Effect\n\nThe base of effects of your own; see [the tutorial](../tutorials/own_effect.md).\n\n"
+        + autodoc("autoclass", "twolink.effects.Effect", "members", "exclude-members: __init__")
+    )
+    tree = "```\n" + textwrap.dedent(tl.errors.__doc__ or "") + "```"
+    kinds = [name for name, kind in vars(tl.errors).items() if isinstance(kind, type) and issubclass(kind, Exception)]
+    entries["Errors"] = [tree, *(autodoc("autoexception", f"twolink.errors.{name}") for name in kinds)]
+    return {f"api_{i}": page(title, *parts) for i, (title, parts) in enumerate(entries.items()) if parts}
+
+
+def write(app: Any) -> None:
+    """Write all pages into docs/generated; what did not change stays, so that Sphinx does not read it again."""
+    pages = {"effects": effects(), "methods": methods(), "scenes": scenes(), "hard_cases": hard_cases(),
+             "command_line": commands(), **reference()}  # fmt: skip
+    folder = Path(app.srcdir) / FOLDER
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.md"):
+        if old.stem not in pages:
+            old.unlink()
+    for name, text in pages.items():
+        file = folder / f"{name}.md"
+        if not file.exists() or file.read_text("utf-8") != text:
+            file.write_text(text, "utf-8")
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register the writing of the pages."""
+    app.connect("builder-inited", write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

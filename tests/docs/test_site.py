@@ -1,0 +1,115 @@
+"""The documentation site: it builds without warnings, all of its examples run, and it is complete."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from twolink.hard import all_cases
+
+TOP = Path(__file__).parents[2]
+DOCS = TOP / "docs"
+PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("generated", "operating")]
+NOT_RUN = {"console"}  # what installs or serves; everything else is run
+
+RUNNER = """
+import contextlib, os, re, sys, time
+from pathlib import Path
+from IPython.core.interactiveshell import InteractiveShell
+
+shell = InteractiveShell.instance(colors="nocolor")
+folder = Path(sys.argv[1])
+done = set(re.sub(" +#.*", "", Path(sys.argv[2]).read_text("utf-8")).split("\\n"))  # run by tests/test_readme.py
+for path in sys.argv[3:]:
+    began = time.perf_counter()
+    page = Path(path)
+    place = folder / page.stem
+    place.mkdir()
+    os.chdir(place)
+    shell.reset()
+    for cell in re.findall(r"^```{code-cell}.*?\\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
+        code = re.sub(r"\\A(:\\w.*\\n)+", "", cell)
+        if code.startswith("%%sh\\n") and set(code.strip().split("\\n")[1:]) <= done:
+            continue
+        outcome = shell.run_cell(code, store_history=False)
+        if not outcome.success:
+            sys.exit(f"{page.name} fails at:\\n{code}")
+    print(f"{page.name}: {time.perf_counter() - began:.1f} s")
+"""
+
+
+def environment(folder: Path) -> dict[str, str]:
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(TOP), "TWOLINK_CACHE": str(folder / "cache"),
+            "IPYTHONDIR": str(folder / "ipython"), "MPLBACKEND": "agg"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site without running examples and scenes, as scripts/docs --quick builds it."""
+    out = tmp_path_factory.mktemp("site")
+    options = ["-D", "nb_execution_mode=off", "-D", "twolink_playbacks=0", "-d", str(out / "doctrees")]
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-b",
+        "html",
+        *options,
+        str(DOCS),
+        str(out / "html"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment(out), timeout=300)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-6000:]
+    return out / "html"
+
+
+def test_the_examples_run(tmp_path: Path) -> None:
+    """Every cell of every page, in one process, each page in a folder of its own."""
+    pages = [str(page) for page in PAGES if "{code-cell}" in page.read_text("utf-8")]
+    assert len(pages) >= 8
+    command = [sys.executable, "-c", RUNNER, str(tmp_path), str(TOP / "README.md"), *pages]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment(tmp_path), timeout=600)
+    assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-3000:]
+
+
+def test_no_example_is_left_out() -> None:
+    for page in PAGES:
+        kinds = set(re.findall(r"^```(\w+)$", page.read_text("utf-8"), re.MULTILINE)) - NOT_RUN
+        assert not kinds & {"python", "sh", "bash", "shell", "javascript", "js"} or page.name == "operating.md", page
+
+
+def test_the_catalogues_are_complete(site: Path) -> None:
+    effects = (site / "generated/effects.html").read_text("utf-8")
+    for name in dir(tl.effects):
+        assert name == "Effect" or f'id="twolink.effects.{name}"' in effects, name
+    for page, names in {
+        "methods": [m["name"] for m in tl.methods()],
+        "scenes": [s["name"] for s in tl.scenes()],
+        "hard_cases": [case.name for case in all_cases()],
+    }.items():
+        text = (site / f"generated/{page}.html").read_text("utf-8")
+        assert [name for name in names if name not in text] == []
+    reference = "".join(page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
+    assert [name for name in tl.__all__ if f'id="twolink.{name}"' not in reference] == ["effects", "errors", "lagrange"]
+
+
+def test_the_site_asks_no_other_host(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        asked = re.findall(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="(https?://[^"]+)', page.read_text("utf-8"))
+        assert asked == [], page
+
+
+def test_pages_have_their_pictures(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        for source in re.findall(r'<img[^>]+src="([^":]+)"', page.read_text("utf-8")):
+            assert (page.parent / source).is_file(), (page, source)

@@ -1,0 +1,144 @@
+"""Effects of users' own: mistakes are named when the scene is made, and a class defined again has other code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.cases import E, robot
+
+Formula = Callable[[Any], Any]
+
+
+def of_shoulder(formula: Formula, *, smooth: bool = True) -> tl.effects.Effect:
+    """An effect whose torque on the shoulder is a formula of the motion; its class always has the same name."""
+
+    class Own(E.Effect, frozen=True):
+        analytic: ClassVar[bool] = smooth
+
+        def act(self, motion: Any, loads: Any) -> None:
+            loads.torque(0, formula(motion))
+
+    return Own()
+
+
+def refused(effect: tl.effects.Effect) -> str:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot("arm"), effects=[E.Gravity(), effect])
+    assert caught.value.where.startswith("effects[1].")
+    assert caught.value.remedy
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("formula", "instead"),
+    [
+        (lambda m: m.q[0] ** 3, "q * q * q"),
+        (lambda m: 2.0 ** m.q[0], "q * q * q"),
+        (lambda m: np.sin(m.q[0]), "write motion.xp.sin"),
+        (lambda m: np.sqrt(m.q[0]), "write motion.xp.sqrt"),
+        (lambda m: np.exp(m.q[0]), "motion.xp's sin, cos"),
+        (lambda m: math.cos(m.q[0]), "motion.xp.NAME"),
+        (lambda m: -1.0 if m.q[0] > 0 else 1.0, "motion.xp.where"),
+        (lambda m: 1.0 if m.q[0] == 0 else 0.0, "motion.xp.where"),
+        (lambda m: m.q[0] or 1.0, "motion.xp.where"),
+        (lambda m: max(m.q[0], m.q[1]), "motion.xp.where"),
+        (lambda m: np.maximum(m.q[0], 0.0), "motion.xp.where"),
+        (lambda m: abs(m.q[0]), "motion.xp.sqrt"),
+        (lambda m: m.q[0] % 6.28, "sines and cosines"),
+        (lambda m: m.xp.exp(m.q[0]), "motion.xp has sin"),
+        (lambda m: m.q[m.coordinate("elbw")[0]], "did you mean 'elbow'"),
+        (lambda m: m.position("tp")[0], "did you mean 'tip'"),
+        (lambda m: m.velocities[0], "AttributeError"),
+        (lambda _: np.array([1.0, 2.0]) * 3.0, "act fails at line"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused_with_what_to_write(formula: Formula, instead: str) -> None:
+    assert instead in refused(of_shoulder(formula))
+
+
+def test_kinks_must_be_declared() -> None:
+    def kink(motion: Any) -> Any:
+        return motion.xp.where(motion.xp.less(0.0, motion.q[0]), -motion.q[0], 0.0)
+
+    assert "analytic: ClassVar[bool] = False" in refused(of_shoulder(kink))
+    tl.Scene(robot("arm"), effects=[of_shoulder(kink, smooth=False)])
+
+
+class NamesAJoint(E.Effect, frozen=True):
+    def act(self, _motion: Any, loads: Any) -> None:
+        loads.torque("shoulder", 1.0)
+
+
+class NoSuchDof(E.Effect, frozen=True):
+    def act(self, _motion: Any, loads: Any) -> None:
+        loads.torque(2, 1.0)
+
+
+class OtherArguments(E.Effect, frozen=True):
+    def act(self, q: Any, _v: Any, loads: Any) -> None:  # type: ignore[override]
+        loads.torque(0, q[0])
+
+
+class OtherCheck(E.Effect, frozen=True):
+    def check(self) -> None:  # type: ignore[override]
+        pass
+
+
+class Returns(E.Effect, frozen=True):
+    def act(self, motion: Any, _loads: Any) -> Any:
+        return -motion.q[0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "part"),
+    [
+        (NamesAJoint(), "motion.coordinate('shoulder')"),
+        (NoSuchDof(), "the robot has 0 to 1"),
+        (OtherArguments(), "write def act(self, motion, loads)"),
+        (OtherCheck(), "write def check(self, robot)"),
+        (Returns(), "add torques by loads.torque"),
+    ],
+)
+def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, part: str) -> None:
+    assert part in refused(effect)
+
+
+def test_numpy_numbers_and_tables_are_fine() -> None:
+    class Table(E.Effect, frozen=True):
+        gain: float
+        signal: E.Sampled
+
+        def act(self, motion: Any, loads: Any) -> None:
+            loads.torque(0, np.float64(self.gain) * motion.q[0] - motion.q[1] / np.float64(2.0))
+
+    tl.Scene(robot("arm"), effects=[Table(2.0, E.Sampled(times=(0.0, 1.0), values=(0.0, 1.0)))])
+
+
+def test_a_class_defined_again_is_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code is kept by the name and the numbers of an effect: the formula must count too."""
+    monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path))
+    ends = {}
+    for sign in (-1.0, 1.0):
+        scene = tl.Scene(robot("arm"), q=[0.5, 0.0], effects=[of_shoulder(lambda m, s=sign: s * m.q[0])])
+        run = tl.simulate(scene, 1.0, accuracy=1e-9, method="dop853")
+        spring = E.JointSpring({"shoulder": 1.0}) if sign < 0 else None
+        ends[sign] = run.q[-1]
+        if spring:
+            known = tl.simulate(tl.Scene(robot("arm"), q=[0.5, 0.0], effects=[spring]), 1.0, accuracy=1e-9)
+            np.testing.assert_allclose(run.q[-1], known.q[-1], rtol=0, atol=2e-9)
+    assert abs(ends[1.0] - ends[-1.0]).max() > 0.1
+
+
+def test_an_effect_of_ones_own_cannot_be_saved(tmp_path: Path) -> None:
+    own = of_shoulder(lambda m: -m.q[0])
+    for effect in (own, E.Release(own, at=0.5)):
+        with pytest.raises(tl.errors.SceneError, match="Own is no effect of twolink"):
+            tl.Scene(robot("arm"), effects=[effect]).save(tmp_path / "scene.toml")
+    assert not (tmp_path / "scene.toml").exists()

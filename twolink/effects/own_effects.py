@@ -1,0 +1,173 @@
+"""Effects that users write: they are tried once on symbols, so that mistakes are named before anything is compiled.
+
+A formula of an effect is run by NumPy, counted, differentiated and compiled. What works in NumPy alone, such as `if`,
+`**` or np.sin, must not be in it. The trial also gives the formula's fingerprint: a class that is defined again under
+its name has other code.
+"""
+
+import hashlib
+import inspect
+import operator
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.operation_count import Symbol, Tape
+from twolink.dynamics import Robot
+from twolink.effects.effect import Effect, check_name
+from twolink.effects.inputs import with_pieces
+from twolink.effects.motion import GROUND, Loads, Motion
+from twolink.errors import SceneError, TwolinkError
+
+_ARITHMETIC = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
+_NAMESPACE = ("sin", "cos", "sqrt", "tanh", "less", "where")  # what xp has in every use
+_CHOICE = "write motion.xp.where(motion.xp.less(a, b), value_if_less, value_if_not)"
+_INSTEAD = {
+    "power": "write products, such as q * q * q",
+    "absolute": "write motion.xp.sqrt(q * q + epsilon), which is smooth at 0",
+    "tan": "write motion.xp.sin(q) / motion.xp.cos(q)",
+    **dict.fromkeys(("greater", "less", "greater_equal", "less_equal", "maximum", "minimum", "sign", "clip"), _CHOICE),
+    **{name: f"write motion.xp.{name}" for name in ("sin", "cos", "sqrt", "tanh")},
+}
+
+
+def is_own(effect: Effect) -> bool:
+    """Whether a user wrote the effect, and it acts on the moving robot."""
+    return not type(effect).__module__.startswith("twolink.") and type(effect).act is not Effect.act
+
+
+def check_own_methods(effect: Effect) -> None:
+    """Require methods with the arguments that they are called with. Raises SceneError."""
+    for name in ("act", "change", "check", "breaks"):
+        base, own = (list(inspect.signature(getattr(kind, name)).parameters) for kind in (Effect, type(effect)))
+        if len(own) != len(base):
+            remedy = f"write def {name}({', '.join(base)})"
+            raise SceneError(f"{name} takes ({', '.join(own)})", where=name, remedy=remedy, code="own-effect")
+
+
+def check_own_formula(effect: Effect, robot: Robot) -> None:
+    """Require a formula that can be compiled. Raises SceneError that names what to write instead."""
+    if not is_own(effect):
+        return
+    tape = _trial(effect, robot.model)[0]
+    if effect.analytic and any(what in ("less", "where") for what, _ in tape.operands):
+        raise SceneError("act chooses by motion.xp.where, so that the motion has kinks", where="analytic",
+                         remedy="write analytic: ClassVar[bool] = False in the class")  # fmt: skip
+
+
+def formula_fingerprint(effect: Effect, model: pin.Model) -> str:
+    """A digest of what an effect of a user's own computes for a robot; "" of one of twolink's."""
+    if not is_own(effect):
+        return ""
+    tape, outputs = _trial(effect, model)
+    return hashlib.sha256(repr((list(tape.made), outputs)).encode()).hexdigest()
+
+
+def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, list[Any]]:
+    """The operations of `act`, and the torques and wrenches that it adds. Raises SceneError."""
+    tape = _StrictTape()
+    q, v = ([tape.variable() for _ in range(count)] for count in (model.nq, model.nv))
+    motion = _StrictMotion(model, mechanism(model), q, v, tape.variable(), tape)
+    loads = _StrictLoads(motion)
+    act: Callable[..., object] = with_pieces(effect, lambda _: 1.0).act
+    try:
+        returned = act(motion, loads)
+        outputs = [loads.tau, *(wrench for _, wrench in sorted(loads.wrenches.items()))]
+        keys = [[("operation", x.key) if isinstance(x, Symbol) else float(x) for x in output] for output in outputs]
+    except TwolinkError:
+        raise
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"act fails at line {last.lineno} of {last.filename}: {type(error).__name__}: {error}"
+        remedy = "write formulas with + - * / and the functions of motion.xp"
+        raise SceneError(what, where="act", remedy=remedy, code="own-effect") from error
+    if returned is not None:
+        raise SceneError(f"act returns {returned!r}", where="act", remedy="add torques by loads.torque(dof, value)",
+                         code="own-effect")  # fmt: skip
+    return tape, [sorted(loads.wrenches), keys]
+
+
+def _refusal(what: str, instead: str) -> SceneError:
+    return SceneError(f"{what} cannot be compiled", where="act", remedy=instead, code="own-effect")
+
+
+def _refuses(what: str, instead: str) -> Callable[..., Any]:
+    """A method of symbols that is not for formulas."""
+
+    def method(*_: Any) -> Any:
+        raise _refusal(what, instead)
+
+    return method
+
+
+class _Strict(Symbol):
+    """A symbol that names what is not for formulas, where Python would take it for a number or for true."""
+
+    __slots__ = ()
+    __hash__ = None  # type: ignore[assignment]
+
+    __pow__ = __rpow__ = _refuses("a ** b", _INSTEAD["power"])
+    __bool__ = _refuses("a choice by `if`, `and`, `or`, `min` or `max`", _CHOICE)
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _refuses("a comparison", _CHOICE)
+    __abs__ = _refuses("abs(...)", _INSTEAD["absolute"])
+    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _refuses("% or //", "write sines and cosines of the angle")
+    __float__ = __int__ = _refuses(
+        "a value as a number, as the module math takes it,",
+        f"write motion.xp.NAME(...), with NAME one of {', '.join(_NAMESPACE)}",
+    )
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's numbers times a symbol are as Python's; its functions are not for formulas."""
+        name = ufunc.__name__
+        if name in _ARITHMETIC and method == "__call__" and not any(np.ndim(x) for x in inputs):
+            return _ARITHMETIC[name](*(float(x) if isinstance(x, np.generic) else x for x in inputs))
+        raise _refusal(
+            f"np.{name}", _INSTEAD.get(name, f"write it with + - * / and motion.xp's {', '.join(_NAMESPACE)}")
+        )
+
+
+class _StrictTape(Tape):
+    """A tape whose symbols are strict."""
+
+    symbol = _Strict
+
+    def __getattr__(self, name: str) -> Any:
+        raise _refusal(f"motion.xp.{name}", f"motion.xp has {', '.join(_NAMESPACE)}")
+
+
+class _StrictMotion(Motion):
+    """A motion that knows which joints and frames there are."""
+
+    def frame(self, frame: str) -> Any:
+        """As of a motion. Raises SceneError for an unknown frame."""
+        check_name(frame, (*(f.name for f in self.model.frames), GROUND), "act", "frame")
+        return super().frame(frame)
+
+    def coordinate(self, joint: str) -> tuple[int, int]:
+        """As of a motion. Raises SceneError for an unknown joint."""
+        check_name(joint, list(self.model.names)[1:], "act", "joint")
+        return super().coordinate(joint)
+
+    def dofs(self, joint: str) -> range:
+        """As of a motion. Raises SceneError for an unknown joint."""
+        check_name(joint, list(self.model.names)[1:], "act", "joint")
+        return super().dofs(joint)
+
+
+class _StrictLoads(Loads):
+    """Loads that know which degrees of freedom there are."""
+
+    def torque(self, dof: int, value: Any) -> None:
+        """As of loads. Raises SceneError for what is no degree of freedom."""
+        if isinstance(dof, str):
+            remedy = f"write entry, dof = motion.coordinate({dof!r}) and loads.torque(dof, value)"
+            raise SceneError(f"expected the number of a degree of freedom, got {dof!r}", where="act", remedy=remedy,
+                             code="own-effect")  # fmt: skip
+        if not 0 <= dof < len(self.tau):
+            raise SceneError(f"there is no degree of freedom {dof}", where="act", code="own-effect",
+                             remedy=f"the robot has 0 to {len(self.tau) - 1}")  # fmt: skip
+        super().torque(dof, value)
