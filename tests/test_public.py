@@ -18,11 +18,11 @@ from twolink import errors
 
 TOP = Path(__file__).parents[1]
 FACE = {
-    tl: ["Book", "Cost", "Equilibria", "Event", "Explanation", "Linearization", "LoadReport", "PeriodicMotion",
-         "Robot", "Scene", "Sensitivities", "Study", "Trajectory", "Worlds", "Wrench", "accuracy_study", "connect",
-         "effects", "energy_book", "equilibria", "errors", "explain", "identify", "lagrange", "linearize",
-         "load_robot", "load_scene", "loop_forces", "lqr", "methods", "periodic_motion", "robots", "scenes",
-         "sensitivities", "simulate", "simulate_many", "sweep"],
+    tl: ["Book", "Cost", "Equilibria", "Event", "Explanation", "Linearization", "LoadReport", "Optimum",
+         "PeriodicMotion", "Robot", "Scene", "Sensitivities", "Study", "Trajectory", "Worlds", "Wrench",
+         "accuracy_study", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "identify",
+         "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize",
+         "periodic_motion", "robots", "scenes", "sensitivities", "simulate", "simulate_many", "sweep"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "forward_dynamics_derivatives", "inverse_dynamics_derivatives",
@@ -45,6 +45,7 @@ def test_names_are_there() -> None:
 
 def test_no_public_function_is_shadowed_by_a_module() -> None:
     import twolink.identification.identify
+    import twolink.optimization.optimize
     import twolink.service.client
     import twolink.simulation.energy_balance
     import twolink.simulation.explanation

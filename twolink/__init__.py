@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
     from twolink.identification.identify import identify
+    from twolink.optimization.optimize import optimize
+    from twolink.optimization.optimum import Optimum
     from twolink.service.client import connect
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
@@ -32,6 +34,8 @@ _IMPORTED_WHEN_USED = {
     "PeriodicMotion": "twolink.control.periodic",
     "periodic_motion": "twolink.control.periodic",
     "identify": "twolink.identification.identify",
+    "Optimum": "twolink.optimization.optimum",
+    "optimize": "twolink.optimization.optimize",
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
     "loop_forces": "twolink.simulation.energy_balance",
@@ -62,6 +66,7 @@ __all__ = [
     "Explanation",
     "Linearization",
     "LoadReport",
+    "Optimum",
     "PeriodicMotion",
     "Robot",
     "Scene",
@@ -85,6 +90,7 @@ __all__ = [
     "loop_forces",
     "lqr",
     "methods",
+    "optimize",
     "periodic_motion",
     "robots",
     "scenes",

@@ -241,6 +241,16 @@ def test_events_without_derivatives_are_named() -> None:
     assert tl.sensitivities(arm, ["q", "v.shoulder"], 0.5).q["q"].shape[1:] == (2, 2)
 
 
+def test_they_reach_an_event_that_ends_the_run() -> None:
+    """A second solution meets it a rounding before or behind the last sample."""
+    ball = tl.load_scene("bouncing-ball").base
+    landed = tl.effects.Watch("landed", when=tl.effects.FrameReaches("ball", 0.2), stop=True)
+    for speed in np.linspace(0.1, 1.4, 14):
+        s = tl.sensitivities(tl.Scene(ball, [1.0], [speed], [GRAVITY, landed]), "v", 2.0, 1e-9)
+        assert s.run.events[-1].t == s.run.t[-1]
+        assert s.q["v"][-1, 0, 0] == pytest.approx(s.run.t[-1], abs=1e-9)
+
+
 def test_the_bar_is_not_far_above_the_error() -> None:
     scene = tl.load_scene("arm-swing")
     rough, exact = (tl.sensitivities(scene, "q", 5.0, accuracy, samples=20) for accuracy in (1e-5, 1e-10))

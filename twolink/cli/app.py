@@ -11,6 +11,7 @@ from twolink._version import __version__
 from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.hard_cases import hard_cases
 from twolink.cli.identify import identify
+from twolink.cli.optimize import optimize
 from twolink.cli.paper import paper, throw
 from twolink.cli.play import play
 from twolink.cli.queries import check, query
@@ -29,7 +30,7 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = robots, inspect, query, check, identify
-_EXPERIMENTS = scenes, explain, run, accuracy, methods, play, throw, hard_cases, paper
+_EXPERIMENTS = scenes, explain, run, accuracy, optimize, methods, play, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)
 

@@ -151,9 +151,10 @@ class SensitivityRun:
     def _has_same_events(self, course: Course) -> bool:
         """Whether the events are those of the run; False where just the numbers of bounces differ.
 
-        Raises AccuracyError for other events.
+        What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
+        other events.
         """
-        ours, theirs = ([jump.guard and jump.guard.key for jump in each.jumps] for each in (self._course, course))
+        ours, theirs = ([jump.guard and jump.guard.key for jump in each.jumps[:-1]] for each in (self._course, course))
         if ours == theirs and len(self._course.edges) == len(course.edges):
             return True
         ours, theirs = ([key for key, _ in itertools.groupby(keys)] for keys in (ours, theirs))

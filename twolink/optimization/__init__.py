@@ -1,0 +1,11 @@
+"""Optimization: numbers of a scene chosen so that a function of its run is least or greatest.
+
+In: a scene, bounds of some of its numbers by name, an objective and constraints as functions of a run. Out: an
+`Optimum`: the best scene, its run, the history, and how far each can be trusted. This room knows no scene by name, no
+command line and no service.
+"""
+
+from twolink.optimization.optimize import optimize
+from twolink.optimization.optimum import Optimum
+
+__all__ = ["Optimum", "optimize"]

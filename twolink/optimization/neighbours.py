@@ -1,0 +1,142 @@
+"""Derivatives of functions of a run by a variable p, along the sensitivities of the run: no other run is solved.
+
+    dF/dp = lim (F(run + h S) - F(run - h S)) / 2 h,   S = d(q, v)/dp
+
+run + h S is the run to first order beside it: q moved along the tangent direction h dq/dp, v by h dv/dp; energy,
+torques and accelerations are those of the moved states. A run that an event ends has another end: with the guard g that
+passes 0 there, it comes dt = -(g_x S + g_p) / g' later, and the state at the end moves by S + x' dt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
+from twolink.algorithms.namespaces import Numbers
+from twolink.dynamics import Robot
+from twolink.effects.motion import Motion
+from twolink.effects.watch import Watch
+from twolink.errors import SceneError
+from twolink.integrate.effect_numbers import effect_numbers, nominal_value
+from twolink.integrate.hybrid.saltation import shifted
+from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.optimization.objectives import Objective
+from twolink.optimization.variables import derivative_of, scene_with, values_of
+from twolink.scenes import Scene
+from twolink.simulation.sensitivities import Sensitivities
+from twolink.simulation.trajectory import Trajectory
+
+STEP = 1e-3  # rad, m, per second: the largest change of a run; the error of differences is its fourth power
+SMALLEST = 1e-3  # of the distance of the bounds: the largest change of a variable
+
+
+class NotFollowedError(SceneError):
+    """A function of a run asks for what is not known beside it; differences of runs tell its derivatives."""
+
+
+class _Unknown:
+    """In place of what is not known beside a run: any use of it fails."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+
+    def _fail(self, *_: Any) -> Any:
+        raise NotFollowedError(f"{self._what} beside a run is not known", argument="objective",
+                               remedy="use its samples, energy, torques or accelerations")  # fmt: skip
+
+    __len__ = __iter__ = __getitem__ = __bool__ = __contains__ = __getattr__ = _fail
+
+
+class _Beside(_Unknown):
+    """The dense output of a run beside another: torques and accelerations at its samples."""
+
+    def __init__(self, run: Trajectory, base: Trajectory, changes: dict[str, float]) -> None:
+        super().__init__("the state between samples")
+        self.t, self._run, self._base, self._changes = run.t, run, base, changes
+
+    def accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `DenseOutput.accelerations_and_torques`."""
+        x = np.concatenate([self._run.q, self._run.v], axis=1).T
+        a, tau = np.empty_like(self._run.v), np.empty_like(self._run.v)
+        for equations, places in self._base.solution.by_piece(self._base.t) if self._base.solution else ():
+            own = {name: nominal_value(equations, name) + change for name, change in self._changes.items()}
+            found = accelerations_and_joint_torques(shifted(equations, own), self.t[places], x[:, places])
+            a[places], tau[places] = found[0].T, found[1].T
+        return a, tau
+
+
+class Neighbours:
+    """The runs beside the run of a scene, along one of its variables, to first order."""
+
+    def __init__(self, s: Sensitivities, scene: Scene, name: str, width: float) -> None:
+        of, column = derivative_of(name)
+        self.run, self.scene, self.name = s.run, scene, name
+        self.dq, self.dv = s.q[of][:, :, column], s.v[of][:, :, column]
+        self._physical = name in parameter_names(scene.robot.model)
+        self._constant = self._physical or name in effect_numbers(scene)
+        self.later, place = 0.0, _watch_at_end(scene, s.run)
+        if place is not None:
+            v, a = s.run.v[-1], s.run.acceleration[-1]
+            self.later = self._end_shift(place, v, a)
+            self.dq, self.dv = self.dq.copy(), self.dv.copy()
+            self.dq[-1] += self.later * v
+            self.dv[-1] += self.later * a
+        largest = max(float(np.abs(change).max(initial=0.0)) for change in (self.dq, self.dv))
+        self.step = min(SMALLEST * width, STEP / largest if largest else np.inf)
+
+    def derivative(self, functions: Sequence[Objective]) -> np.ndarray:
+        """The derivatives (m,) of functions of the run. Raises NotFollowedError."""
+        return np.asarray(_difference(lambda h: np.array([f(self.at(h)) for f in functions], dtype=float), self.step))
+
+    def at(self, h: float) -> Trajectory:
+        """The run where the variable is h more."""
+        run, change = self.run, {self.name: h} if self._constant else {}
+        t = np.append(run.t[:-1], run.t[-1] + h * self.later)
+        other = replace(run, t=t, q=run.robot.integrate(run.q, h * self.dq), v=run.v + h * self.dv,
+                        robot=self._moved(run.robot, h), error=None, cost=None, precise=None, recorded_energy=None,
+                        robots=[(self._moved(robot, h), count) for robot, count in run.robots],
+                        events=_Unknown("what happens"))  # type: ignore[arg-type]  # fmt: skip
+        return replace(other, solution=_Beside(other, run, change))  # type: ignore[arg-type]
+
+    def _moved(self, robot: Robot, h: float) -> Robot:
+        """A robot with the variable h more."""
+        if not self._physical:
+            return robot
+        return robot.changed(lambda model: with_nominal(model, self.name, nominal(model, self.name) + h))
+
+    def _end_shift(self, place: int, v: np.ndarray, a: np.ndarray) -> float:
+        """How much later the run ends, per unit of the variable. place: of the effect that ends it."""
+        robot, q, t = self.run.robot, self.run.q[-1], float(self.run.t[-1])
+        dq, dv = self.dq[-1], self.dv[-1]
+        rate, change = (STEP / max(1.0, float(np.abs(np.concatenate(pair)).max())) for pair in ((v, a), (dq, dv)))
+
+        def guard(q: np.ndarray, v: np.ndarray, t: float, h: float = 0.0) -> float:
+            scene = self.scene
+            if h and not self.name.startswith(("q.", "v.")):
+                scene = scene_with(scene, {self.name: values_of(scene)[self.name] + h})
+            watch, model = cast(Watch, scene.effects[place]), scene.robot.model
+            value = watch.function if watch.when is None else watch.when.distance
+            return float(np.squeeze(value(Motion(model, mechanism(model), q.tolist(), v.tolist(), t, Numbers))))
+
+        in_time = _difference(lambda h: guard(robot.integrate(q, h * v), v + h * a, t + h), rate)
+        across = _difference(lambda h: guard(robot.integrate(q, h * dq), v + h * dv, t, h), change)
+        return float(-across / in_time)
+
+
+def _watch_at_end(scene: Scene, run: Trajectory) -> int | None:
+    """The place of the effect whose condition ends the run; None where none does."""
+    last = run.events[-1] if run.events else None
+    if last is None or last.t != run.t[-1]:
+        return None
+    return next((place for place, effect in enumerate(scene.effects) if isinstance(effect, Watch) and effect.stop
+                 and effect.at is None and effect.name == last.what), None)  # fmt: skip
+
+
+def _difference(value: Callable[[float], Any], step: float) -> Any:
+    """The derivative at 0; its error is of the fourth order."""
+    near, far = (value(k * step) - value(-k * step) for k in (1, 2))
+    return (8.0 * near - far) / (12.0 * step)

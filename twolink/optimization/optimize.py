@@ -1,0 +1,195 @@
+"""optimize: the numbers of a scene for which a function of its run is least or greatest."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from twolink.dynamics.arguments import positive
+from twolink.errors import SceneError, TwolinkError
+from twolink.integrate.scene_equations import equations_of
+from twolink.io.listing import Table
+from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
+from twolink.optimization.objectives import Objective, named_objective
+from twolink.optimization.optimum import Optimum
+from twolink.optimization.search import Progress, Search, starting_points
+from twolink.optimization.variables import variables_of
+from twolink.scenes import Scene
+from twolink.scenes.scene import accuracy_of
+from twolink.simulation.error_bar import SAFETY
+
+FINER = 30.0  # times as accurate: the run that tells the error of the objective
+STEP = 1e-3  # of the distance of the bounds: of differences of gradients
+
+
+def optimize(
+    scene: Scene, wrt: Mapping[str, Sequence[float]], objective: Objective | str, *, maximize: bool = False,
+    constraints: Mapping[str, Objective] | None = None, starts: int = 3, seed: int = 0, duration: float | None = None,
+    accuracy: float = 1e-6, samples: float = 200.0, evaluations: int = 200, curvature: bool = True,
+    out: str | os.PathLike[str] | None = None, progress: Progress | None = None,
+) -> Optimum:  # fmt: skip
+    """Find the values of numbers of a scene, within bounds, for which a function of its run is least.
+
+        min F(run(p)),   low <= p <= high,   c_i(run(p)) >= 0
+
+    Parameters
+    ----------
+    scene : Scene
+    wrt : mapping of str to (low, high)
+        Bounds of the variables p by name, SI units: "q.JOINT" and "v.JOINT" of the initial state; physical constants
+        such as "forearm.mass"; numbers of effects by their place in the scene, such as "effects.1.damping.elbow" or
+        "effects.3.inputs.elbow.values.2" (a table), "effects.4.at" (a release).
+    objective : callable or str
+        F: of a `Trajectory`, a number; or a name as `twolink optimize` has them, such as "x:ball" or "effort".
+    maximize : bool
+        Find the greatest value instead.
+    constraints : mapping of str to callable, optional
+        c_i: of a `Trajectory`, a number that is to be at least 0.
+    starts : int
+        Local searches: the first from the scene's own values, the others from a Latin hypercube.
+    seed : int
+        Of that.
+    duration, accuracy, samples
+        Of the runs, as in `simulate`.
+    evaluations : int
+        At most, of all starts together.
+    curvature : bool
+        Compute second derivatives at the best point: as many more evaluations as there are variables.
+    out : path-like, optional
+        A file for the evaluations. A search that finds its own evaluations there goes on from them.
+    progress : callable, optional
+        Called with the evaluations done, the most that are allowed, and a text.
+
+    Returns
+    -------
+    Optimum
+        It unpacks as scene, run, history. Ctrl-C ends the search with the best so far.
+
+    Raises
+    ------
+    SceneError
+        An argument does not fit: codes "unknown-variable", "bounds", "objective", "unknown-objective",
+        "another-search".
+    AccuracyError
+        No start can be simulated.
+
+    Notes
+    -----
+    An evaluation is one run with its sensitivities. They give the derivatives of F along the run without another run,
+    for any F of its samples, end, energy, torques and accelerations; at the first evaluation they are compared with
+    differences of runs. Where sensitivities do not exist, differences of runs take their place, and the history says
+    so. The search is local, SciPy's SLSQP, from each start.
+
+    References
+    ----------
+    Kraft 1988, "A software package for sequential quadratic programming", DFVLR-FB 88-28.
+    """
+    began, limits = time.perf_counter(), dict(constraints or {})
+    variables = variables_of(scene, wrt)
+    function = named_objective(objective, scene.robot) if isinstance(objective, str) else objective
+    functions = {"objective": function} | {f"constraints[{name!r}]": one for name, one in limits.items()}
+    for name, one in functions.items():
+        if not callable(one):
+            raise SceneError(f"expected a function of a run, got {one!r}", argument=name.partition("[")[0], where=name,
+                             remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
+    for name, count in (("starts", starts), ("evaluations", evaluations)):
+        positive(count, name, SceneError, "such as 3")
+    evaluator = Evaluator(variables, functions, duration, accuracy_of(accuracy), samples)
+    problem = {
+        "objective": _name_of(function), "maximize": maximize,
+        "wrt": {name: [float(bound) for bound in pair] for name, pair in wrt.items()},
+        "constraints": {name: _name_of(one) for name, one in limits.items()}, "duration": duration,
+        "accuracy": accuracy, "samples": samples, "scene": _digest(scene),
+    }  # fmt: skip
+    search = Search(evaluator, -1.0 if maximize else 1.0, int(evaluations), None if out is None else Path(out), problem,
+                    progress)  # fmt: skip
+    search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
+    best = search.best()
+    if best is None:
+        raise SceneError("nothing was evaluated", where="optimize", remedy="allow for more evaluations")
+    return _optimum(search, best, limits, began, curvature=curvature)
+
+
+def _optimum(
+    search: Search, best: Evaluation, limits: Mapping[str, Objective], began: float, *, curvature: bool
+) -> Optimum:
+    """The result, with errors and curvature at the best point."""
+    evaluate, variables = search.evaluate, search.evaluate.variables
+    scene, k = variables.scene_at(best.x), len(best.x)
+    run = evaluate.run(scene, verify=True)
+    error, gradient_error, hessian = float("nan"), np.full(k, np.nan), np.full((k, k), np.nan)
+    try:
+        if not search.interrupted:
+            search.report("the best, more accurately")
+            error, gradient_error = _errors(evaluate, best, scene)
+            hessian = _hessian(evaluate, best) if curvature else hessian
+    except KeyboardInterrupt:
+        search.interrupted = True
+    low, high = best.x == variables.low, best.x == variables.high
+    sides = {name: "low" if low[i] else "high" for i, name in enumerate(variables.names) if low[i] or high[i]}
+    return Optimum(
+        scene, run, _history(search), variables.named(best.x), float(best.values[0]), error, best.gradients[0],
+        gradient_error, hessian, sides, dict(zip(limits, best.values[1:].tolist(), strict=True)),
+        evaluate.simulations, time.perf_counter() - began + search.earlier, tuple(search.ends), search.interrupted,
+    )  # fmt: skip
+
+
+def _errors(evaluate: Evaluator, best: Evaluation, scene: Scene) -> tuple[float, np.ndarray]:
+    """The numerical errors of the objective and of its derivatives (k,), from a finer run; NaN where there is none."""
+    names, unknown = evaluate.variables.names, np.full(len(best.x), np.nan)
+    try:
+        if best.by != BY_SENSITIVITIES:
+            return _distance(best.values[0], evaluate.values_of(evaluate.run(scene, FINER))[0]), unknown
+        run, columns = evaluate.along(scene, names, FINER)
+        finer = np.array([columns[name][0] for name in names])
+        return _distance(best.values[0], evaluate.values_of(run)[0]), SAFETY * np.abs(finer - best.gradients[0])
+    except TwolinkError:
+        return float("nan"), unknown
+
+
+def _distance(value: float, finer: float) -> float:
+    """Twice the distance, and the rounding of the value."""
+    return float(SAFETY * abs(value - finer) + np.spacing(abs(value)))
+
+
+def _hessian(evaluate: Evaluator, best: Evaluation) -> np.ndarray:
+    """The second derivatives (k, k) of the objective, by differences of gradients away from the nearer bound."""
+    variables, rows = evaluate.variables, []
+    for i, width in enumerate(variables.width):
+        step = STEP * width * (1.0 if best.x[i] - variables.low[i] < 0.5 * width else -1.0)
+        moved = best.x.copy()
+        moved[i] += step
+        try:
+            rows.append((evaluate(moved).gradients[0] - best.gradients[0]) / step)
+        except TwolinkError:
+            rows.append(np.full(len(best.x), np.nan))
+    found = np.array(rows)
+    return np.asarray(0.5 * (found + found.T))
+
+
+def _history(search: Search) -> Table:
+    """Every evaluation of the search."""
+    width, rows = search.evaluate.variables.width, []
+    for start, one in search.history:
+        least = float(one.values[1:].min()) if len(one.values) > 1 else None
+        slope = float(np.linalg.norm(one.gradients[0] * width))
+        rows.append((start + 1, *one.x.tolist(), float(one.values[0]), least, slope, one.by, one.seconds))
+    names = search.evaluate.variables.names
+    return Table(("start", *names, "objective", "least constraint", "slope", "derivatives", "seconds"), tuple(rows))
+
+
+def _name_of(function: Objective) -> str:
+    """A function by its name; a named objective with its fields."""
+    name = getattr(function, "__qualname__", None)
+    return f"{function.__module__}.{name}" if name else repr(function)
+
+
+def _digest(scene: Scene) -> str:
+    """A digest of what moves, how and from where."""
+    parts = [scene.q.tobytes(), scene.v.tobytes(), repr(scene.effects).encode(), repr(scene.duration).encode()]
+    return hashlib.sha256(b"".join([*parts, equations_of(scene).content.encode()])).hexdigest()[:32]
