@@ -18,7 +18,7 @@ from twolink import errors
 
 TOP = Path(__file__).parents[1]
 FACE = {
-        tl: ["Book", "Cost", "Equilibria", "Event", "Explanation", "Linearization", "LoadReport", "Optimum",
+    tl: ["Book", "Cost", "Equilibria", "Event", "Explanation", "Linearization", "LoadReport", "Optimum",
          "PeriodicMotion", "Robot", "Scene", "Sensitivities", "Study", "Trajectory", "Worlds", "Wrench",
          "accuracy_study", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "identify",
          "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize",
