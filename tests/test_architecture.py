@@ -128,18 +128,7 @@ def test_files_and_functions_are_short() -> None:
 def test_every_file_that_the_page_names_exists() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
     named = set(re.findall(r"`([\w/]+\.(?:pyi?|toml))`", page)) - EXAMPLES
-<<<<<<< HEAD
-    rooms = (
-        "",
-        "dynamics",
-        "integrate",
-        "identification",
-        "control",
-        "optimization",
-    )  # the rooms of a section's short names
-=======
     rooms = ("", "dynamics", "integrate", "identification", "control", "optimization")  # of sections with short names
->>>>>>> 41b4f67 (tl.optimize: the page of the architecture)
     missing = {name for name in named if not any((ROOT / "twolink" / room / name).exists() for room in rooms)}
     assert len(named) > 20
     assert missing == set()
