@@ -108,7 +108,8 @@ class _Work:
             except Exception as error:  # the worker died, or has no memory
                 failed.append((part, error))
         if failed:
-            self.engine.restart()
+            if any(isinstance(reason, BrokenExecutor) for _, reason in failed):
+                self.engine.restart()
             for part, reason in failed:
                 self._again(part, reason)
 
