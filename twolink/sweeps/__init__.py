@@ -1,9 +1,14 @@
 """Sweeps: many runs of a scene, on one machine or a cluster, in a store that survives what stops them.
 
 In: a scene, what varies, and where the results go. Out: an `xarray.Dataset` in a Zarr store, with error bar and status
-of every run. This room knows no command line and no service.
+of every run; figures and tables of it. This room knows no command line and no service.
 """
 
+from twolink.sweeps.plot import plot_sweep
+from twolink.sweeps.status import SweepStatus, sweep_status
+from twolink.sweeps.studies import bundled_studies, load_study, run_study, study_of
 from twolink.sweeps.sweeping import open_sweep, sweep
+from twolink.sweeps.tables import sweep_frame, write_sweep_table
 
-__all__ = ["open_sweep", "sweep"]
+__all__ = ["SweepStatus", "bundled_studies", "load_study", "open_sweep", "plot_sweep", "run_study", "study_of", "sweep",
+           "sweep_frame", "sweep_status", "write_sweep_table"]  # fmt: skip

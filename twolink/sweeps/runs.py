@@ -41,6 +41,7 @@ SAMPLED = 200.0  # samples a second of runs that functions get, as `simulate` ha
 LONGEST_REASON = 300
 MAX_SAMPLES = 20_000_000
 KEPT = 8  # scenes that a thread keeps
+BEYOND = "its error bar is above the accuracy"
 LOST = "its step size collapsed, or its state stopped being finite"
 Columns = dict[str, np.ndarray]
 _own = threading.local()  # Pinocchio's data in a scene are not for several threads
@@ -190,9 +191,8 @@ def _batch(group: _Group, some: np.ndarray) -> None:
     good &= np.isfinite(error_bar) | (worlds.error is None)
     late = good & ~(error_bar <= own.accuracy) & asked.verify
     status = np.where(late, INACCURATE, np.where(good, DONE, FAILED))
-    reasons = [_beyond(bar, own.accuracy) if status_ == INACCURATE else "" if status_ == DONE else LOST
-               for bar, status_ in zip(error_bar, status, strict=True)]  # fmt: skip
-    group.put(some, status=status, reason=np.array(reasons, dtype=object), error=error_bar,
+    reasons = np.array(["", BEYOND, LOST], dtype=object)[status - DONE]
+    group.put(some, status=status, reason=reasons, error=error_bar,
               t=np.where(good, times[-1], np.nan), q=worlds.q, v=worlds.v, steps=worlds.steps,
               seconds=(worlds.cost.seconds + worlds.cost.verify_seconds) / len(some), events="[]")  # fmt: skip
     if "energy" in asked.outputs:
@@ -203,10 +203,6 @@ def _batch(group: _Group, some: np.ndarray) -> None:
         starts = slice(0, asked.samples + 1)
         q, v = (worlds.samples_q, worlds.samples_v) if asked.samples else (own.q[some][None], own.v[some][None])
         group.put(some, q_samples=q[starts].swapaxes(0, 1), v_samples=v[starts].swapaxes(0, 1))
-
-
-def _beyond(bar: float, accuracy: float) -> str:
-    return f"error bar {bar:.2g} is above the accuracy {accuracy:g}"
 
 
 def _one_by_one(group: _Group, some: np.ndarray) -> None:

@@ -102,7 +102,7 @@ def open_store(path: Path, plan: Plan) -> Store:
     group, record = read_record(path)
     text = difference(record["plan"], plan.record)
     if text:
-        raise SceneError(f"it belongs to another sweep: {text}", where=str(path), argument="out", code="another-sweep",
+        raise SceneError(f"it belongs to another sweep: {text}", where=str(path), code="another-sweep",
                          remedy="give another path, or the same scene and settings")  # fmt: skip
     find = _places if plan.design.kind == "grid" else _first_places
     places = [find(path, name, np.asarray(group[name][:]), new) for name, new in plan.design.values.items()]
@@ -122,7 +122,7 @@ def read_record(path: Path) -> tuple[Any, dict[str, Any]]:
         if record["format"] != FORMAT:
             raise ValueError(f"its format is {record['format']}")
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise SceneError(f"it is no store of a sweep: {error!s:.100}", where=str(path), argument="out", code="no-sweep",
+        raise SceneError(f"it is no store of a sweep: {error!s:.100}", where=str(path), code="no-sweep",
                          remedy="give a new path") from None  # fmt: skip
     return group, record
 
@@ -139,7 +139,7 @@ def _create(zarr: Any, path: Path, plan: Plan) -> Any:
         _fill_new(zarr, made, plan)
         made.rename(path)
     except OSError as error:
-        raise TwolinkError(f"cannot be written: {error.strerror or error}", where=str(path), argument="out",
+        raise TwolinkError(f"cannot be written: {error.strerror or error}", where=str(path),
                            remedy="check the folder and the disk", code="not-writable") from None  # fmt: skip
     return zarr.open_group(str(path), mode="r+")
 
@@ -188,7 +188,7 @@ def _places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np.ndarr
     missing = [value for value in old.tolist() if value not in where]
     if missing:
         raise SceneError(f"it belongs to another sweep: {name} had the value {missing[0]!r}, which is not there now",
-                         where=str(path), argument="out", code="another-sweep",
+                         where=str(path), code="another-sweep",
                          remedy="give another path, or keep the old values among the new ones")  # fmt: skip
     return np.array([where[value] for value in old.tolist()])
 
@@ -201,7 +201,7 @@ def _first_places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np
         i = int(other[0]) if other.size else common
         now = repr(new[i].item()) if other.size else "not there"
         raise SceneError(f"it belongs to another sweep: {name} of run {i} was {old[i].item()!r} and is now {now}",
-                         where=str(path), argument="out", code="another-sweep",
+                         where=str(path), code="another-sweep",
                          remedy="give another path, or add values behind the old ones")  # fmt: skip
     return np.arange(len(old))
 
@@ -249,7 +249,7 @@ def locked(path: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise TwolinkError("another process computes it", where=str(path), argument="out", code="in-use",
+            raise TwolinkError("another process computes it", where=str(path), code="in-use",
                                remedy="wait for it, or look at its status") from None  # fmt: skip
         yield
     finally:

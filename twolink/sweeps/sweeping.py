@@ -14,7 +14,7 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
 from twolink.sweeps.design import make_design
-from twolink.sweeps.engines import engine_of
+from twolink.sweeps.engines import Engine, engine_of
 from twolink.sweeps.outputs import Request, check_outputs
 from twolink.sweeps.plan import Plan, make_plan
 from twolink.sweeps.runs import compute
@@ -115,19 +115,31 @@ def sweep(
                 log.info("%s runs %s", f"{plan.design.runs:,}", text)
             try:
                 with engine_of(executor, workers) as engine:
-                    _compile(plan)
-                    engine.ready()
+                    _compile(plan, engine)
                     work(store, engine, progress or (lambda *_: None))
             except KeyboardInterrupt:
                 log.warning("interrupted: what is done is kept in %s", path)
     return open_sweep(path)
 
 
-def _compile(plan: Plan) -> None:
-    """Compile what the first run needs: workers load it. A part of the run is enough, and calls no functions."""
+def _compile(plan: Plan, engine: Engine) -> None:
+    """Compile what runs need, once: workers load it.
+
+    Of batches here, by a part of the first run. Other runs need a whole one to meet all their modes; a worker takes it,
+    as it may end the process.
+    """
     task = plan.first
-    request = dataclasses.replace(task.request, outputs=(), samples=0, duration=PART * task.request.duration)
-    compute(dataclasses.replace(task, request=request))
+    request = dataclasses.replace(task.request, outputs=(), samples=0)
+    if all(text.startswith("in batches") for text in plan.ways):
+        request = dataclasses.replace(request, duration=PART * request.duration)
+        compute(dataclasses.replace(task, request=request))
+        engine.ready()
+        return
+    engine.ready()
+    try:
+        engine.submit(dataclasses.replace(task, request=request)).result()
+    except Exception:  # the run is tried again in its block
+        engine.restart()
 
 
 def _samples(samples: int, outputs: Sequence[str]) -> int:

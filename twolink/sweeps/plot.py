@@ -1,0 +1,127 @@
+"""Figures of a sweep: curves with error bars over one quantity, a heat map over two; runs without a result marked."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import ShowError
+from twolink.show.figure import COLOURS, new_figure, plain, save_figure
+from twolink.sweeps.outputs import ABANDONED, DONE, FAILED, INACCURATE, PENDING
+from twolink.sweeps.tables import column, column_names, run_dims, turns_of
+
+WITHOUT = {FAILED: "failed", ABANDONED: "given up", PENDING: "not computed"}
+GREY = "0.55"
+
+
+def plot_sweep(
+    data: Any, path: str | os.PathLike[str], variable: str = "", *, turns: bool = False
+) -> Path:  # fmt: skip
+    """Draw a number of every run over one or two quantities into a .png, .svg or .pdf.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        From `sweep` or `open_sweep`; of more than two quantities, a selection (`data.sel(...)`).
+    path : path-like
+    variable : str
+        "end.q.JOINT", "end.v.JOINT" or a variable of the sweep; by default the first one.
+    turns : bool
+        Draw whole turns of the angle, and leave out those that the error bar does not decide.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ShowError
+        More than two quantities vary, or the file cannot be written.
+    SceneError
+        There is no such variable.
+    """
+    name = variable or next(n for n in column_names(data) if data.get(n) is None or data[n].dtype.kind == "f")
+    values = np.asarray(column(data, name).values, dtype=float)
+    status, bar = data["status"].values, data["error"].values
+    shown = np.isfinite(values) & np.isin(status, (DONE, INACCURATE))
+    label = _label(data, name)
+    if turns:
+        values, sure = turns_of(data, name)
+        shown, label = shown & sure, f"{name.partition('.')[2].partition('.')[2]}, turns"
+    axes = _axes(data)
+    if len(axes) == 1:
+        bars = bar if name.startswith("end.q.") and not turns else None
+        return _curve(Path(path), axes, values, bars, shown, status, label)
+    return _map(Path(path), axes, values, shown, status, label)
+
+
+def _label(data: Any, name: str) -> str:
+    units = (data[name] if name in data else column(data, name)).attrs.get("units", "")
+    return plain(f"{name}, {units}" if units else name)
+
+
+def _axes(data: Any) -> list[tuple[str, np.ndarray]]:
+    """What the runs are drawn over: names with units, and values (n,), of one or two quantities that differ."""
+    dims = run_dims(data)
+    names = list(dims) if dims != ("run",) else [str(n) for n in data.coords if data[n].dims == dims and n != "run"]
+    varied = [name for name in names if data[name].size > 1] or names[:1]
+    if len(varied) > 2:
+        raise ShowError(f"{len(varied)} quantities vary: {', '.join(varied)}", argument="data",
+                        remedy="select values of the others: data.sel(...)")  # fmt: skip
+    return [(plain(f"{n}, {data[n].attrs.get('units', '')}".rstrip(", ")), data[n].values) for n in varied]
+
+
+def _curve(
+    path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, bars: np.ndarray | None, shown: np.ndarray,
+    status: np.ndarray, label: str,
+) -> Path:  # fmt: skip
+    ((name, x),) = axes
+    figure, ((axis,),) = new_figure(1, size=(7.0, 4.2))
+    order = np.argsort(x.ravel(), kind="stable")
+    x, y, here = x.ravel()[order].astype(float), values.ravel()[order], shown.ravel()[order]
+    error = None if bars is None else bars.ravel()[order][here]
+    axis.errorbar(x[here], y[here], yerr=error, color=COLOURS[0], marker=".", markersize=3, linewidth=1.0, capsize=2)
+    missing = status.ravel()[order]
+    for code, (number, text) in enumerate(WITHOUT.items()):
+        some = ~here & (missing == number)
+        if some.any():
+            axis.plot(x[some], np.full(some.sum(), 0.02 + 0.03 * code), "x", transform=axis.get_xaxis_transform(),
+                      color=COLOURS[5], label=text)  # fmt: skip
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(frameon=False)
+    axis.set(xlabel=name, ylabel=label, xscale=_scale(x))
+    return save_figure(figure, path)
+
+
+def _scale(x: np.ndarray) -> str:
+    """Logarithmic where positive values span two decades, as accuracies do."""
+    return "log" if x.dtype.kind == "f" and x.min() > 0.0 and x.max() >= 100.0 * x.min() else "linear"
+
+
+def _map(
+    path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, shown: np.ndarray, status: np.ndarray,
+    label: str,
+) -> Path:  # fmt: skip
+    (down, y), (across, x) = axes
+    figure, ((axis,),) = new_figure(1, size=(7.4, 6.0))
+    kept = np.where(shown, values, np.nan)
+    if values.squeeze().ndim == 2:
+        order = np.ix_(np.argsort(y), np.argsort(x))
+        kept, status = kept.reshape(len(y), len(x))[order], status.reshape(len(y), len(x))[order]
+        x, y = np.sort(x.astype(float)), np.sort(y.astype(float))
+        axis.set_facecolor(GREY)
+        image = axis.pcolormesh(x, y, kept, shading="nearest", rasterized=True)
+        rows, columns = np.nonzero(np.isin(status, (FAILED, ABANDONED)))
+        axis.plot(x[columns], y[rows], "x", color=COLOURS[5], markersize=3)
+    else:
+        failed = ~shown.ravel()
+        image = axis.scatter(x[~failed], y[~failed], c=kept.ravel()[~failed], s=8)
+        axis.plot(x[failed], y[failed], "x", color=COLOURS[5], markersize=3)
+    figure.colorbar(image, ax=axis, label=label)
+    axis.grid(False)
+    share = float((~shown).mean())
+    note = f"; grey: {share:.1%} without a number that can be trusted" if share else ""
+    axis.set(xlabel=across, ylabel=down, xscale=_scale(x), yscale=_scale(y))
+    axis.set_title(f"{shown.size:,} runs{note}", fontsize=9)
+    return save_figure(figure, path)
