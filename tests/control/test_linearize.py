@@ -96,9 +96,6 @@ def test_states_without_derivatives_are_refused() -> None:
             tl.linearize(tl.Scene(robot, q, v, [gravity, effect]))
         assert caught.value.code == "not-differentiable", part
         assert "elbow" in str(caught.value)
-    with pytest.raises(SceneError) as caught:
-        tl.linearize(tl.load_scene("crankshaft"))
-    assert caught.value.code == "linearize-loops"
 
 
 def test_within_a_mode_switching_effects_are_linearized() -> None:

@@ -22,10 +22,12 @@ from twolink.integrate.pinocchio_rate import rate
 from twolink.integrate.state import Array
 from twolink.integrate.variational_steps import tangent_basis
 
-WEIGHTS = (4 / 5, -1 / 5, 4 / 105, -1 / 280)  # of central differences, whose error is the eighth power of the step
-STEPS = (0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5)  # rad, m, per second, N m; the two that agree best are taken
+WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of central differences: their error is h^8
+SHIFTS = np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 4.0, -4.0])  # steps
+STEPS = (0.03, 0.02, 0.01, 3e-3, 1e-3, 1e-4, 1e-5)  # rad, m, per second, N m
+ENOUGH = 1e-11  # relative: two differences that agree so well are not followed by shorter steps
 AGREEMENT = 1e-6  # relative
-CHECKED = 5  # states of a motion
+CHECKED = 3  # states of a motion
 Formula = Callable[[Equations, Mechanism, Any, Any, Any], Sequence[Any]]
 
 
@@ -35,7 +37,7 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
     Parameters
     ----------
     formula : callable
-        Such as `integrate.formulas.accelerations`: (equations, mechanism, t, x, xp) -> nv rows.
+        Such as `integrate.formulas.accelerations`: (equations, mechanism, t, x, xp) -> m rows.
     equations : Equations
         Their p parameters are numbers of effects.
     t : ndarray (n,)
@@ -45,8 +47,8 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
 
     Returns
     -------
-    rows : ndarray (n, nv)
-    derivatives : ndarray (n, nv, 2 nv + p)
+    rows : ndarray (n, m)
+    derivatives : ndarray (n, m, 2 nv + p)
         By q in the tangent space, v, and the parameters. NaN where the equations have none.
     """
     space, names, n = equations.space, equations.parameters, len(t)
@@ -66,7 +68,7 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
     with np.errstate(all="ignore"):
         mech = mechanism(equations.robot.model, physical(values))
         rows = formula(own, mech, Dual(t[:, None], [0.0]), space.normalized(state, xp), xp)
-    out, derivatives = np.zeros((n, nv)), np.zeros((n, nv, count))
+    out, derivatives = np.zeros((n, len(rows))), np.zeros((n, len(rows), count))
     for k, row in enumerate(rows):
         if isinstance(row, Dual):
             out[:, k] = np.broadcast_to(row.value, (n, 1))[:, 0]
@@ -79,30 +81,28 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
 def derivatives_by_differences(equations: Equations, t: float, x: Array) -> tuple[Array, float]:
     """The derivatives (nv, 2 nv + p) at one state x (size,) by differences, and a bound on their error.
 
-    Each column is taken with the two steps next to each other that agree best; their distance is its error.
+    Each column is taken with shorter and shorter steps; the error is the distance of the two next to each other that
+    agree best.
     """
-    nv, names = equations.space.nv, equations.parameters
-    values = {name: nominal_value(equations, name) for name in names}
-    shifts = np.array([sign * m * h for h in STEPS for m in (1, 2, 3, 4) for sign in (1, -1)])
-    columns: list[Array] = []
-    worst = 0.0
+    nv, names, columns, worst = equations.space.nv, equations.parameters, list[Array](), 0.0
     for k in range(2 * nv + len(names)):
-        if k < 2 * nv:
-            a = rate(equations, t, _moved(equations, x, k, shifts))[equations.space.nq : equations.space.moving]
-        else:
-            name = names[k - 2 * nv]
-            a = np.concatenate([_rate_with(equations, t, x, name, values[name] + shift) for shift in shifts], axis=1)
-        pairs = (a[:, ::2] - a[:, 1::2]).reshape(nv, len(STEPS), 4)
-        found = pairs @ np.array(WEIGHTS) / np.array(STEPS)
-        distance = np.abs(np.diff(found, axis=1)).max(axis=0)
-        best = int(np.argmin(np.where(np.isnan(distance), np.inf, distance)))
-        columns.append(found[:, best + 1])
-        worst = max(worst, float(distance[best]))
+        before, column, least = np.full(nv, np.nan), np.full(nv, np.nan), np.inf
+        for step in STEPS:
+            a = _accelerations_beside(equations, t, x, k, step * SHIFTS)
+            found = (a[:, ::2] - a[:, 1::2]) @ WEIGHTS / step
+            distance = float(np.abs(found - before).max(initial=0.0))
+            if distance < least:
+                column, least = found, distance
+            if least <= ENOUGH * (1.0 + float(np.abs(found).max(initial=0.0))):
+                break
+            before = found
+        columns.append(column)
+        worst = max(worst, least)
     return np.array(columns).T, worst
 
 
 def certified(equations: Equations, t: Array, x: Array, derivatives: Array) -> float:
-    """A bound on the error of derivatives (n, nv, .), from differences at up to five of the states.
+    """A bound on the error of derivatives (n, nv, .), from differences at some of the states.
 
     Raises CertificationError where they disagree.
     """
@@ -122,19 +122,18 @@ def certified(equations: Equations, t: Array, x: Array, derivatives: Array) -> f
     return error + 8.0 * float(np.finfo(float).eps * np.abs(derivatives).max(initial=0.0))
 
 
-def _moved(equations: Equations, x: Array, k: int, shifts: Array) -> Array:
-    """The state moved along direction k of the tangent space by each shift, (size, len(shifts))."""
+def _accelerations_beside(equations: Equations, t: float, x: Array, k: int, shifts: Array) -> Array:
+    """Pinocchio's accelerations (nv, m) at the state moved along direction k of (dq, dv, parameters) by shifts (m,)."""
     space, out = equations.space, np.repeat(x[:, None], len(shifts), axis=1)
+    if k >= 2 * space.nv:
+        name = equations.parameters[k - 2 * space.nv]
+        values = nominal_value(equations, name) + shifts
+        others = (replace(with_effect_numbers(equations, {name: value}), parameters=()) for value in values)
+        out = np.concatenate([rate(other, t, x[:, None]) for other in others], axis=1)
+        return out[space.nq : space.moving]
     if k >= space.nv:
         out[space.nq + k - space.nv] += shifts
     else:
-        steps = np.zeros((len(shifts), space.nv))
-        steps[:, k] = shifts
+        steps = np.outer(shifts, np.eye(space.nv)[k])
         out[: space.nq] = equations.robot.integrate(np.tile(x[: space.nq], (len(shifts), 1)), steps).T
-    return out
-
-
-def _rate_with(equations: Equations, t: float, x: Array, name: str, value: float) -> Array:
-    """The accelerations (nv, 1) with another value of a parameter."""
-    other = replace(with_effect_numbers(equations, {name: value}), parameters=())
-    return rate(other, t, x[:, None])[other.space.nq : other.space.moving]
+    return rate(equations, t, out)[space.nq : space.moving]

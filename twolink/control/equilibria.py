@@ -11,17 +11,19 @@ from numpy.typing import ArrayLike
 
 from twolink.control.derivatives import derivatives_of
 from twolink.control.linearization import AT_REST, Linearization, driven, linearize
+from twolink.control.loops import allowed
 from twolink.control.smooth import depends_on_time
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import SceneError
+from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import unbalanced_forces
+from twolink.integrate.formulas import accelerations, unbalanced_forces
 from twolink.integrate.state import Array
 from twolink.io.listing import Table
 from twolink.scenes import Scene
 from twolink.simulation.text import ShownAsText
 
-ROUNDS, HALVINGS = 100, 8  # of Newton's method, and of a step that does not help
+ROUNDS, HALVINGS = 50, 6  # of Newton's method, and of a step that does not help
 SMALL = 1e-13  # rad or m: a step below it is rounding
 STRIDE = 0.5  # rad or m: the longest step
 RANK = 1e-8  # relative: singular values below it belong to directions in which equilibria go on
@@ -35,7 +37,7 @@ class Equilibria(ShownAsText, Sequence[Linearization]):
     Parameters
     ----------
     found : tuple of Linearization
-        By their potential energy, the lowest first.
+        By the robot's potential energy, the lowest first.
     starts : int
         How many configurations Newton's method began from.
     failed : int
@@ -75,6 +77,8 @@ def equilibria(
     """Configurations at which a robot stays at rest, by Newton's method, and their stability.
 
         r(q) = M a = tau - h = 0 at v = 0,   dq = -(dr/dq)^+ r, shortened until the next step is shorter
+
+    With closed loops r is a, differentiated along what the loops allow, and they are closed after every step.
 
     Parameters
     ----------
@@ -117,7 +121,8 @@ def equilibria(
         guesses = np.concatenate([[scene.q], [robot.neutral], robot.random_state(starts, seed)[0]])
     else:
         guesses = configuration("q", array("q", q, robot.nq), robot.nq, robot.joints).reshape(-1, robot.nq)
-    points, good = _newton(equations, guesses)
+    points, could = _closed(equations, guesses)
+    points, good = _newton(equations, points[could])
     distinct = _distinct(equations, points[good])
     if q is not None and not len(distinct):
         raise SceneError("Newton's method finds no equilibrium from there", argument="q", code="no-equilibrium",
@@ -125,15 +130,35 @@ def equilibria(
     found = [linearize(scene, point, inputs=inputs) for point in distinct]
     found = [each for each in found if each.is_equilibrium]
     found.sort(key=lambda each: float(robot.energy(each.q, each.v)[1]))
-    return Equilibria(tuple(found), len(guesses), int((~good).sum()))
+    return Equilibria(tuple(found), len(guesses), len(guesses) - int(good.sum()))
+
+
+def _closed(equations: Equations, q: Array) -> tuple[Array, Array]:
+    """Configurations (n, nq) with loops closed, and whether they could be (n,)."""
+    out, could, still = q.copy(), np.ones(len(q), dtype=bool), np.zeros(equations.space.nv)
+    if equations.constraints is None:
+        return out, could
+    for i, each in enumerate(q):
+        try:
+            out[i] = assembled(equations.constraints, np.concatenate([each, still]))[: equations.space.nq]
+        except SceneError:
+            could[i] = False
+    return out, could
 
 
 def _forces(equations: Equations, q: Array) -> tuple[Array, Array]:
     """(r (n, nv), dr/dq (n, nv, nv)) at rest at configurations (n, nq)."""
-    numbers = equations.start[equations.moving :]
+    numbers, constraints = equations.start[equations.moving :], equations.constraints
     x = np.concatenate([q, np.zeros((len(q), equations.space.nv)), np.tile(numbers, (len(q), 1))], axis=1).T
-    r, derivatives = derivatives_of(unbalanced_forces, equations, np.zeros(len(q)), x)
-    return r, derivatives[:, :, : equations.space.nv]
+    formula = unbalanced_forces if constraints is None else accelerations
+    r, derivatives = derivatives_of(formula, equations, np.zeros(len(q)), x)
+    slope = derivatives[:, :, : equations.space.nv]
+    if constraints is None:
+        return r, slope
+    slope = slope @ np.array([allowed(constraints, each) for each in q]).reshape(slope.shape)
+    singular = ~np.isfinite(slope).all(axis=(1, 2))
+    r[singular], slope[singular] = 1.0, 0.0  # no equilibrium, and no step from there
+    return r, slope
 
 
 def _newton(equations: Equations, q: Array) -> tuple[Array, Array]:
@@ -150,7 +175,8 @@ def _newton(equations: Equations, q: Array) -> tuple[Array, Array]:
         size = np.abs(step).max(axis=1)
         factor, shorter = np.minimum(1.0, STRIDE / np.maximum(size, 1e-300)), np.zeros(len(active), dtype=bool)
         for _ in range(HALVINGS):
-            trial = equations.robot.integrate(q[active], factor[:, None] * step)
+            trial, could = _closed(equations, equations.robot.integrate(q[active], factor[:, None] * step))
+            trial[~could] = q[active][~could]
             shorter = np.abs(_applied(inverse, _forces(equations, trial)[0])).max(axis=1) < size
             if shorter.all():
                 break

@@ -35,8 +35,9 @@ def lqr(
     ----------
     scene : Scene
         The robot with the effects that act besides the regulator.
-    Q : float, array_like (2 nv,) or (2 nv, 2 nv)
-        Weight of the state (dq, dv): symmetric, not negative; a vector is its diagonal.
+    Q : float, array_like (2 d,) or (2 d, 2 d)
+        Weight of the state (dq, dv), in the order of `linearize`'s names (d = nv without closed loops): symmetric, not
+        negative; a vector is its diagonal.
     R : float, array_like (m,) or (m, m)
         Weight of the inputs: symmetric, positive.
     q : array_like (nq,), optional
@@ -73,8 +74,9 @@ def lqr(
                          remedy="leave out effects with functions of time", code="depends-on-time")  # fmt: skip
     at_rest = held(scene, q, inputs)
     nv, m = scene.robot.nv, len(at_rest.inputs)
-    state, control = _weight(Q, 2 * nv, "Q"), _weight(R, m, "R", positive=True)
-    gain = _gain(at_rest, state, control)
+    state, control = _weight(Q, len(at_rest.A), "Q"), _weight(R, m, "R", positive=True)
+    gain = np.zeros((m, 2 * nv))
+    gain[:, [*at_rest.independent, *(nv + k for k in at_rest.independent)]] = _gain(at_rest, state, control)
     rows = {joint: tuple(row.tolist()) for joint, row in zip(at_rest.inputs, gain, strict=True)}
     holding = dict(zip(at_rest.inputs, at_rest.tau.tolist(), strict=True))
     return StateFeedback(rows, tuple(at_rest.q.tolist()), holding, effort)
@@ -91,9 +93,9 @@ def held(scene: Scene, q: ArrayLike | None = None, inputs: Sequence[str] | None 
         raise SceneError("expected one configuration", argument="q", remedy=f"give shape ({scene.robot.nq},)")
     if not free.inputs:
         raise SceneError("there is no actuated joint", argument="inputs", remedy="name some, such as ['elbow']")
-    reach = free.B[scene.robot.nv :]
-    tau = np.linalg.lstsq(reach, -free.a, rcond=None)[0]
-    left = float(np.abs(free.a + reach @ tau).max(initial=0.0))
+    reach, falling = free.B[len(free.B) // 2 :], free.a[list(free.independent)]
+    tau = np.linalg.lstsq(reach, -falling, rcond=None)[0]
+    left = float(np.abs(falling + reach @ tau).max(initial=0.0))
     if left > AT_REST * (1.0 + float(np.abs(free.A).max(initial=0.0))):
         raise SceneError(f"torques at {', '.join(free.inputs)} cannot hold it there: it accelerates by {left:.2g}",
                          argument="q", code="not-equilibrium",

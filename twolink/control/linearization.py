@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from twolink.control.derivatives import certified, derivatives_of
 from twolink.control.eigenvalues import Controllability, Stability, controllability, eigenvalues, stability_of
+from twolink.control.loops import freedom
 from twolink.control.smooth import equations_at
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, batch_shape, configuration
@@ -32,6 +33,8 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 class Linearization(ShownAsText):
     """Linear equations of small motions: x' = A x + B u, with x = (dq, dv) in the tangent space.
 
+    With closed loops, dq and dv are those of d independent degrees of freedom, which the others follow; else d = nv.
+
     It unpacks: `A, B, names = tl.linearize(...)`.
 
     Parameters
@@ -44,16 +47,20 @@ class Linearization(ShownAsText):
         Their times, s.
     tau : ndarray (m,)
         The torques at the inputs, besides those of the scene, N m or N.
-    A : ndarray (..., 2 nv, 2 nv)
-    B : ndarray (..., 2 nv, m)
+    A : ndarray (..., 2 d, 2 d)
+    B : ndarray (..., 2 d, m)
     a : ndarray (..., nv)
         The accelerations at the states, per s^2.
     names : tuple of str
-        Of the rows of A and B: "q.JOINT" for each degree of freedom, then "v.JOINT".
+        Of the rows of A and B: "q.JOINT" for each independent degree of freedom, then "v.JOINT".
     inputs : tuple of str
         Of the columns of B: joint names.
     error : float
         Bound on the error of every entry of A and B, from differences of Pinocchio's accelerations.
+    independent : tuple of int
+        The independent degrees of freedom.
+    lift : ndarray (..., 2 nv, 2 d)
+        The changes (dq, dv) of all degrees of freedom by x.
     """
 
     robot: Robot
@@ -67,13 +74,15 @@ class Linearization(ShownAsText):
     names: tuple[str, ...]
     inputs: tuple[str, ...]
     error: float
+    independent: tuple[int, ...]
+    lift: np.ndarray
 
     def __iter__(self) -> Iterator[Any]:
         return iter((self.A, self.B, self.names))
 
     def state(self, i: int) -> "Linearization":
         """That about the i-th of several states."""
-        values = {name: getattr(self, name)[i] for name in ("q", "v", "t", "A", "B", "a")}
+        values = {name: getattr(self, name)[i] for name in ("q", "v", "t", "A", "B", "a", "lift")}
         return replace(self, **values)
 
     @property
@@ -90,12 +99,12 @@ class Linearization(ShownAsText):
 
     @property
     def eigenvalues(self) -> np.ndarray:
-        """Eigenvalues of A (2 nv,), 1/s, that with the largest real part first."""
+        """Eigenvalues of A (2 d,), 1/s, that with the largest real part first."""
         return self._eigenvalues[0]
 
     @property
     def eigenvalue_errors(self) -> np.ndarray:
-        """Bounds on the errors of the eigenvalues (2 nv,), 1/s, from that of A."""
+        """Bounds on the errors of the eigenvalues (2 d,), 1/s, from that of A."""
         return self._eigenvalues[1]
 
     @cached_property
@@ -113,8 +122,9 @@ class Linearization(ShownAsText):
             size = float(np.abs(self.a).max(initial=0.0))
             raise SceneError(f"this state is no equilibrium: its acceleration is {size:.2g}", where="stability",
                              remedy="tl.equilibria(scene) finds them", code="not-equilibrium")  # fmt: skip
-        mass, nv = self.robot.mass_matrix(self.q), self.robot.nv
-        return stability_of(self.eigenvalues, self.eigenvalue_errors, mass, self.A[nv:], self.error)
+        d, nv = len(self.independent), self.robot.nv
+        mass = self.lift[:nv, :d].T @ self.robot.mass_matrix(self.q) @ self.lift[:nv, :d]
+        return stability_of(self.eigenvalues, self.eigenvalue_errors, mass, self.A[d:], self.error)
 
     @cached_property
     def controllability(self) -> Controllability:
@@ -194,12 +204,15 @@ def linearize(
     ------
     SceneError
         An argument does not fit; the forces are not smooth at a state, since friction, a stop or a contact holds there
-        (code "not-differentiable"); or the robot has closed loops (code "linearize-loops").
+        (code "not-differentiable"); or its loops are in a singular position (code "singular-position").
     CertificationError
         The derivatives disagree with differences of Pinocchio's accelerations.
 
     Notes
     -----
+    Loops are closed first, as `simulate` closes them. The independent degrees of freedom are chosen so that the others
+    depend on them as little as possible; A is that of motions which the loops allow.
+
     ad(v) dq is 0 for joints with one degree of freedom. For a free root it appears because tangent vectors are along
     the moving body's axes: Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018.
     """
@@ -210,26 +223,32 @@ def linearize(
         raise SceneError(f"expected {len(joints)} numbers, got an array of shape {torques.shape}", argument="tau",
                          remedy="give one for each input")  # fmt: skip
     equations = driven(scene, joints, torques)
-    nv = scene.robot.nv
-    derivatives, a, error = np.empty((len(times), nv, 2 * nv + len(joints))), np.empty((len(times), nv)), 0.0
-    groups: dict[str, list[int]] = {}
     here = [equations_at(equations, *state) for state in zip(times.tolist(), states, speeds, strict=True)]
+    groups: dict[str, list[int]] = {}
     for i, own in enumerate(here):
         groups.setdefault(own.content, []).append(i)
+    nv, x = scene.robot.nv, np.array([own.start for own in here]).T
+    independent, lift = freedom(here[0], times, x)
+    derivatives, a, error = np.empty((len(times), nv, 2 * nv + len(joints))), np.empty((len(times), nv)), 0.0
     for places in groups.values():
-        own, x = here[places[0]], np.array([here[i].start for i in places]).T
-        a[places], derivatives[places] = derivatives_of(accelerations, own, times[places], x)
-        error = max(error, certified(own, times[places], x, derivatives[places]))
-    top = np.broadcast_to(np.eye(nv, 2 * nv, nv), (len(times), nv, 2 * nv)).copy()
-    top[:, :, :nv] -= _adjoint(scene.robot, speeds)
-    matrices = np.concatenate([top, derivatives[:, :, : 2 * nv]], axis=1)
-    inward = np.concatenate([np.zeros((len(times), nv, len(joints))), derivatives[:, :, 2 * nv :]], axis=1)
+        own, at = here[places[0]], times[places]
+        a[places], derivatives[places] = derivatives_of(accelerations, own, at, x[:, places])
+        error = max(error, certified(own, at, x[:, places], derivatives[places]))
+    top = np.broadcast_to(np.eye(nv, 2 * nv + len(joints), nv), derivatives.shape).copy()
+    top[:, :, :nv] -= _adjoint(scene.robot, x[equations.space.nq : equations.moving].T)
+    whole = np.concatenate([top, derivatives], axis=1)
+    rows = [*independent, *(nv + k for k in independent)]
 
     def shaped(values: np.ndarray) -> np.ndarray:
         return values.reshape((*batch, *values.shape[1:]))
 
-    return Linearization(scene.robot, shaped(states), shaped(speeds), shaped(times), torques, shaped(matrices),
-                         shaped(inward), shaped(a), state_names(scene.robot), joints, error)  # fmt: skip
+    q, v = equations.space.rows(x)
+    names = state_names(scene.robot)
+    return Linearization(
+        scene.robot, shaped(q), shaped(v), shaped(times), torques, shaped(whole[:, rows, : 2 * nv] @ lift),
+        shaped(whole[:, rows, 2 * nv :]), shaped(a), tuple(names[k] for k in rows), joints,
+        error * float(np.abs(lift).sum(axis=1).max(initial=1.0)), independent, shaped(lift),
+    )  # fmt: skip
 
 
 def driven(scene: Scene, joints: Sequence[str], tau: np.ndarray) -> Equations:
@@ -238,11 +257,7 @@ def driven(scene: Scene, joints: Sequence[str], tau: np.ndarray) -> Equations:
     if joints:
         effects.append(Torque(dict(zip(joints, tau.tolist(), strict=True))))
         names = [f"effects.{len(scene.effects)}.inputs.{joint}" for joint in joints]
-    equations = equations_of(scene.with_effects(effects), names)
-    if equations.constraints is not None:
-        raise SceneError("closed loops are not linearized yet", where="effects", code="linearize-loops",
-                         remedy="leave the loop out, or use tl.sensitivities, which follows loops")  # fmt: skip
-    return equations
+    return equations_of(scene.with_effects(effects), names)
 
 
 def state_names(robot: Robot) -> tuple[str, ...]:

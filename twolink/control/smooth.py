@@ -6,6 +6,7 @@ import numpy as np
 
 from twolink.algorithms.operation_count import Tape
 from twolink.errors import SceneError
+from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations
 from twolink.integrate.hybrid.state import RunState
@@ -15,11 +16,13 @@ from twolink.integrate.state import Array
 
 
 def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equations:
-    """The equations of the mode that holds at a state, which is their start; with the same parameters.
+    """The equations of the mode that holds at a state, which is their start, loops closed; with the same parameters.
 
     Raises SceneError, code "not-differentiable", where a joint is held, bodies touch, or an event is due.
     """
     x = np.concatenate([q, v])
+    if equations.constraints is not None:
+        x = assembled(equations.constraints, x)
     if not equations.has_events:
         return replace(equations, start=np.concatenate([x, equations.layout.numbers_at(t)]))
     run = RunState(replace(equations, start=np.concatenate([x, equations.start[equations.moving :]])), t, 0.0)
