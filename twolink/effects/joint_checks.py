@@ -80,7 +80,7 @@ def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: L
     limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque
-    limit, xp = float(limit), motion.xp
+    limit, xp = number(limit), motion.xp
     loads.limits += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
     return xp.where(xp.less(torque, -limit), -limit, xp.where(xp.less(limit, torque), limit, torque))
 

@@ -43,12 +43,15 @@ def with_effect_numbers(equations: Equations, values: Mapping[str, Any]) -> Equa
     chosen = {name: value for name, value in values.items() if name.startswith(PREFIX)}
     if not chosen:
         return equations
-    effects = list(equations.effects)
+    constraints, count = equations.constraints, len(equations.effects)
+    parts = acting_parts(equations)
     for name, value in chosen.items():
         found = _found(equations, name)
         if found is not None:
-            effects[found[0]] = with_number(effects[found[0]], found[1], value)
-    return replace(equations, effects=tuple(effects))
+            parts[found[0]] = with_number(parts[found[0]], found[1], value)
+    if constraints is not None:
+        constraints = replace(constraints, loops=tuple(parts[count:]))
+    return replace(equations, effects=tuple(parts[:count]), constraints=constraints)
 
 
 def physical(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -57,7 +60,7 @@ def physical(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def nominal_value(equations: Equations, name: str) -> float:
-    """The scene's own value of a parameter, SI units; 0 of an effect that was released.
+    """The value that a parameter has in the equations, SI units; 0 of an effect that does not act.
 
     Raises QueryError for an unknown physical constant.
     """
@@ -66,20 +69,34 @@ def nominal_value(equations: Equations, name: str) -> float:
     found = _found(equations, name)
     if found is None:
         return 0.0
-    value: Any = equations.effects[found[0]]
-    for key in found[1]:
+    i, path = found
+    return number_at(acting_parts(equations)[i], path)
+
+
+def number_at(value: Any, path: Sequence[str]) -> float:
+    """The number at the end of a path in an effect."""
+    for key in path:
         value = _parts(value)[key]
     return float(value)
 
 
 def _found(equations: Equations, name: str) -> tuple[int, list[str]] | None:
-    """Which of the equations' effects has the number, and the path to it there; None where it acts no more."""
+    """Which of the equations' effects, then loops, has the number, and the path to it there; None where none does."""
     _, place, *path = name.split(".")
-    places = equations.places[: len(equations.effects)]
-    if int(place) not in places:
+    if int(place) not in equations.places:
         return None
-    i = places.index(int(place))
-    return i, path[1:] if path[0] == "of" and not hasattr(equations.effects[i], "of") else path
+    i = equations.places.index(int(place))
+    part = acting_parts(equations)[i]
+    if hasattr(part, "contact"):  # a closed contact holds its effect
+        return i, ["contact", *path]
+    if path[0] == "of" and not hasattr(part, "of"):
+        path = path[1:]
+    return (i, path) if path[0] in _parts(part) else None
+
+
+def acting_parts(equations: Equations) -> list[Any]:
+    """The equations' effects, then their loops."""
+    return [*equations.effects, *(equations.constraints.loops if equations.constraints else ())]
 
 
 def _parts(value: Any) -> dict[str, Any]:

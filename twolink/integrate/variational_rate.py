@@ -33,8 +33,9 @@ AGREEMENT = 1e-6  # relative
 class VariationalRate(NamedTuple):
     """Call it with rows (., n) and an array for the results.
 
-    Rows: t, the numbers of the state behind (q, v), the parameters, of each direction those of its parameters, then
-    x = (q, v) and of each direction that of x. Results: the rates of x and of each direction. width: of directions.
+    Rows: t, the numbers of the state behind (q, v), the parameters, of each direction the changes of what is driven,
+    then x = (q, v) and of each direction that of x. Driven are the last of the numbers, if any, and the parameters.
+    Results: the rates of x and of each direction. width: of directions.
     """
 
     call: Callable[..., Any]
@@ -42,8 +43,8 @@ class VariationalRate(NamedTuple):
     seconds: float
 
 
-def variational_rate(equations: Equations, directions: int) -> VariationalRate:
-    """The compiled rate for so many directions, at best all in one evaluation.
+def variational_rate(equations: Equations, directions: int, numbers: int) -> VariationalRate:
+    """The compiled rate for so many directions, at best all in one evaluation. numbers: how many of them are driven.
 
     Raises MissingExtraError without heyoka, and CertificationError when it disagrees with Pinocchio.
     """
@@ -55,29 +56,37 @@ def variational_rate(equations: Equations, directions: int) -> VariationalRate:
 
     def build() -> Any:
         with announced(f"the sensitivities of {equations.robot.name}", _compiling(equations, width)):
-            code = _compiled(equations, width)
-            _certify(equations, code, width)
+            code = _compiled(equations, width, numbers)
+            _certify(equations, code, width, numbers)
         return code
 
-    code, seconds = compiled_function(equations.key("variational", str(width)), build)
+    code, seconds = compiled_function(equations.key("variational", str(width), str(numbers)), build)
     return VariationalRate(code, width, seconds)
+
+
+def parameter_values(equations: Equations) -> Array:
+    """The values (p, 1) of the parameters. A joint's damping is beside what damps it already."""
+    values = [0.0 if name.endswith(".damping") else nominal_value(equations, name) for name in equations.parameters]
+    return np.array(values).reshape(-1, 1)
 
 
 def _compiling(equations: Equations, width: int) -> float:
     return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
 
 
-def _compiled(equations: Equations, width: int) -> Any:
+def _compiled(equations: Equations, width: int, driven: int) -> Any:
     """heyoka's function."""
     module, space, count = heyoka(), equations.space, len(equations.parameters)
     xp, moving = Expressions(module, own_sine=True), equations.moving
-    sizes = [1, space.size - moving, count, width * count, moving, width * moving]
+    constant = space.size - moving - driven
+    sizes = [1, space.size - moving, count, width * (driven + count), moving, width * moving]
     rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
     (t,), numbers, values, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
-    by_value, by_entry = directions.reshape(width, count).T, tangents.reshape(width, moving).T
-    still = [0.0] * width
-    state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)] + [Dual(a, still) for a in numbers]
-    constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value, strict=True)}
+    by_value, by_entry = directions.reshape(width, driven + count).T, tangents.reshape(width, moving).T
+    state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)]
+    state += [Dual(a, [0.0] * width) for a in numbers[:constant]]
+    state += [Dual(a, list(d)) for a, d in zip(numbers[constant:], by_value[:driven], strict=True)]
+    constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value[driven:], strict=True)}
     whole = np.empty(len(state), dtype=object)
     whole[:] = state
     try:
@@ -90,7 +99,7 @@ def _compiled(equations: Equations, width: int) -> Any:
     return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
 
 
-def _certify(equations: Equations, code: Any, width: int) -> None:
+def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
     """Compare with differences of Pinocchio's rates. Raises CertificationError."""
     space, moving, count = equations.space, equations.moving, len(equations.parameters)
     random = np.random.default_rng(1)
@@ -98,9 +107,9 @@ def _certify(equations: Equations, code: Any, width: int) -> None:
     x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
     along = np.zeros((width, space.size, STATES))
     along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
-    values = np.array([nominal_value(equations, name) for name in equations.parameters]).reshape(count, 1)
+    values = parameter_values(equations)
     rows = np.concatenate([np.zeros((1, STATES)), x[moving:], np.repeat(values, STATES, axis=1),
-                           np.zeros((width * count, STATES)), x[:moving],
+                           np.zeros((width * (driven + count), STATES)), x[:moving],
                            along[:, :moving].reshape(-1, STATES)])  # fmt: skip
     ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)
 

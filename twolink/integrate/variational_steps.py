@@ -16,12 +16,11 @@ import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics.kernels import pays_threads
-from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.state import Array, StateSpace
 from twolink.integrate.tableau import Tableau
-from twolink.integrate.variational_rate import DERIVATIVE, variational_rate
+from twolink.integrate.variational_rate import DERIVATIVE, parameter_values, variational_rate
 
 CHUNK = 200_000  # numbers in the stages of one batch, which stay in the cache
 METHOD = METHODS["dop853"]
@@ -29,23 +28,24 @@ TABLEAU = cast("Tableau", METHOD.tableau)
 
 
 class VariationalSteps:
-    """Derivatives of steps of DOP853 by the state and the parameters of some equations.
+    """Derivatives of steps of DOP853 by the state and by p parameters.
 
     states: 2 nv, the rows of a derivative: those of q in the tangent space, and of v. directions: 2 nv + p. width: of
-    directions in a batch.
+    directions in a batch. gains (r, p): the derivatives of what is driven (`VariationalRate`) by the parameters.
     """
 
-    def __init__(self, equations: Equations) -> None:
-        self.equations, self.space = equations, equations.space
+    def __init__(self, equations: Equations, gains: Array) -> None:
+        self.equations, self.space, self.gains = equations, equations.space, gains
         self.states = 2 * equations.space.nv
-        self.directions = self.states + len(equations.parameters)
-        self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions)
-        self._values = np.array([nominal_value(equations, name) for name in equations.parameters]).reshape(-1, 1)
+        self.directions = self.states + gains.shape[1]
+        numbers = len(gains) - len(equations.parameters)
+        self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions, numbers)
+        self._values = parameter_values(equations)
 
-    def starting(self, equations: Equations) -> "VariationalSteps":
+    def starting(self, equations: Equations, gains: Array) -> "VariationalSteps":
         """The same for the numbers of another piece of these equations."""
         other = copy.copy(self)
-        other.equations = equations
+        other.equations, other.gains = equations, gains
         return other
 
     def matrices(self, t: Array, x: Array, end: Array, tolerance: float) -> tuple[Array, Array]:
@@ -107,8 +107,9 @@ class VariationalSteps:
         before[0] = x
         before[1 : 1 + count, : space.nq] = _from_tangent(space, x[: space.nq], seeds[:, :nv])
         before[1 : 1 + count, space.nq :] = seeds[:, nv : 2 * nv]
-        directions = np.zeros((self.width, len(self._values), n))
-        directions[:count] = seeds[:, 2 * nv :]
+        directions = np.zeros((self.width, len(self.gains), n))
+        if directions.size:
+            directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, 2 * nv :])
         numbers = self.equations.start[moving:, None]
         fixed = [np.broadcast_to(rows, (len(rows), n)) for rows in (numbers, self._values, directions.reshape(-1, n))]
         flat = before.reshape(-1, n)

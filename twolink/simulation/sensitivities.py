@@ -68,7 +68,8 @@ def sensitivities(
     wrt : sequence of str
         By what: "q" and "v", the initial configuration (along tangent directions) and velocity; "q.JOINT" and
         "v.JOINT", those of a joint; a physical constant (`algorithms.mechanism.parameter_names`: "forearm.mass",
-        "gravity.z", ...); a number of an effect, by its place in the scene ("effects.1.damping.elbow").
+        "gravity.z", ...); a number of an effect, by its place in the scene ("effects.1.damping.elbow"), also one that
+        decides events ("effects.2.restitution", "effects.3.static.elbow", "effects.4.at").
     duration : float, optional
         Simulated time, s; by default the scene's own.
     accuracy : float
@@ -100,9 +101,14 @@ def sensitivities(
     accuracy = accuracy_of(accuracy)
     wanted = wanted_of(scene, wrt)
     equations = equations_of(scene)
-    sought = accuracy
+    sought, excess, run = accuracy, 0.0, None
     for _ in range(TRIALS):
-        run = simulate(scene, duration, sought, samples=samples, progress=progress)
+        try:
+            run = simulate(scene, duration, sought, samples=samples, progress=progress)
+        except AccuracyError:
+            if not excess:
+                raise
+            break
         result = _with_bars(SensitivityRun(run, equations, wanted, sought, sought / MARGIN), accuracy)
         excess = max(float((bar / (accuracy * _scale(result, name))).max()) for name, bar in result.error.items())
         if excess <= 1.0:

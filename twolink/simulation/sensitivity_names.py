@@ -1,5 +1,6 @@
 """The names by which sensitivities are asked for, and the derivatives of the start by what they name."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -7,11 +8,13 @@ from typing import cast
 import numpy as np
 
 from twolink.algorithms.mechanism import parameter_names
+from twolink.effects.loop import Loop
 from twolink.errors import SceneError, require_known
 from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import effect_numbers
+from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
 from twolink.integrate.equations import Equations
+from twolink.integrate.neighbours import Neighbours
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 
@@ -23,11 +26,11 @@ CLOSED = 1e-9  # rad, m, per second: a start that was moved by less was closed
 class Wanted:
     """What is asked for.
 
-    parameters: the physical constants among it. columns: of each name, the columns that it has. start (2 nv + p, k):
-    the derivatives of the start by each column, and of the parameters.
+    neighbours: of the scene, by the parameters among it. columns: of each name, the columns that it has. start
+    (2 nv + p, k): the derivatives of the start by each column, and of the parameters.
     """
 
-    parameters: tuple[str, ...]
+    neighbours: Neighbours
     columns: dict[str, slice]
     start: np.ndarray
 
@@ -42,13 +45,14 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     for joint in scene.robot.joints:
         of_state[f"q.{joint.name}"] = range(joint.v.start, joint.v.stop)
         of_state[f"v.{joint.name}"] = range(nv + joint.v.start, nv + joint.v.stop)
-    constants = (*parameter_names(scene.robot.model), *effect_numbers(scene))
+    numbers = {name: value for name, value in all_effect_numbers(scene).items() if math.isfinite(value)}
+    constants = (*parameter_names(equations.robot.model), *numbers)
     for name in names:
         require_known(name, (*of_state, *constants), SceneError, "there is nothing named {!r} to differentiate by",
                       argument="wrt", code="unknown-sensitivity")  # fmt: skip
     names = list(dict.fromkeys(names))
     parameters = tuple(name for name in names if name not in of_state)
-    if equations.constraints is not None and any(".origin." in name for name in parameters):
+    if equations.constraints is not None and any(_closes(scene, name) for name in parameters):
         raise SceneError("a length changes how loops close, which sensitivities do not follow yet", argument="wrt",
                          remedy="ask for masses or the initial state", code="sensitivities-lengths")  # fmt: skip
     rows = 2 * nv + len(parameters)
@@ -60,7 +64,16 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     start = np.eye(rows)[:, entries]
     if equations.constraints is not None:
         start[: 2 * nv] = _assembled_along(scene, equations, start[: 2 * nv])
-    return Wanted(parameters, columns, start)
+    return Wanted(Neighbours(scene, parameters), columns, start)
+
+
+def _closes(scene: Scene, name: str) -> bool:
+    """Whether a parameter changes how loops close."""
+    if not name.startswith(PREFIX):
+        return ".origin." in name
+    _, place, *path = name.split(".")
+    effect = scene.effects[int(place)]
+    return isinstance(effect, Loop) or (path[0] == "of" and isinstance(getattr(effect, "of", None), Loop))
 
 
 def _assembled_along(scene: Scene, equations: Equations, directions: np.ndarray) -> np.ndarray:

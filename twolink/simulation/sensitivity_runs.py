@@ -9,6 +9,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
@@ -48,7 +49,7 @@ class SensitivityRun:
         self.run, self.equations, self.wanted = run, equations, wanted
         self.accuracy, self.tolerance = accuracy, tolerance
         self._steps: dict[str, VariationalSteps] = {}
-        self._saltation = Saltation(equations, wanted.parameters)
+        self._saltation = Saltation(wanted.neighbours)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
         course = _course_of(dense, float(run.t[-1]))
@@ -107,10 +108,13 @@ class SensitivityRun:
 
     def _steps_of(self, course: Course, number: int) -> VariationalSteps:
         """The variational steps of a piece."""
-        equations = with_parameters(course.dense.pieces[number].equations, self.wanted.parameters)
+        neighbours = self.wanted.neighbours
+        equations = with_parameters(course.dense.pieces[number].equations, neighbours.constants)
+        mode = course.jumps[number].before.mode if course.jumps else Mode()
+        gains = neighbours.gains(mode.dropped, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
         if equations.content not in self._steps:
-            self._steps[equations.content] = VariationalSteps(equations)
-        return self._steps[equations.content].starting(equations)
+            self._steps[equations.content] = VariationalSteps(equations, gains)
+        return self._steps[equations.content].starting(equations, gains)
 
     def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
@@ -130,9 +134,8 @@ class SensitivityRun:
         times = np.unique(np.concatenate([leg.t for leg in legs]))
         course = self._solved(choice, np.union1d(times, 0.5 * (times[:-1] + times[1:])), perturbation)
         out, start, rows = [], self._start(course), 2 * self.equations.space.nv
-        if not self._has_same_events(course):
-            return self._distance_in_time(legs, states, course)
-        for number, (leg, coarse) in enumerate(zip(legs, states, strict=True)):
+        paired = self._paired(course)
+        for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
             begin, end = course.edges[number]
             own = leg.t
             if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
@@ -140,32 +143,48 @@ class SensitivityRun:
             s = halved(leg, course.dense, number, own).along(start)
             out.append(np.abs(s[:, :rows] - coarse).max(axis=1))
             start = self._after(course, number, s[-1])
+        if paired < len(legs):
+            out.append(self._distance_in_time(legs[paired:], states[paired:], course))
         return np.concatenate(out)
 
     def _distance_in_time(self, legs: Sequence[Leg], states: Sequence[np.ndarray], course: Course) -> np.ndarray:
-        """The distance to a second solution that follows bounces farther, at the times of the legs."""
+        """The distance to a second solution that follows bounces farther, at the times of the legs.
+
+        Not at events, nor while only one of the two follows bounces: there velocities differ by what an impact changes.
+        """
         times = np.concatenate([leg.t for leg in legs])
         other, _, _ = self._along(course, times, self.tolerance / SMALLER)
-        return np.asarray(np.abs(other - np.concatenate(states)).max(axis=1))
+        distance = np.abs(other - np.concatenate(states)).max(axis=1)
+        for jump in (*self._course.jumps[:-1], *course.jumps[:-1]):
+            distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
+        return np.asarray(distance)
 
-    def _has_same_events(self, course: Course) -> bool:
-        """Whether the events are those of the run; False where just the numbers of bounces differ.
+    def _paired(self, course: Course) -> int:
+        """How many pieces of a second solution end as those of the run do: all, but where one follows bounces farther.
 
         What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
         other events.
         """
-        ours, theirs = ([jump.guard and jump.guard.key for jump in each.jumps[:-1]] for each in (self._course, course))
-        if ours == theirs and len(self._course.edges) == len(course.edges):
-            return True
-        ours, theirs = ([key for key, _ in itertools.groupby(keys)] for keys in (ours, theirs))
-        if ours != theirs:
-            same = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(ours, theirs, strict=False)))
-            t = self._course.edges[min(same, len(self._course.edges) - 1)][1]
-            raise AccuracyError("a more accurate motion has other events: something is nearly touched, or several "
-                                "things happen in nearly the same instant", where=f"t = {t:.9g} s",
-                                remedy=f"ask for a duration below {t:.6g} s, or for more accuracy",
-                                code="sensitivity-undefined", t=t)  # fmt: skip
-        return False
+        jumps = self._course.jumps[:-1], course.jumps[:-1]
+        both = [[(jump.guard and jump.guard.key, jump.before.t) for jump in each] for each in jumps]
+        calm = [[jump.rest for jump in each if jump.rest > jump.before.t] for each in jumps]
+        paired = _alike(*both)
+        while (same := _alike(*both)) < max(map(len, both)):
+            t = min(events[same][1] for events in both if len(events) > same)
+            ends = [min((end for end in each if end >= t), default=np.inf) for each in calm]
+            if np.isinf(ends).any():
+                raise AccuracyError("a more accurate motion has other events: something is nearly touched, or several "
+                                    "things happen in nearly the same instant", where=f"t = {t:.9g} s",
+                                    remedy=f"ask for a duration below {t:.6g} s, or for more accuracy",
+                                    code="sensitivity-undefined", t=t)  # fmt: skip
+            both = [[*events[:same], *(event for event in events[same:] if event[1] > max(ends))] for events in both]
+        return len(self._course.edges) if paired == len(jumps[0]) == len(jumps[1]) else paired
+
+
+def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:
+    """How many events at the begin of two sequences have the same guards."""
+    alike = itertools.takewhile(lambda pair: pair[0][0] == pair[1][0], zip(ours, theirs, strict=False))
+    return sum(1 for _ in alike)
 
 
 def _course_of(dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None) -> Course:

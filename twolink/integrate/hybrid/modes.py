@@ -105,6 +105,10 @@ class System:
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
         )
 
+    def every_hold(self, k: int) -> list[Hold]:
+        """What can hold a degree of freedom somewhere."""
+        return self._holds[k]
+
     def holds(self, k: int, x: Array) -> list[Hold]:
         """What can hold a degree of freedom where it is."""
         return [hold for hold in self._holds[k] if hold.acts(x)]

@@ -13,32 +13,29 @@ Reference: Leine, Nijmeijer: Dynamics and Bifurcations of Non-Smooth Mechanical 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from twolink.algorithms.mechanism import mechanism, with_nominal
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
-from twolink.integrate.effect_numbers import PREFIX, nominal_value, with_effect_numbers
-from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
 from twolink.integrate.hybrid.engine import Engine
 from twolink.integrate.hybrid.guard import Guard
 from twolink.integrate.hybrid.locating import Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.hybrid.transitions import fire_timed, same_time
+from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
+from twolink.integrate.neighbours import Neighbours, derivative
 from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array
 
-STEP = 1e-4  # of differences, relative to the size of a direction
+STEP = 1e-4  # of differences by states and times, relative to the size of a direction
+SHARES = (1.0, 1e-2, 1e-4)  # of it, until the same happens beside an event: small bounces have small speeds
 GRAZING = 1e-10  # relative to the speeds or the loads: a guard that passes 0 no faster only touches it
 UNCHANGED = 1e-9  # relative: an event that changes the state by less leaves it as it is
 JOINTS, CONTACTS = ("lock +1", "lock -1", "stick"), ("leave", "slide", "roll")  # guards: their event changes one only
-
 
 Function = Callable[[RunState], Array]
 
@@ -46,15 +43,16 @@ Function = Callable[[RunState], Array]
 class Jump(NamedTuple):
     """What happens at the end of a piece.
 
-    before, after: the run. guard: what passed 0, if anything. timed: whether it is also at a given time. begin: of the
-    piece, s.
+    before, after: the run. guard: what passed 0, if anything. timed: triggers whose time it is, by number; None where
+    the event is at no given time. begin: of the piece, s. rest: when the bounces end that are not followed, s.
     """
 
     before: RunState
     after: RunState
     guard: Guard | None
-    timed: bool
+    timed: tuple[int, ...] | None
     begin: float
+    rest: float
 
 
 class RecordingEngine(Engine):
@@ -75,48 +73,47 @@ class RecordingEngine(Engine):
         if not same_time(before.t, begin):
             before.opened.clear()
             before.fired.clear()
-        timed = before.t == stop
+        timed = tuple(timed_triggers(before)) if before.t == stop else None
+        known = len(self.run.events)
         super()._transit(hit, begin, stop)
-        self.jumps.append(Jump(before, _copy(self.run), None if hit is None else hit.guard, timed, begin))
+        rest = max((event.t for event in self.run.events[known:]), default=before.t)
+        self.jumps.append(Jump(before, _copy(self.run), None if hit is None else hit.guard, timed, begin, rest))
 
 
 class Saltation:
-    """S after jumps. names: of the parameters, whose rows follow those of the state."""
+    """S after jumps, whose rows are those of the state, then of the parameters of the neighbours."""
 
-    def __init__(self, equations: Equations, names: tuple[str, ...]) -> None:
-        self.equations, self.names = equations, names
-        self._systems: dict[tuple[str, float], System] = {}
+    def __init__(self, neighbours: Neighbours) -> None:
+        self.equations, self.neighbours = neighbours.equations, neighbours
+        self._systems: dict[tuple[int, float], System] = {}
 
     def __call__(self, jump: Jump, s: Array) -> Array:
         """S after a jump (2 nv + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined"."""
         before, after, guard = jump.before, jump.after, jump.guard
-        states = 2 * self.equations.space.nv
-        rates = [np.concatenate([run.x[run.system.nq :], run.here.look().a[:, 0]]) for run in (before, after)]
+        nv = self.equations.space.nv
+        rates = [_rate(run) for run in (before, after)]
         moved = np.abs(after.x - before.x).max(initial=0.0) > UNCHANGED * (1.0 + np.abs(before.x).max(initial=0.0))
         if not moved and np.array_equal(rates[0], rates[1]):
             return s
         _require_alone(jump)
-        late = np.zeros(s.shape[1])
-        if guard is not None:
-            late = self._delay(jump, guard, rates[0], s)
+        late = self._delay_of_time(jump, s) if guard is None else self._delay(jump, guard, rates[0], s)
         out = s.copy()
-        out[:states] += np.outer(rates[0], late)
+        out[: 2 * nv] += np.outer(rates[0], late)
         if moved:
             directions = out.copy()
             for k in before.mode.locked:  # what is held is held exactly
-                directions[[k, k + states // 2]] = 0.0
-            out[:states] = np.array([
-                self._derivative(before, lambda run: self._state_after(jump, run), direction, delay)
-                for direction, delay in zip(directions.T, late, strict=True)
-            ]).T  # fmt: skip
-        out[:states] -= np.outer(rates[1], late)
+                directions[nv + k] = 0.0
+            out[: 2 * nv] = np.array([self._derivative_after(jump, direction, delay)
+                                      for direction, delay in zip(directions.T, late, strict=True)]).T  # fmt: skip
+        out[: 2 * nv] -= np.outer(rates[1], late)
         return out
 
     def start(self, run: RunState, s: Array) -> Array:
         """S at the start, where a run has found its mode. Raises AccuracyError where S would leave that mode."""
-        nv = self.equations.space.nv
+        nv, moving = self.equations.space.nv, np.flatnonzero(s[2 * self.equations.space.nv :].any(axis=1)).tolist()
         held = [k for k in run.mode.locked if s[nv + k].any() or any(hold.entry is not None and s[k].any()
                 for hold in run.system.holds(k, run.x))]  # fmt: skip
+        held += [k for k in run.mode.locked for i in moving if self._places(run, k, i) != self._places(run, k)]
         names = [run.system.names[k] for k in held]
         for i, kind in enumerate(run.mode.contacts):
             if kind == "free":
@@ -133,14 +130,21 @@ class Saltation:
                                 code="sensitivity-undefined", t=run.t)  # fmt: skip
         return s
 
+    def _places(self, run: RunState, k: int, parameter: int | None = None) -> list[float]:
+        """Where degree of freedom k is held, with a parameter moved."""
+        every = (run.system if parameter is None else self._system(parameter, 1)).every_hold(k)
+        return [hold.position for hold, own in zip(every, run.system.every_hold(k), strict=True)
+                if own.entry is not None and own.acts(run.x)]  # fmt: skip
+
     def _delay(self, jump: Jump, guard: Guard, rate: Array, s: Array) -> Array:
         """How much later the event is, along each column."""
         before = jump.before
 
         def value(run: RunState) -> Array:
-            return np.atleast_1d(np.asarray(guard.value(run.here.look()), dtype=float)).ravel()[:1]
+            own = guard if run.system is before.system else guard_of(run, guard.key) or guard
+            return np.atleast_1d(np.asarray(own.value(run.here.look()), dtype=float)).ravel()[:1]
 
-        flow = np.concatenate([rate, np.zeros(len(self.names))])
+        flow = np.concatenate([rate, np.zeros(len(self.neighbours.names))])
         along_motion = self._derivative(before, value, flow, 1.0, bound=False)[0]
         load = before.here.own.largest_load(before.here.look()) if guard.is_force else np.abs(rate).max(initial=0.0)
         if not abs(along_motion) > GRAZING * (1.0 + load):
@@ -148,14 +152,37 @@ class Saltation:
         across = [self._derivative(before, value, column, 0.0, bound=False)[0] for column in s.T]
         return np.asarray(-np.array(across) / along_motion)
 
+    def _delay_of_time(self, jump: Jump, s: Array) -> Array:
+        """How much later an event at a given time is, along each column. Raises AccuracyError."""
+        late, before, names = np.zeros(s.shape[1]), jump.before, self.neighbours.names
+        for n in jump.timed or ():
+            name = f"effects.{before.system.triggers[n][0]}.at"
+            if name not in names:
+                continue
+            late = s[2 * self.equations.space.nv + names.index(name)]
+            if len(jump.timed or ()) > 1 or not np.array_equal(_rate(before), _rate(before, jump.begin)):
+                raise _undefined(jump, "something else happens at the same given time")
+        return late
+
+    def _derivative_after(self, jump: Jump, direction: Array, delay: float) -> Array:
+        """The derivative of the state after a jump. Raises AccuracyError where other things happen beside it."""
+        for share in SHARES:
+            try:
+                return self._derivative(jump.before, lambda run: self._state_after(jump, run), direction, delay,
+                                        share=share)  # fmt: skip
+            except AccuracyError as error:
+                if error.code != "sensitivity-undefined" or share == SHARES[-1]:
+                    raise
+        raise AssertionError
+
     def _state_after(self, jump: Jump, run: RunState) -> Array:
         """The state after the jump of another run beside it, as a tangent vector from that of the run."""
         if jump.guard is not None:
             run.fired.add(jump.guard.key)
             jump.guard.transition(run)
-        if jump.timed:
+        if jump.timed is not None:
             mode = run.mode
-            fire_timed(run)
+            fire(run, jump.timed)
             run.settle(mode)
         if _kind(run) != _kind(jump.after):
             raise _undefined(jump, "other things happen beside it, such as another event in the same instant")
@@ -170,62 +197,66 @@ class Saltation:
         delay: float,
         *,
         bound: bool = True,
+        share: float = 1.0,
     ) -> Array:
-        """The derivative of a function of runs along a direction of state and parameters, and of the time."""
-        size = max(float(np.abs(direction).max(initial=0.0)), abs(delay))
-        if size == 0.0:
-            return 0.0 * function(self._beside(run, direction, 0.0, 0.0, bound=bound))
-        step = STEP / size
+        """The derivative of a function of runs along a direction of state and parameters, and of the time.
 
-        def at(k: int) -> Array:
-            return function(self._beside(run, direction, delay, k * step, bound=bound))
+        bound: closed loops and contacts are closed again. share: of the usual step. All is moved together: where states
+        that move alone would slide or leave, those that move with a parameter need not.
+        """
+        states = 2 * self.equations.space.nv
+        size = max(float(np.abs(direction[:states]).max(initial=0.0)), abs(delay))
+        i, step = self._step(size, direction[states:])
 
-        near, far = (at(k) - at(-k) for k in (1, 2))
-        return np.asarray((8.0 * near - far) / (12.0 * step))
+        def at(k: float) -> Array:
+            other = _copy(run)
+            if i is not None:
+                other.system = self._system(i, k * step / self.neighbours.step(i))
+            nq, nv = run.system.nq, self.equations.space.nv
+            q = self.equations.robot.integrate(run.x[:nq], k * step * direction[:nv])
+            other.x = np.concatenate([q, run.x[nq:] + k * step * direction[nv:states]])
+            other.t = run.t + k * step * delay
+            return function(_held(other, run, bound=bound))
 
-    def _beside(self, run: RunState, direction: Array, delay: float, step: float, *, bound: bool) -> RunState:
-        """A run whose state, parameters and time are moved. bound: closed loops and contacts are closed again."""
-        other, nv = _copy(run), self.equations.space.nv
-        nq, robot = run.system.nq, self.equations.robot
-        other.system = self._system(run.system, direction[2 * nv :] * step)
-        if step:
-            q = robot.integrate(run.x[:nq], step * direction[:nv])
-            other.x = np.concatenate([q, run.x[nq:] + step * direction[nv : 2 * nv]])
-            other.t = run.t + step * delay
-        equations = other.here.own.equations
-        if bound and step and equations.constraints is not None:
-            other.x = projected(equations, other.here.full_state(), Numbers)[: equations.moving]
-        return other
+        return derivative(at, step, share)
 
-    def _system(self, system: System, shifts: Array) -> System:
-        """The system with other values of the parameters."""
-        changed = [(name, float(shift)) for name, shift in zip(self.names, shifts, strict=True) if shift]
-        if not changed:
-            return system
-        (key,) = changed  # a column is of one parameter
-        if key not in self._systems:
-            value = nominal_value(self.equations, key[0]) + key[1]
-            self._systems[key] = System(shifted(system.whole, {key[0]: value}), compiled=False)
-        return self._systems[key]
+    def _step(self, size: float, parameters: Array) -> tuple[int | None, float]:
+        """Which parameter a direction moves, and the step along it. size: of its changes of state and time."""
+        moved = np.flatnonzero(parameters)
+        if not moved.size:
+            return None, STEP / size if size else STEP
+        i, step = int(moved[0]), self.neighbours.step(int(moved[0]))
+        while step * size > STEP:
+            step /= 4.0  # not any size, so that systems are met again
+        return i, step
+
+    def _system(self, i: int, k: float) -> System:
+        """The system with parameter i moved by k steps."""
+        if (i, k) not in self._systems:
+            self._systems[i, k] = System(self.neighbours.equations_beside(i, k), compiled=False)
+        return self._systems[i, k]
 
 
-def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
-    """The equations with other values of parameters."""
-    physical = {name: value for name, value in values.items() if not name.startswith(PREFIX)}
-    equations, switching = with_effect_numbers(equations, values), equations.switching
-    if not physical:
-        return replace(equations, switching=None if switching is None else replace(switching))
+def _held(other: RunState, run: RunState, *, bound: bool) -> RunState:
+    """A run beside another, with what that holds held, and loops closed."""
+    for k in run.mode.locked:
+        for hold, own in zip(other.system.every_hold(k), run.system.every_hold(k), strict=True):
+            if own.entry is not None and own.acts(run.x):
+                other.x[own.entry] = hold.position
+    equations = other.here.own.equations
+    if bound and equations.constraints is not None:
+        other.x = projected(equations, other.here.full_state(), Numbers)[: equations.moving]
+    return other
 
-    def change(model: object) -> None:
-        for name, value in physical.items():
-            with_nominal(model, name, value)
 
-    robot = equations.robot.changed(change)
-    mech = mechanism(robot.model)
-    constraints = equations.constraints and replace(equations.constraints, mech=mech)
-    if switching is not None:
-        switching = replace(switching, robot=robot)
-    return replace(equations, robot=robot, mechanism=mech, constraints=constraints, switching=switching)
+def _rate(run: RunState, begin: float | None = None) -> Array:
+    """(v, a) of a run; begin: of its piece, whose numbers then count, instead of those of the next piece."""
+    here = run.here
+    if begin is None:
+        snapshot = here.look()
+    else:
+        snapshot = here.own.evaluate(np.array([run.t]), here.full_state(0.5 * (begin + run.t))[:, None])
+    return np.concatenate([run.x[run.system.nq :], snapshot.a[:, 0]])
 
 
 def _copy(run: RunState) -> RunState:
@@ -247,7 +278,7 @@ def _require_alone(jump: Jump) -> None:
     guard, before, after = jump.guard, jump.before.mode, jump.after.mode
     if guard is None:
         return
-    if jump.timed or jump.before.t - jump.begin <= 1e-12 * max(1.0, jump.begin):
+    if jump.timed is not None or jump.before.t - jump.begin <= 1e-12 * max(1.0, jump.begin):
         raise _undefined(jump, "it is in the same instant as another event")
     if guard.key[0] not in JOINTS + CONTACTS:
         return

@@ -1,7 +1,8 @@
 """Transitions: what the zero of each guard does, and the guards of a mode with the transitions they cause."""
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
-from twolink.integrate.hybrid.guard import Guard
+from twolink.integrate.hybrid.guard import Guard, Key
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState
@@ -34,6 +35,12 @@ def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
             first = np.asarray(guard.value(snapshot)).item()
             guard.begin(first, force if guard.is_force else distance, fired=guard.key in run.fired)
     return guards
+
+
+def guard_of(run: RunState, key: Key) -> Guard | None:
+    """The guard of this key in the mode of a run, which has not begun; None where the mode has none."""
+    every = itertools.chain(_joint_guards(run), _contact_guards(run), _trigger_guards(run))
+    return next((guard for guard in every if guard.key == key), None)
 
 
 def _joint_guards(run: RunState) -> Iterator[Guard]:
@@ -103,9 +110,19 @@ def _cone(forces: Value, friction: float, s: Snapshot) -> Any:
 
 def fire_timed(run: RunState) -> None:
     """Cause what happens at the present time."""
-    for n, (place, trigger) in enumerate(run.system.triggers):
-        if trigger.at is not None and place not in run.mode.dropped and same_time(trigger.at, run.t):
-            _act(run, n)
+    fire(run, timed_triggers(run))
+
+
+def timed_triggers(run: RunState) -> list[int]:
+    """The triggers whose time is the present, by number."""
+    return [n for n, (place, trigger) in enumerate(run.system.triggers)
+            if trigger.at is not None and place not in run.mode.dropped and same_time(trigger.at, run.t)]  # fmt: skip
+
+
+def fire(run: RunState, numbers: Iterable[int]) -> None:
+    """Cause what these triggers do."""
+    for n in numbers:
+        _act(run, n)
 
 
 def same_time(a: float, b: float) -> bool:

@@ -1,0 +1,109 @@
+"""Sensitivities to what decides events: friction, stops, contacts, releases; within their own bars of differences."""
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.simulation.test_sensitivities import TWO, differences, moved, require_within_bars
+from twolink import effects as fx
+from twolink.effects.conditions import FrameReaches, JointReaches
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.effect_numbers import all_effect_numbers, with_number
+
+ARM = tl.load_robot("two_link")
+GRAVITY = fx.Gravity()
+LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
+SINE = fx.Torque({"elbow": fx.Sine(2.0, 5.0)})
+DISK = tl.load_robot("""<robot name="disk"><link name="rail"/><link name="post"/><link name="lift"/>
+<link name="disk"><inertial><mass value="2"/>
+<inertia ixx="0.02" iyy="0.04" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="rail"/><child link="post"/><axis xyz="1 0 0"/>
+<limit lower="-99" upper="99" effort="1" velocity="1"/></joint>
+<joint name="z" type="prismatic"><parent link="post"/><child link="lift"/><axis xyz="0 0 1"/>
+<limit lower="-99" upper="99" effort="1" velocity="1"/></joint>
+<joint name="turn" type="revolute"><parent link="lift"/><child link="disk"/><axis xyz="0 1 0"/>
+<limit lower="-99" upper="99" effort="1" velocity="1"/></joint></robot>""")
+
+
+def arm(*effects: tl.effects.Effect) -> tl.Scene:
+    return tl.Scene(ARM, [0.2, 0.4], [0.3, -1.0], [GRAVITY, *effects])
+
+
+def disk(height: float, **contact: float) -> tl.Scene:
+    """A disk that falls beside a plane."""
+    contacts = [GRAVITY, fx.PlaneContact("disk", radius=0.2, **contact)]
+    return tl.Scene(DISK, [0.0, 0.2 + height, 0.0], [1.0, 0.0, -3.0], contacts)
+
+
+def changed(scene: tl.Scene, name: str, shift: float) -> tl.Scene:
+    """The scene with another number in an effect."""
+    _, place, *path = name.split(".")
+    effects = list(scene.effects)
+    effects[int(place)] = with_number(effects[int(place)], path, all_effect_numbers(scene)[name] + shift)
+    return scene.with_effects(effects)
+
+
+CASES = {
+    "kinetic": (arm(fx.DryFriction({"elbow": 2.0, "shoulder": 0.5})), 1.3, ["1.kinetic.elbow"]),
+    "static": (arm(fx.DryFriction({"elbow": 2.0}, {"elbow": 2.5})), 1.3, ["1.static.elbow", "1.kinetic.elbow"]),
+    "stops": (arm(fx.JointStops({"elbow": (-0.3, 0.8)}, 0.6)), 1.3, ["1.restitution", "1.limits.elbow.0"]),
+    "rest": (arm(fx.JointStops({"elbow": (-0.3, 0.8)}), SINE), 1.3, ["1.limits.elbow.0", "2.inputs.elbow.amplitude"]),
+    "time": (arm(fx.Release(LOAD, at=0.51)), 1.0, ["1.at", "1.of.mass"]),
+    "condition": (arm(fx.Release(LOAD, when=JointReaches("shoulder", -0.5))), 1.3, ["1.when.value"]),
+    "height": (arm(fx.Release(SINE, when=FrameReaches("forearm", 0.1))), 1.0,
+               ["1.when.value", "1.of.inputs.elbow.amplitude"]),
+    "caught": (arm(fx.Detent("elbow", 99.0, (-0.2,), 9.0)), 1.3, ["1.positions.0"]),
+    "breakaway": (tl.load_scene("detent"), 2.3, ["3.torque"]),
+    "bounces": (disk(0.1, friction=0.05, restitution=0.6), 0.5, ["1.friction", "1.restitution", "1.height"]),
+    "rolls": (disk(0.1, friction=0.2), 0.3, ["1.friction"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c == "rolls" else c for c in CASES])
+def test_what_decides_events(case: str) -> None:
+    scene, duration, names = CASES[case]
+    names = [f"effects.{name}" for name in names]
+    s = tl.sensitivities(scene, names, duration, 1e-6, samples=20)
+    assert s.run.events
+    for name in names:
+        truth = differences(scene, lambda shift, n=name: changed(scene, n, shift), 2e-5, duration, 20, TWO, "rk45")
+        assert np.abs(truth).max() > 1e-3
+        require_within_bars(s, name, truth, 1e-6)
+
+
+def test_what_effects_change_of_the_robot() -> None:
+    """A payload's mass, gravity and a rotor's ratio act through the robot's constants."""
+    effects = [LOAD, fx.Rotor({"elbow": 1e-3}, {"elbow": 20.0}),
+               fx.JointPD({"elbow": 1.5}, {"elbow": 9.0}, effort={"elbow": 4.0})]  # fmt: skip
+    scene = arm(*effects)
+    names = [f"effects.{name}" for name in ("0.field.2", "1.mass", "1.com.2", "2.ratio.elbow", "3.effort.elbow")]
+    s = tl.sensitivities(scene, names, 0.4, 1e-7, samples=10)
+    for name in names:
+        truth = differences(scene, lambda shift, n=name: changed(scene, n, shift), 1e-3, 0.4, 10, TWO, "scipy-dop853")
+        assert np.abs(truth).max() > 1e-3
+        require_within_bars(s, name, truth, 1e-5)
+
+
+def test_a_joint_that_friction_holds_keeps_its_derivatives_when_another_is_hit() -> None:
+    """The elbow sticks at an angle that depends on the start, and stays there while the shoulder meets its stop."""
+    effects = [fx.DryFriction({"elbow": 3.0}, {"elbow": 500.0}), fx.Torque({"shoulder": 2.0}),
+               fx.JointStops({"shoulder": (-9.0, 0.3)}, 0.5)]  # fmt: skip
+    scene = tl.Scene(ARM, [0.2, 0.4], [0.0, 1.0], effects)
+    s = tl.sensitivities(scene, ["v.elbow"], 0.39, 1e-7, samples=10)
+    assert [event.kind for event in s.run.events][:2] == ["stick", "impact"]
+    truth = differences(scene, lambda shift: moved(scene, 3, shift), 1e-4, 0.39, 10, TWO)
+    assert abs(truth[-1, 1]) > 0.1
+    require_within_bars(s, "v.elbow", truth, 1e-6)
+
+
+def test_what_has_no_derivative_is_named() -> None:
+    """Two releases at one time; a stop that holds a joint at the start; how a loop closes."""
+    both = arm(fx.Release(LOAD, at=0.1), fx.Release(SINE, at=0.1))
+    rests = tl.Scene(ARM, [-1.57, -0.3], effects=[fx.JointStops({"elbow": (-0.3, 0.8)}), fx.Torque({"elbow": -9.0})])
+    for scene, name in ((both, "effects.1.at"), (rests, "effects.0.limits.elbow.0")):
+        with pytest.raises(AccuracyError) as caught:
+            tl.sensitivities(scene, [name], 0.2)
+        assert caught.value.code == "sensitivity-undefined"
+    with pytest.raises(SceneError) as refused:
+        tl.sensitivities(tl.load_scene("crank-spring"), ["effects.0.point_a.0"], 0.1)
+    assert refused.value.code == "sensitivities-lengths"

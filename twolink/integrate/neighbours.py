@@ -1,0 +1,155 @@
+"""Neighbours: a scene's equations with one parameter moved a little, and the derivatives of constants by parameters.
+
+A parameter is a physical constant of the robot or a number of an effect. Where it is no input of the equations itself,
+it acts through constants that are: a payload's mass through the inertia of the link that carries it, a joint's dry
+friction through the friction torque of a mode.
+"""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
+from twolink.dynamics import Robot
+from twolink.effects import Effect, JointDamping
+from twolink.effects.loop import Loop
+from twolink.effects.plane_contact import PlaneContact
+from twolink.effects.switching import Switching, SwitchingEffect, switching_of
+from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers, with_number
+from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.state import Array
+from twolink.scenes import Scene
+
+STEP = 1e-3  # of differences by a parameter, relative; their error is its fourth power
+SMALL = 1e-2  # SI units: a number of an effect below it, or a length, is moved as if it were this
+NOTHING = 1e-5  # SI units: by which a physical constant is moved that is 0
+WEIGHTS = ((1, 8.0 / 12.0), (2, -1.0 / 12.0))  # of differences of fourth order
+DAMPING = ".damping"
+NO_SLIP: Mapping[int, float] = {}
+
+
+def derivative(function: Callable[[float], Array], step: float, share: float = 1.0) -> Array:
+    """The derivative of a function at 0 by differences of fourth order, over a share of the step.
+
+    function(k): its value at k steps.
+    """
+    differences = [weight * (function(k * share) - function(-k * share)) for k, weight in WEIGHTS]
+    return np.asarray(sum(differences) / (share * step))
+
+
+class _Moved(Effect, frozen=True):
+    """A physical constant, moved after all other effects."""
+
+    name: str
+    by: float
+
+    def change(self, model: Any) -> None:
+        """Move it."""
+        with_nominal(model, self.name, nominal(model, self.name) + self.by)
+
+
+class Neighbours:
+    """A scene with one of its parameters moved.
+
+    names: the parameters. values: their own values in the scene. constants: the inputs that the equations need for
+    them. has_friction: whether some act through the friction torques of modes.
+    """
+
+    def __init__(self, scene: Scene, names: Sequence[str]) -> None:
+        self.equations, self.names = equations_of(scene), tuple(names)
+        model, numbers = self.equations.robot.model, all_effect_numbers(scene)
+        self.values = [numbers[name] if name in numbers else nominal(model, name) for name in self.names]
+        self._own = self.equations.switching or Switching(scene.base, scene.robot, scene.effects)
+        self._kept: dict[tuple[int, float], Switching] = {}
+        acting = [name for name in self.names if not name.startswith(PREFIX) or _acts(scene, name)]
+        self._through = [i for i, name in enumerate(self.names) if name.startswith(PREFIX) and _changes(scene, name)]
+        changed = [name for i in self._through for name in parameter_names(model)
+                   if nominal(self._robot(i, 1).model, name) != nominal(model, name)]  # fmt: skip
+        self.constants = tuple(dict.fromkeys([*acting, *changed]))
+        beside = [zip(self._own.holds, self._switching(i, 1).holds, strict=True) for i in range(len(self.names))]
+        self.has_friction = any(hold.kinetic != moved.kinetic for pairs in beside for (_, hold), (_, moved) in pairs)
+
+    def step(self, i: int) -> float:
+        """By how much parameter i is moved."""
+        value, name = abs(self.values[i]), self.names[i]
+        if name.startswith((PREFIX, "gravity")) or ".origin." in name or ".com." in name:
+            return STEP * max(value, SMALL)
+        return STEP * value if value else NOTHING
+
+    def _switching(self, i: int, k: float) -> Switching:
+        """What the effects declare and act on with parameter i moved by k steps."""
+        if (i, k) not in self._kept:
+            name, by, own = self.names[i], k * self.step(i), self._own
+            effects = list(own.effects)
+            if name.startswith(PREFIX):
+                _, place, *path = name.split(".")
+                effects[int(place)] = with_number(effects[int(place)], path, self.values[i] + by)
+            elif name.endswith(DAMPING):  # that of the model acts on nothing
+                effects.append(JointDamping({name.removesuffix(DAMPING): by}))
+            else:
+                effects.append(_Moved(name, by))
+            robot = own.robot_with(effects)
+            self._kept[i, k] = switching_of(own.base, robot, effects) or Switching(own.base, robot, tuple(effects))
+        return self._kept[i, k]
+
+    def _robot(self, i: int, k: float, dropped: frozenset[int] = frozenset()) -> Robot:
+        """The robot with parameter i moved by k steps, without the effects that act no more."""
+        switching = self._switching(i, k)
+        return switching.robot_with([effect for _, effect in switching.acting(dropped)])
+
+    def equations_beside(self, i: int, k: float) -> Equations:
+        """The equations with parameter i moved by k steps, from the same start."""
+        switching, own, robot = self._switching(i, k), self.equations, self._robot(i, k)
+        mech, acting = mechanism(robot.model), [effect for _, effect in switching.acting()]
+        loops = tuple(effect for effect in acting if isinstance(effect, Loop))
+        effects = tuple(effect for effect in acting if type(effect).act is not Effect.act)
+        constraints = own.constraints and replace(own.constraints, mech=mech, loops=loops)
+        return replace(own, robot=robot, mechanism=mech, effects=effects, constraints=constraints,
+                       switching=switching)  # fmt: skip
+
+    def gains(self, dropped: frozenset[int] = frozenset(), slip: Mapping[int, float] = NO_SLIP) -> Array:
+        """The derivatives of friction torques, if `has_friction`, and of the constants, by the parameters (., p).
+
+        dropped: places of effects that act no more. slip: the directions of joints that slip.
+        """
+        lockable = self.equations.layout.lockable if self.has_friction else ()
+        physical = [name for name in self.constants if not name.startswith(PREFIX)]
+
+        def values(i: int, k: float) -> Array:
+            switching = self._switching(i, k)
+            torques = [-slip.get(d, 0.0) * sum(h.kinetic for _, h in switching.holds if h.dof == d) for d in lockable]
+            if i not in self._through:
+                return np.array(torques + [0.0] * len(physical))
+            model = self._robot(i, k, dropped).model
+            return np.array(torques + [nominal(model, name) for name in physical])
+
+        out = np.zeros((len(lockable) + len(self.constants), len(self.names)))
+        rows = [*range(len(lockable)), *(len(lockable) + self.constants.index(name) for name in physical)]
+        for i, name in enumerate(self.names):
+            if lockable or i in self._through:
+                out[rows, i] = derivative(functools.partial(values, i), self.step(i))
+            if name in self.constants:
+                out[len(lockable) + self.constants.index(name), i] = 1.0
+        return out
+
+
+def _part(scene: Scene, name: str) -> Effect:
+    """The effect that has a number, or the one that is released."""
+    _, place, *path = name.split(".")
+    effect = scene.effects[int(place)]
+    return effect.acting()[0] if path[0] == "of" and isinstance(effect, SwitchingEffect) else effect
+
+
+def _acts(scene: Scene, name: str) -> bool:
+    """Whether a number of an effect is an input of what acts."""
+    part = _part(scene, name)
+    return type(part).act is not Effect.act or isinstance(part, PlaneContact)
+
+
+def _changes(scene: Scene, name: str) -> bool:
+    """Whether a number of an effect changes constants of the robot."""
+    return type(_part(scene, name)).change is not Effect.change
