@@ -12,8 +12,9 @@ import msgspec
 
 from twolink.algorithms.mechanism import nominal
 from twolink.effects.effect import Effect
+from twolink.effects.inputs import Slot
 from twolink.effects.sampled import Sampled
-from twolink.effects.switching import SwitchingEffect
+from twolink.effects.switching import Switching, SwitchingEffect
 from twolink.integrate.equations import Equations
 from twolink.scenes import Scene
 
@@ -83,15 +84,29 @@ def number_at(value: Any, path: Sequence[str]) -> float:
 def _found(equations: Equations, name: str) -> tuple[int, list[str]] | None:
     """Which of the equations' effects, then loops, has the number, and the path to it there; None where none does."""
     _, place, *path = name.split(".")
+    parts = acting_parts(equations)
+    if place == "contacts":
+        slot = contact_slots(int(path[0]))[0]
+        found = [i for i, part in enumerate(parts) if slot in getattr(part, "before", ())]
+        return (found[0], path[1:]) if found else None
     if int(place) not in equations.places:
         return None
     i = equations.places.index(int(place))
-    part = acting_parts(equations)[i]
-    if hasattr(part, "contact"):  # a closed contact holds its effect
-        return i, ["contact", *path]
+    part = parts[i]
     if path[0] == "of" and not hasattr(part, "of"):
         path = path[1:]
     return (i, path) if path[0] in _parts(part) else None
+
+
+def contact_slots(i: int) -> tuple[Slot, Slot]:
+    """The slots of the direction in which contact i began to slide."""
+    return Slot(f"contact {i}.0"), Slot(f"contact {i}.1")
+
+
+def contact_numbers(switching: Switching) -> dict[str, float]:
+    """The numbers of the law and of the shapes of each contact, by name, such as "effects.contacts.0.friction"."""
+    return {PREFIX + ".".join(("contacts", str(i), *path)): value for i, (_, contact) in enumerate(switching.contacts)
+            for path, value in numbers_of(contact.constraint(False, contact_slots(i)))}  # fmt: skip
 
 
 def acting_parts(equations: Equations) -> list[Any]:

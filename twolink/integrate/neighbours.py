@@ -16,9 +16,8 @@ from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, wi
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loop import Loop
-from twolink.effects.plane_contact import PlaneContact
 from twolink.effects.switching import Switching, SwitchingEffect, switching_of
-from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers, with_number
+from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers, contact_numbers, with_number
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.state import Array
@@ -67,10 +66,12 @@ class Neighbours:
         self._kept: dict[tuple[int, float], Switching] = {}
         acting = [name for name in self.names if not name.startswith(PREFIX) or _acts(scene, name)]
         self._through = [i for i, name in enumerate(self.names) if name.startswith(PREFIX) and _changes(scene, name)]
-        changed = [name for i in self._through for name in parameter_names(model)
-                   if nominal(self._robot(i, 1).model, name) != nominal(model, name)]  # fmt: skip
+        modes = bool(self._own.holds or self._own.contacts)
+        self._derives = [i for i in range(len(self.names)) if modes or i in self._through]
+        changed = [name for i in self._derives for name, value in self._derived(i, 1).items()
+                   if value != self._derived(i, 0)[name]]  # fmt: skip
         self.constants = tuple(dict.fromkeys([*acting, *changed]))
-        beside = [zip(self._own.holds, self._switching(i, 1).holds, strict=True) for i in range(len(self.names))]
+        beside = [zip(self._own.holds, self._switching(i, 1).holds, strict=True) for i in self._derives]
         self.has_friction = any(hold.kinetic != moved.kinetic for pairs in beside for (_, hold), (_, moved) in pairs)
 
     def step(self, i: int) -> float:
@@ -117,24 +118,27 @@ class Neighbours:
         dropped: places of effects that act no more. slip: the directions of joints that slip.
         """
         lockable = self.equations.layout.lockable if self.has_friction else ()
-        physical = [name for name in self.constants if not name.startswith(PREFIX)]
 
         def values(i: int, k: float) -> Array:
-            switching = self._switching(i, k)
-            torques = [-slip.get(d, 0.0) * sum(h.kinetic for _, h in switching.holds if h.dof == d) for d in lockable]
-            if i not in self._through:
-                return np.array(torques + [0.0] * len(physical))
-            model = self._robot(i, k, dropped).model
-            return np.array(torques + [nominal(model, name) for name in physical])
+            holds, derived = self._switching(i, k).holds, self._derived(i, k, dropped)
+            torques = [-slip.get(d, 0.0) * sum(h.kinetic for _, h in holds if h.dof == d) for d in lockable]
+            return np.array(torques + [derived.get(name, 0.0) for name in self.constants])
 
         out = np.zeros((len(lockable) + len(self.constants), len(self.names)))
-        rows = [*range(len(lockable)), *(len(lockable) + self.constants.index(name) for name in physical)]
         for i, name in enumerate(self.names):
-            if lockable or i in self._through:
-                out[rows, i] = derivative(functools.partial(values, i), self.step(i))
+            if i in self._derives:
+                out[:, i] = derivative(functools.partial(values, i), self.step(i))
             if name in self.constants:
                 out[len(lockable) + self.constants.index(name), i] = 1.0
         return out
+
+    def _derived(self, i: int, k: float, dropped: frozenset[int] = frozenset()) -> dict[str, float]:
+        """The constants that parameter i, moved by k steps, may act through: of contacts, and of the robot."""
+        derived = contact_numbers(self._switching(i, k))
+        if i in self._through:
+            model = self._robot(i, k, dropped).model
+            derived.update({name: nominal(model, name) for name in parameter_names(model)})
+        return derived
 
 
 def _part(scene: Scene, name: str) -> Effect:
@@ -146,8 +150,7 @@ def _part(scene: Scene, name: str) -> Effect:
 
 def _acts(scene: Scene, name: str) -> bool:
     """Whether a number of an effect is an input of what acts."""
-    part = _part(scene, name)
-    return type(part).act is not Effect.act or isinstance(part, PlaneContact)
+    return type(_part(scene, name)).act is not Effect.act
 
 
 def _changes(scene: Scene, name: str) -> bool:

@@ -34,6 +34,11 @@ class Wanted:
     columns: dict[str, slice]
     start: np.ndarray
 
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters among it."""
+        return self.neighbours.names
+
 
 def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     """What the names ask for. Raises SceneError for an unknown one, code "unknown-sensitivity"."""

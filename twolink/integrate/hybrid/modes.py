@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.effects.inputs import Slot
 from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.integrate.effect_numbers import contact_slots
 from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.scene_equations import make_equations
@@ -133,7 +133,7 @@ class System:
         return self._seen[1]
 
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
-        closed = {i: self.contacts[i].constraint(kind == "rolling", _slots(i))
+        closed = {i: self.contacts[i].constraint(kind == "rolling", contact_slots(i))
                   for i, kind in enumerate(mode.contacts) if kind != "free"}  # fmt: skip
         equations = replace(self.whole, switching=None)  # what is kept must not keep the scene's declarations alive
         if closed or mode.dropped:
@@ -178,7 +178,7 @@ class Situation(NamedTuple):
         locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
         friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]
         slots = {slot.name: value for i, direction in enumerate(mode.directions)
-                 for slot, value in zip(_slots(i), direction, strict=True)}  # fmt: skip
+                 for slot, value in zip(contact_slots(i), direction, strict=True)}  # fmt: skip
         numbers = layout.numbers_at(self.t if t is None else t, slots, np.array(locks + friction))
         return np.concatenate([self.x, numbers])
 
@@ -189,8 +189,3 @@ class Situation(NamedTuple):
     def in_mode(self, mode: Mode) -> Situation:
         """The same state in another mode."""
         return self._replace(mode=mode)
-
-
-def _slots(i: int) -> tuple[Slot, Slot]:
-    """The slots of the direction in which contact i began to slide."""
-    return Slot(f"contact {i}.0"), Slot(f"contact {i}.1")
