@@ -17,7 +17,14 @@ from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loop import Loop
 from twolink.effects.switching import Switching, SwitchingEffect, switching_of
-from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers, contact_numbers, with_number
+from twolink.integrate.effect_numbers import (
+    PREFIX,
+    all_effect_numbers,
+    contact_numbers,
+    physical,
+    with_effect_numbers,
+    with_number,
+)
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.state import Array
@@ -139,6 +146,22 @@ class Neighbours:
             model = self._robot(i, k, dropped).model
             derived.update({name: nominal(model, name) for name in parameter_names(model)})
         return derived
+
+
+def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
+    """The equations with other values of physical constants and of numbers of what acts, by name."""
+    constants, equations = physical(values), with_effect_numbers(equations, values)
+    if not constants:
+        return equations
+
+    def change(model: Any) -> None:
+        for name, value in constants.items():
+            with_nominal(model, name, value)
+
+    robot = equations.robot.changed(change)
+    mech = mechanism(robot.model)
+    return replace(equations, robot=robot, mechanism=mech,
+                   constraints=equations.constraints and replace(equations.constraints, mech=mech))  # fmt: skip
 
 
 def _part(scene: Scene, name: str) -> Effect:

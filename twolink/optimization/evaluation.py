@@ -64,7 +64,9 @@ class Evaluator:
     def __post_init__(self) -> None:
         for name in self.variables.names:
             try:
-                wanted_of(self.variables.scene, [derivative_of(name)[0]])
+                neighbours = wanted_of(self.variables.scene, [derivative_of(name)[0]]).neighbours
+                if set(neighbours.constants) - {name} or neighbours.has_friction:
+                    self.by_runs[name] = "energy and torques change with it, besides the motion"
             except SceneError as error:
                 self.by_runs[name] = error.what
 

@@ -22,8 +22,8 @@ from twolink.effects.motion import Motion
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError
 from twolink.integrate.effect_numbers import effect_numbers, nominal_value
-from twolink.integrate.hybrid.saltation import shifted
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.neighbours import shifted
 from twolink.optimization.objectives import Objective
 from twolink.optimization.variables import derivative_of, scene_with, values_of
 from twolink.scenes import Scene
