@@ -13,6 +13,7 @@ import pytest
 import twolink as tl
 from tests.command import TOP, TWOLINK, answer, call, one_line
 from twolink.cli.app import main
+from twolink.errors import ShowError
 
 
 def test_run_reports_and_writes(tmp_path: Path) -> None:
@@ -39,13 +40,27 @@ def test_run_writes_into_new_folders_whatever_the_case(tmp_path: Path) -> None:
         assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
-def test_a_file_that_cannot_be_written_loses_nothing_else(tmp_path: Path) -> None:
+def test_run_refuses_what_cannot_be_written_before_it_simulates(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    outs = ("--out", str(tmp_path / "file" / "x.html"), "--out", str(tmp_path / "x.npz"))
-    done = call("run", "arm-swing", "--duration", "0.1", "--json", *outs)
-    assert done.returncode == 1
-    assert json.loads(done.stdout)["written"] == [str(tmp_path / "x.npz")]
-    assert "x.html: cannot be written" in done.stderr
+    (tmp_path / "x.csv").mkdir()
+    for path in (tmp_path / "file" / "x.npz", tmp_path / "x.csv"):
+        one_line(call("run", "arm-swing", "--duration", "1e4", "--out", str(path)), 2, f"{path}: cannot be written")
+
+
+def test_a_file_that_cannot_be_written_loses_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(_run: tl.Trajectory, path: Path) -> None:
+        raise ShowError("cannot be written", where=str(path))
+
+    monkeypatch.setattr(tl.Trajectory, "plot", full)
+    outs = ("--out", str(tmp_path / "x.png"), "--out", str(tmp_path / "x.npz"))
+    monkeypatch.setattr(sys, "argv", ["twolink", "run", "arm-swing", "--duration", "0.1", "--json", *outs])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    out, err = capsys.readouterr()
+    assert (stop.value.code, err) == (1, f"twolink: {tmp_path / 'x.png'}: cannot be written\n")
+    assert json.loads(out)["written"] == [str(tmp_path / "x.npz")]
 
 
 def test_an_interrupted_run_keeps_what_is_done(

@@ -16,13 +16,12 @@ from twolink.cli.paper import paper, throw
 from twolink.cli.play import play
 from twolink.cli.queries import check, query
 from twolink.cli.robots import inspect, robots
-from twolink.cli.scenes import accuracy, explain, methods, run, scenes
+from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
 from twolink.cli.serve import serve
 from twolink.cli.sweep import sweep
 from twolink.errors import TwolinkError
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -31,7 +30,7 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = robots, inspect, query, check, identify
-_EXPERIMENTS = scenes, explain, run, accuracy, sweep, optimize, methods, play, throw, hard_cases, paper
+_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)
 

@@ -19,7 +19,7 @@ class Failure(TwolinkError):
     def __init__(self, error: TwolinkError, options: dict[str, str], exit_code: int) -> None:
         where = "" if error.where in _CALLS else error.where
         name, rest = re.fullmatch(r"(\w*)(.*)", where, re.DOTALL).groups()  # type: ignore[union-attr]
-        where = options[name] + rest if name == error.argument and name in options else where
+        where = options[name] + rest if error.argument in ("", name) and name in options else where
         super().__init__(_spoken(error.what, options), where=where, remedy=_spoken(error.remedy, options))
         self.exit_code = exit_code
 

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from twolink.cli.failures import FAILED
 from twolink.cli.options import Json
-from twolink.cli.output import finish, require_endings, show
+from twolink.cli.output import finish, require_writable, show
 
 if TYPE_CHECKING:
     from twolink.hard import Case, CaseResult
@@ -40,7 +40,7 @@ def hard_cases(
 
     cases = select_cases(names, quick=quick)
     paths = [] if html is None else [html]
-    require_endings(paths, (".html",))
+    require_writable(paths, (".html",))
     if listed:
         for case in cases:
             typer.echo(f"{case.name:<24}{case.title}{' (slow)' if case.slow else ''}\n{'':<24}{case.why}")

@@ -6,7 +6,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from twolink.cli.options import Folders, Gravity, Json, Lock, Mimic, RobotName, Root, Unphysical, robot_from
-from twolink.cli.output import finish, require_endings, show, write
+from twolink.cli.output import finish, require_writable, show, write
 
 
 def identify(
@@ -58,7 +58,7 @@ def identify(
     from twolink.identification.identify import identify as find
     from twolink.identification.measurements import read_measurements
 
-    require_endings(out or [], (".urdf",))
+    require_writable(out or [], (".urdf",))
     loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     wanted = None if parameters is None else [name.strip() for text in parameters for name in text.split(",")]
     found = find(loaded, **read_measurements(loaded, data), parameters=wanted, method=method, half=half,

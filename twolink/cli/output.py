@@ -42,10 +42,13 @@ def print_not_drawn(names: Sequence[str]) -> None:
     typer.echo(f"twolink: not drawn: {', '.join(names)}", err=True)
 
 
-def require_endings(paths: Sequence[Path], endings: Sequence[str]) -> None:
-    """Refuse files with other endings, before the work begins. Raises Misuse."""
+def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
+    """Refuse files with other endings, or that cannot be written, before the work begins. Raises Misuse."""
     for path in paths:
         require_format(path, endings, Misuse)
+        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+            raise Misuse("cannot be written", where=str(path), remedy="give a file in a folder of yours")
 
 
 def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[list[Path], list[TwolinkError]]:

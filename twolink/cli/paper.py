@@ -12,7 +12,7 @@ import numpy as np
 from typer import Argument, Option
 
 from twolink.cli.options import Json
-from twolink.cli.output import finish, require_endings, show, write
+from twolink.cli.output import finish, require_writable, show, write
 from twolink.cli.progress import progress_bar
 from twolink.show.figure import FORMATS
 
@@ -53,7 +53,7 @@ def throw(
     from twolink.paper.throw_plot import plot_search
 
     paths = [] if out is None else [out]
-    require_endings(paths, FORMATS)
+    require_writable(paths, FORMATS)
     with progress_bar() as report:
         result = search(what, accuracy, report)
     written, failures = write(paths, partial(plot_search, result))

@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from twolink.cli.options import ROBOT_HELP, Folders, Gravity, Lock, Mimic, Root, Unphysical, robot_from
-from twolink.cli.output import print_address, print_not_drawn
+from twolink.cli.output import print_address, print_not_drawn, require_writable
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 
@@ -33,6 +33,7 @@ def play(
     """
     from twolink.simulation.trajectory import Trajectory
 
+    require_writable([] if html is None else [html], (".html",))
     positive(speed, "speed", QueryError, "1 is true speed")
     loaded = None if robot is None else robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     run = Trajectory.load(file, loaded)

@@ -1,5 +1,6 @@
 """The commands about robots: list those known by name, and inspect one."""
 
+from textwrap import shorten
 from typing import Annotated, Any
 
 from typer import Option
@@ -21,7 +22,11 @@ def robots(as_json: Json = False) -> None:
     """
     table = robot_table()
     records = [{name: value for name, value in record.items() if value is not None} for record in table]
-    refused = [f"{record['name']} is refused: {record['refused']}" for record in records if "refused" in record]
+    refused = [
+        f"{record['name']} is refused (`twolink inspect {record['name']}` says all): {shorten(record['refused'], 120)}"
+        for record in records
+        if "refused" in record
+    ]
     text = table.select("name", "nq", "nv", "mass", "root", "from")
     show(records, "\n".join([str(text), *refused]), as_json)
 

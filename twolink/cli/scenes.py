@@ -1,20 +1,44 @@
 """The commands about scenes: list, explain and simulate them; study accuracy; list the methods."""
 
 import dataclasses
+import os
+import tomllib
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, cast
 
 import numpy as np
-from typer import Option
+import typer
+from typer import Argument, Option
 
 from twolink.accuracy import accuracy_study
-from twolink.cli.options import Accuracy, Duration, Files, Json, Method, SceneName
-from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_endings, show, write, write_by_ending
+from twolink.cli.failures import Misuse
+from twolink.cli.options import (
+    Accuracy,
+    Duration,
+    Files,
+    Json,
+    Lock,
+    Method,
+    RobotName,
+    Root,
+    SceneName,
+    completion,
+    locks_of,
+    robot_from,
+    scene_from,
+)
+from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_writable, show, write, write_by_ending
 from twolink.cli.progress import progress_bar
 from twolink.dynamics.named_queries import parse_numbers
 from twolink.integrate.methods import methods as method_table
-from twolink.scenes import load_scene
+from twolink.io.atomic import write_atomic
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
+from twolink.scenes.file import bundled_text
+from twolink.scenes.file_format import RobotEntry
+from twolink.scenes.template import scene_template
 from twolink.simulation.records import balance_record, run_record
 from twolink.simulation.trajectory import Trajectory
 
@@ -22,20 +46,56 @@ SHOWN_EVENTS = 20
 
 
 def scenes(
+    name: Annotated[
+        str | None,
+        Argument(metavar="NAME", help="Print the file of this scene.", autocompletion=completion(bundled_scenes)),
+    ] = None,
     schema: Annotated[bool, Option("--schema", help="Print the JSON Schema of scene files instead.")] = False,
     as_json: Json = False,
 ) -> None:
-    """List the bundled scenes.
+    """List the bundled scenes, or print the file of one.
 
-    They are scene files and serve as examples for scenes of your own.
+    They serve as examples for scenes of your own.
+
+    \b
+    twolink scenes pendulum-friction > mine.toml
     """
     if schema:
         from twolink.scenes.file_format import scene_schema
 
         show(scene_schema(), "", as_json=True)
         return
+    if name is not None:
+        text = bundled_text(name)
+        show({"name": name, **tomllib.loads(text)}, text.rstrip(), as_json)
+        return
     table = scene_table()
     show({record["name"]: record["title"] for record in table}, table.select("name", "title"), as_json)
+
+
+def new(
+    robot: RobotName,
+    file: Annotated[Path, Argument(metavar="FILE", help="The scene file to write (.toml).")],
+    root: Root = "fixed",
+    lock: Lock = None,
+) -> None:
+    """Begin a scene file for a robot.
+
+    It has the robot's joints and gravity, and comments on what else a scene may have.
+
+    \b
+    twolink new my_robot.urdf mine.toml
+    twolink run mine.toml --out mine.html
+    """
+    require_writable([file], (".toml",))
+    if file.exists():
+        raise Misuse("it exists already", where=str(file), remedy="give another name, or delete it")
+    loaded = robot_from(robot, root, lock)
+    named = robot if robot in catalogue_names() else os.path.relpath(robot, file.parent)
+    entry = RobotEntry(named, cast(Any, root), {**locks_of(lock)})
+    text = scene_template(loaded, entry)
+    write_atomic(file, lambda out: out.write(text.encode()))
+    typer.echo(f"wrote {file}; `twolink run {file} --out motion.html` simulates it")
 
 
 def explain(
@@ -51,7 +111,7 @@ def explain(
     """
     from twolink.simulation.explanation import explain as explain_scene
 
-    explanation = explain_scene(load_scene(scene), accuracy, duration, method=method)
+    explanation = explain_scene(scene_from(scene), accuracy, duration, method=method)
     show(dataclasses.asdict(explanation), explanation, as_json)
 
 
@@ -81,8 +141,8 @@ def run(
     from twolink.simulation.scene_run import simulate
 
     paths = out or []
-    require_endings(paths, RUN_ENDINGS)
-    loaded = load_scene(scene)
+    require_writable(paths, RUN_ENDINGS)
+    loaded = scene_from(scene)
     length = loaded.duration if duration is None else duration
     with progress_bar() as report:
         result = simulate(
@@ -145,12 +205,12 @@ def accuracy(
     twolink accuracy arm-swing --methods rk4,dop853,taylor --tolerances 1e-3,1e-6,1e-9
     """
     paths = out or []
-    require_endings(paths, STUDY_ENDINGS)
+    require_writable(paths, STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
     values = None if tolerances is None else parse_numbers("tolerances", tolerances)
     settings: dict[str, Any] = {"samples": samples, "repeats": repeats, "budget": budget}
     with progress_bar() as report:
-        loaded = load_scene(scene)
+        loaded = scene_from(scene)
         study = accuracy_study(loaded, duration, methods=names, tolerances=values, progress=report, **settings)
     written, failures = write(paths, partial(write_by_ending, study))
     text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])

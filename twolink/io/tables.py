@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from twolink.errors import TwolinkError, nearest
+from twolink.errors import TwolinkError
 from twolink.io.atomic import write_atomic
 from twolink.io.csv_text import Columns, parse_csv
 from twolink.io.text import decode
@@ -67,7 +67,7 @@ def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[T
     suffix, endings = path.suffix.lower(), tuple(suffixes)
     if suffix not in endings:
         what = f"{path.suffix or 'no ending'!r} is not a format we know"
-        raise error(what, where=str(path), remedy=nearest(suffix, endings), code="unknown-format")
+        raise error(what, where=str(path), remedy=f"known: {', '.join(endings)}", code="unknown-format")
     return suffix
 
 

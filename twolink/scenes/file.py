@@ -72,18 +72,22 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
         except (ValueError, RecursionError) as error:
             raise SceneError(f"not TOML: {error}", where=name, remedy="check that line", code="not-toml") from None
         return _from_content(content, name, path.parent)
+    return _from_content(bundled_content(name), name, None)
+
+
+def bundled_text(name: str) -> str:
+    """The file of a bundled scene. Raises SceneError, code "unknown-scene"."""
     if name not in bundled_scenes():
         remedy = f"{nearest(name, bundled_scenes())} (a file's name ends in .toml)"
         what = f"there is no bundled scene {name!r}"
         raise SceneError(what, where="load_scene", remedy=remedy, code="unknown-scene", argument="source")
-    return _from_content(bundled_content(name), name, None)
+    return (resources.files("twolink.scenes") / "bundled" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 @functools.cache
 def bundled_content(name: str) -> dict[str, Any]:
     """The content of a bundled scene's file; do not change it."""
-    file = resources.files("twolink.scenes") / "bundled" / f"{name}.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    return tomllib.loads(bundled_text(name))
 
 
 def _from_content(content: dict[str, Any], label: str, folder: Path | None) -> Scene:

@@ -54,7 +54,7 @@ class Book:
         entries["stored, at the end"] = self.stored[-1]
         width = max(map(len, entries))
         lines = [f"  {name:<{width}}  {value:+.9g} J" for name, value in entries.items()]
-        return "\n".join([*lines, f"  {'does not add up':<{width}}  {np.abs(self.residual).max():.1e} J at most"])
+        return "\n".join([*lines, f"  {'residual':<{width}}  {np.abs(self.residual).max():.1e} J at most"])
 
 
 @dataclass(frozen=True)
