@@ -92,7 +92,7 @@ def test_run_says_which_method_why_and_what_it_took() -> None:
 
 def test_run_refuses_settings_that_do_not_fit() -> None:
     run = ("run", "arm-swing", "--duration", "1")
-    one_line(call(*run, "--method", "rk4", "--tolerance", "1e-5"), 2, "rk4 takes steps of one size; give step=")
+    one_line(call(*run, "--method", "rk4", "--tolerance", "1e-5"), 2, "rk4 takes steps of one size; give --step")
     one_line(call(*run, "--precision", "half"), 2, "precision: 'half' is unknown")
 
 
