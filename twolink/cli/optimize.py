@@ -7,10 +7,9 @@ from typing import Annotated, Any
 from typer import Option
 
 from twolink.cli.failures import Misuse
-from twolink.cli.options import Accuracy, Duration, Json, SceneName
-from twolink.cli.output import RUN_ENDINGS, finish, require_endings, show, write, write_by_ending
+from twolink.cli.options import Accuracy, Duration, Json, SceneName, scene_from
+from twolink.cli.output import RUN_ENDINGS, finish, require_writable, show, write, write_by_ending
 from twolink.cli.progress import progress_bar
-from twolink.scenes import load_scene
 
 
 def optimize(
@@ -52,8 +51,8 @@ def optimize(
     from twolink.optimization.objectives import named_limit, named_objective
     from twolink.optimization.optimize import optimize as find
 
-    require_endings(out or [], (".toml", *RUN_ENDINGS))
-    loaded = load_scene(scene)
+    require_writable(out or [], (".toml", *RUN_ENDINGS))
+    loaded = scene_from(scene)
     function = named_objective(objective, loaded.robot)
     sides = ((at_least, 1.0, "at_least"), (at_most, -1.0, "at_most"))
     limits = {text: named_limit(text, loaded.robot, sign, name) for texts, sign, name in sides for text in texts or []}
