@@ -180,5 +180,5 @@ def test_a_playback_is_a_page_and_nothing_else(run: tl.Trajectory, name: str, tm
 
 
 def test_unknown_picture_format(run: tl.Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(ShowError, match="known: .png, .svg, .pdf"):
+    with pytest.raises(ShowError, match=r"known: \.png, \.svg, \.pdf"):
         run.plot(tmp_path / "x.pngg")
