@@ -47,7 +47,7 @@ def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
     for path in paths:
         require_format(path, endings, Misuse)
         folder = next(parent for parent in path.absolute().parents if parent.exists())
-        if path.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        if not folder.is_dir() or not os.access(folder, os.W_OK):
             raise Misuse("cannot be written", where=str(path), remedy="give a file in a folder of yours")
 
 

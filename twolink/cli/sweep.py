@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from twolink.cli.failures import Misuse
 from twolink.cli.options import Duration, Files, Json
-from twolink.cli.output import finish, require_endings, show, write
+from twolink.cli.output import finish, require_writable, show, write
 from twolink.cli.progress import progress_bar
 from twolink.dynamics.named_queries import parse_numbers
 from twolink.show.figure import FORMATS
@@ -82,7 +82,7 @@ def sweep(
     from twolink.sweeps import bundled_studies, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
 
     paths = out or []
-    require_endings(paths, (STORE, *FORMATS, *TABLES))
+    require_writable(paths, (STORE, *FORMATS, *TABLES))
     stores = [path for path in paths if path.suffix == STORE]
     files = [path for path in paths if path.suffix != STORE]
     if len(stores) != 1:
