@@ -122,16 +122,6 @@ def test_names_are_drawn_to_the_letter(suffix: str, tmp_path: Path) -> None:
     tl.simulate(tl.Scene(robot, v=[1, 2]), 0.05, verify=False).plot(tmp_path / f"x{suffix}")
 
 
-def test_legends_show_every_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twolink.show import trajectory_plot as plots
-
-    drawn = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
-    tl.simulate(tl.Scene(tl.load_robot(run_of_names("_x", "$y$"))), 0.05).plot(tmp_path / "x.png")
-    legend = drawn[0].axes[0].get_legend()
-    assert [text.get_text() for text in legend.get_texts()] == [" _x", r"\$y\$"]
-
-
 def test_pickles_are_not_opened(run: tl.Trajectory, tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=np.array([object()], dtype=object))
     with pytest.raises(TwolinkError, match="cannot be read"):
@@ -154,20 +144,15 @@ def test_plots(run: tl.Trajectory, suffix: str, tmp_path: Path) -> None:
     assert path.stat().st_size > 10_000
 
 
-def test_plot_draws_the_samples(run: tl.Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twolink.show import trajectory_plot as plots
-
-    drawn = []
-    monkeypatch.setattr(plots, "save_figure", lambda figure, path: drawn.append(figure) or path)
-    run.plot(tmp_path / "x.png")
-    lines = drawn[0].axes[0].get_lines()
-    assert [line.get_label() for line in lines] == ["shoulder", "elbow"]
-    assert np.array_equal(lines[1].get_ydata(), run.q[:, 1])
+def test_a_saved_run_keeps_its_title(run: tl.Trajectory, tmp_path: Path) -> None:
+    assert run.title
+    for name in ("x.npz", "x.parquet"):
+        assert tl.Trajectory.load(run.save(tmp_path / name)).title == run.title
 
 
 def test_playback_is_written(run: tl.Trajectory, tmp_path: Path) -> None:
     page = run.playback(tmp_path / "x.html").read_text()
-    assert "two_link" in page
+    assert "two-link arm" in page  # the title of its scene
     assert "http://" not in page.split("<script")[0]
 
 

@@ -53,6 +53,45 @@ def label_ends(
                       arrowprops=leader if abs(dx) + abs(dy) > 20 else None, **styles[name])  # fmt: skip
 
 
+def label_right(figure: Any, lines: Mapping[Any, Sequence[tuple[Any, str]]], size: float = 8) -> None:
+    """Write the name of each line beside its axis, at the height of the line's end, or as near as others leave room.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        Where to write.
+    lines : mapping of Axes to sequences of (Line2D, name)
+        The lines of each axis.
+    size : float
+        Font size in points.
+    """
+    figure.draw_without_rendering()  # computes the layout
+    for axis, named in lines.items():
+        frame = axis.get_window_extent()
+        gap = HEIGHT * size * figure.dpi / 72 / frame.height
+        to_share = axis.transData + axis.transAxes.inverted()
+        ends = [float(to_share.transform((line.get_xdata()[-1], line.get_ydata()[-1]))[1]) for line, _ in named]
+        heights = _spread(ends, gap)
+        for (line, name), end, height in zip(named, ends, heights, strict=True):
+            style = {"color": line.get_color(), "transform": axis.transAxes, "clip_on": False}
+            axis.plot([1.0, 1.012], [end, height], linewidth=0.6, alpha=0.7, **style)
+            axis.text(1.016, height, name, fontsize=size, va="center", **style)
+
+
+def _spread(ends: Sequence[float], gap: float) -> list[float]:
+    """Heights near the ends, in their order, with gaps between them, between 0 and 1 where there is room."""
+    order = np.argsort(ends, kind="stable")
+    heights = np.clip(np.asarray(ends, dtype=float)[order], 0.0, 1.0)
+    for k in range(1, len(heights)):
+        heights[k] = max(heights[k], heights[k - 1] + gap)
+    ceiling = max(1.0, gap * (len(heights) - 1))
+    for k in reversed(range(len(heights))):
+        heights[k] = min(heights[k], ceiling - gap * (len(heights) - 1 - k))
+    spread = np.empty(len(heights))
+    spread[order] = heights
+    return spread.tolist()
+
+
 def _dense(line: np.ndarray) -> np.ndarray:
     """Points along a line (n, 2), some 4 points apart."""
     parts = [np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 4)) for a, b in pairwise(line)]

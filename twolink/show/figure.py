@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,15 +26,27 @@ def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **opti
 
     `size` is in inches; `options` go to matplotlib's `Figure.subplots`.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, dpi=150, layout="constrained")
+    figure = _shown_inline()(figsize=size, dpi=150, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     for axis in axes.flat:
         axis.grid(True, color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
     return figure, axes
+
+
+@functools.cache
+def _shown_inline() -> type[Figure]:
+    """Figures that notebooks show, as those of pyplot."""
+    from matplotlib.figure import Figure
+
+    class InlineFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            picture = io.BytesIO()
+            self.savefig(picture, format="png")
+            return picture.getvalue()
+
+    return InlineFigure
 
 
 def save_figure(figure: Figure, path: Path) -> Path:

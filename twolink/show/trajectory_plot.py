@@ -1,58 +1,153 @@
-"""The figure of a trajectory."""
+"""The figure of a trajectory: coordinates and velocities by kind, energy and error bar."""
 
-from collections.abc import Mapping
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from twolink.robots.joint_layout import JointLayout, turns
+from twolink.robots.model import RobotModel
+from twolink.show.direct_labels import label_right
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 
-MAX_LINES = 14
-LINE_STYLES = ("-",) * len(COLOURS) + ("--",) * len(COLOURS)
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_JOINTS = 10
+JOINT_COLOURS = (*COLOURS, "#882255", "#999933", "#44AA99")  # the last three are of Tol's muted scheme
+STYLES = ("-", "--", ":", "-.")  # of the coordinates of one joint
+PANELS = {
+    "angle": "angle\n(rad)",
+    "position": "position\n(m)",
+    "orientation": "orientation\n(quaternion)",
+    "turn": "angular velocity\n(rad/s)",
+    "slide": "velocity\n(m/s)",
+}
+
+
+class _Curve(NamedTuple):
+    """A coordinate or velocity over time: the panel it belongs to, its joint, the name of the entry in it."""
+
+    panel: str
+    joint: str
+    entry: str
+    values: np.ndarray
 
 
 def plot_trajectory(
-    path: Path,
+    robot: RobotModel,
     title: str,
-    t: np.ndarray,
-    q: Mapping[str, np.ndarray],
-    v: Mapping[str, np.ndarray],
-    energy: np.ndarray,
-    error: np.ndarray | None,
-) -> Path:
-    """Draw q, v, energy and the error bar over time, one above the other.
+    curves: tuple[np.ndarray, np.ndarray, np.ndarray],
+    samples: tuple[np.ndarray, np.ndarray, np.ndarray | None],
+    path: Path | None,
+) -> Path | Figure:
+    """Draw coordinates, velocities, energy and the error bar over time, one above the other.
+
+    Angles, positions and quaternions have panels of their own. A joint has one colour in all of them, and its name
+    beside its curves. Of many joints those are drawn that move the most.
 
     Parameters
     ----------
-    path : Path
-        A .png, .svg or .pdf file.
+    robot : RobotModel
+        Whose joints the coordinates belong to.
     title : str
         The title of the figure.
-    t : array (n,)
-        Times, s.
-    q, v : mapping of names to arrays (n,)
-        The coordinates (rad or m) and velocities (rad/s or m/s) to draw.
-    energy : array (n,)
-        Mechanical energy, J.
-    error : array (n,) or None
-        The error bar, rad or m; None when the run was not verified.
+    curves : (t, q, v)
+        Times (m,), s, configurations (m, nq) and velocities (m, nv).
+    samples : (t, energy, error)
+        Times (n,), s, mechanical energy (n,), J, and the error bar (n,), rad or m; None when it was not verified.
+    path : Path or None
+        A .png, .svg or .pdf file; None to keep the figure.
 
     Returns
     -------
-    Path
-        The file.
+    Path or Figure
+        The file, or the figure.
 
     Raises
     ------
     ShowError
         When the file cannot be written.
     """
-    tall = max(1.0, min(len(q), MAX_LINES) / 10)  # a long legend needs a high axis beside it
-    figure, axes = new_figure(4, size=(8, 4.5 + 4.5 * tall), sharex=True, height_ratios=(tall, tall, 1, 1))
-    q_axis, v_axis, energy_axis, error_axis = axes[:, 0]
-    _plot_lines(q_axis, t, q, "configuration q\n(rad, m)")
-    _plot_lines(v_axis, t, v, "velocity v\n(rad/s, m/s)")
+    t, q, v = curves
+    drawn = list(_curves(robot, q, v))
+    joints = _those_that_move_most(drawn)
+    colours = dict(zip(joints, JOINT_COLOURS, strict=False))
+    panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]
+    heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.2, 1.2]
+    figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
+    for axis, name in zip(axes[:, 0], panels, strict=False):
+        axis.set_ylabel(PANELS[name])
+        _draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
+    _draw_energy_and_error(axes[-2, 0], axes[-1, 0], *samples)
+    figure.align_ylabels(axes[:, 0])
+    axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
+    moving = len({c.joint for c in drawn})
+    note = f"\nthe {len(joints)} of {moving} joints that move the most" if len(joints) < moving else ""
+    figure.suptitle(plain(title) + note)
+    label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines()] for axis in axes[:-2, 0]})
+    return figure if path is None else save_figure(figure, path)
+
+
+def _curves(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[_Curve]:
+    """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
+    for joint in robot.joints:
+        for panel, entry, values in (
+            *_positions(robot, joint, q[:, joint.q]),
+            *_velocities(robot, joint, v[:, joint.v]),
+        ):
+            yield _Curve(panel, joint.name, entry, values)
+
+
+def _positions(robot: RobotModel, joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+    if joint.kind == "cos-sin":
+        return [("angle", "", np.unwrap(np.arctan2(q[:, 1], q[:, 0])))]
+    if joint.kind == "planar":
+        place = [("position", name, q[:, i]) for i, name in enumerate("xy")]
+        return [*place, ("angle", "", np.unwrap(np.arctan2(q[:, 3], q[:, 2])))]
+    if joint.kind == "vector":
+        return [("angle" if turns(robot.model, joint) else "position", "", q[:, 0])]
+    place = [("position", name, q[:, i]) for i, name in enumerate("xyz")] if joint.kind == "free-flyer" else []
+    return [*place, *(("orientation", name, q[:, i - 4]) for i, name in enumerate("xyzw"))] if q.shape[1] else []
+
+
+def _velocities(robot: RobotModel, joint: JointLayout, v: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
+    if v.shape[1] == 1:
+        slides = joint.kind == "vector" and not turns(robot.model, joint)
+        return [("slide" if slides else "turn", "", v[:, 0])]
+    turning = {"planar": ["z"], "quaternion": list("xyz"), "free-flyer": list("xyz")}.get(joint.kind, [])
+    first = v.shape[1] - len(turning)
+    slide = [("slide", name, v[:, i]) for i, name in enumerate("xyz"[:first])]
+    return [*slide, *(("turn", name, v[:, first + i]) for i, name in enumerate(turning))]
+
+
+def _those_that_move_most(curves: Sequence[_Curve]) -> list[str]:
+    """At most MAX_JOINTS joints in their order, by the largest share that they have of the range of any panel."""
+    ranges = [float(np.ptp(curve.values)) for curve in curves]
+    widest = {c.panel: max(r for d, r in zip(curves, ranges, strict=True) if d.panel == c.panel) for c in curves}
+    share: dict[str, float] = {}
+    for curve, extent in zip(curves, ranges, strict=True):
+        share[curve.joint] = max(share.get(curve.joint, 0.0), extent / (widest[curve.panel] or 1.0))
+    most = sorted(share, key=lambda joint: -share[joint])[:MAX_JOINTS]
+    return [joint for joint in share if joint in most]
+
+
+def _draw(axis: Any, t: np.ndarray, curves: Sequence[_Curve], colours: dict[str, str]) -> None:
+    """The curves of a panel; those of one joint differ by their line styles."""
+    drawn: dict[str, int] = {}
+    for curve in curves:
+        style = STYLES[drawn.setdefault(curve.joint, 0)]
+        drawn[curve.joint] += 1
+        name = f"{curve.joint} {curve.entry}".rstrip()
+        axis.plot(t, curve.values, style, color=colours[curve.joint], linewidth=1.2, label=plain(name))
+
+
+def _draw_energy_and_error(
+    energy_axis: Any, error_axis: Any, t: np.ndarray, energy: np.ndarray, error: np.ndarray | None
+) -> None:
     energy_axis.plot(t, energy - energy[0], color="0.2", linewidth=1.2)
     energy_axis.set_ylabel(f"energy (J)\nabove {energy[0]:.4g} J")
     error_axis.set(xlabel="time t (s)", ylabel="error bar\n(rad, m)")
@@ -63,15 +158,3 @@ def plot_trajectory(
     else:
         positive = error > 0
         error_axis.semilogy(t[positive], error[positive], color="#D55E00", linewidth=1.2)
-    figure.suptitle(plain(title))
-    return save_figure(figure, path)
-
-
-def _plot_lines(axis: Any, t: np.ndarray, lines: Mapping[str, np.ndarray], label: str) -> None:
-    """Draw the first lines over time, with a legend beside the axis."""
-    drawn = list(lines.items())[:MAX_LINES]
-    for (name, values), colour, style in zip(drawn, COLOURS * 2, LINE_STYLES, strict=False):
-        axis.plot(t, values, style, color=colour, linewidth=1.2, label=plain(name))
-    title = None if len(lines) <= MAX_LINES else f"the first {MAX_LINES} of {len(lines)}"
-    axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False, title=title)
-    axis.set_ylabel(label)

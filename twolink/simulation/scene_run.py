@@ -235,6 +235,7 @@ def _trajectory(
         precise=None if solution.precise is None else solution.precise[kept],
         robots=_robots(solution, kept),
         solution=dense,
+        title=scene.title,
     )
 
 

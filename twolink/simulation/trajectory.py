@@ -8,14 +8,14 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
-from twolink.errors import SceneError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
@@ -23,7 +23,11 @@ from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.cost import Cost
 from twolink.simulation.text import ShownAsText
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 log = logging.getLogger("twolink")
+SMOOTH = 400  # times that make a smooth curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,6 +61,8 @@ class Trajectory(ShownAsText):
         The solution between the samples; None for a loaded trajectory.
     recorded_energy : ndarray (n,) or None
         The energy as it was saved, J; None: it is computed.
+    title : str
+        The scene's title.
     """
 
     robot: Robot
@@ -72,6 +78,7 @@ class Trajectory(ShownAsText):
     robots: Sequence[tuple[Robot, int]] = ()
     solution: DenseOutput | None = None
     recorded_energy: np.ndarray | None = None
+    title: str = ""
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -208,7 +215,7 @@ class Trajectory(ShownAsText):
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
-        return write_table(Path(path), self.columns(), robot_notes(self.robot))
+        return write_table(Path(path), self.columns(), {**robot_notes(self.robot), "title": self.title})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -233,16 +240,48 @@ class Trajectory(ShownAsText):
             The robot is another one, or the file is not a trajectory.
         """
         samples = tables.read_samples(Path(path), robot)
-        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy)
+        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy,
+                   title=samples.title)  # fmt: skip
 
-    def plot(self, path: str | os.PathLike[str]) -> Path:
-        """Draw q, v, energy and the error bar over time into a .png, .svg or .pdf."""
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str]) -> Path: ...
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
+        """Draw coordinates, velocities, energy and the error bar over time.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
+
+        Raises
+        ------
+        ShowError
+            The file's ending is another one, or it cannot be written.
+        """
         from twolink.show.trajectory_plot import plot_trajectory
 
-        title = f"{self.robot.name}: {self.t[-1]:g} s"
-        q, v = (dict(zip(tables.coordinate_names(self.robot, letter), values.T, strict=True))
-                for letter, values in (("q", self.q), ("v", self.v)))  # fmt: skip
-        return plot_trajectory(Path(path), title, self.t, q, v, self.energy, self.error)
+        title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
+        samples = self.t, self.energy, self.error
+        return plot_trajectory(self.robot, title, self._curves(), samples, None if path is None else Path(path))
+
+    def _curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times, configurations and velocities to draw: between few samples the solution itself."""
+        if self.solution is None or len(self.t) >= SMOOTH:
+            return self.t, self.q, self.v
+        times = np.union1d(self.t, np.linspace(self.t[0], self.t[-1], SMOOTH))
+        try:
+            return times, *self.at(times)
+        except AccuracyError:
+            return self.t, self.q, self.v
 
     def playback(
         self, path: str | os.PathLike[str], *, speed: float = 1.0, on_skipped: Callable[[list[str]], None] | None = None
@@ -253,7 +292,7 @@ class Trajectory(ShownAsText):
         """
         from twolink.show.playback import write_playback
 
-        model, visuals, title = self.robot.model, self.robot.visual_model(), self.robot.name
+        model, visuals, title = self.robot.model, self.robot.visual_model(), self.title or self.robot.name
         return write_playback(
             model, visuals, self.t, self.q, Path(path), title=title, speed=speed, on_skipped=on_skipped
         )
@@ -278,7 +317,7 @@ class Trajectory(ShownAsText):
             self.robot.visual_model(),
             self.t,
             self.q,
-            title=self.robot.name,
+            title=self.title or self.robot.name,
             speed=speed,
             open_browser=open_browser,
             on_url=on_url or _log_url,

@@ -1,0 +1,92 @@
+"""The figure of a trajectory: what is drawn where, in which colour, under which name."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.simulation.test_trajectory import run_of_names
+
+
+def names_beside(axis: Any) -> list[str]:
+    return [text.get_text() for text in axis.texts]
+
+
+def curves(axis: Any) -> dict[str, Any]:
+    return {line.get_label(): line for line in axis.get_lines() if not line.get_label().startswith("_")}
+
+
+def panels(figure: Any) -> dict[str, Any]:
+    return {axis.get_ylabel().split("\n")[0]: axis for axis in figure.axes}
+
+
+def test_every_name_stands_beside_its_curve() -> None:
+    figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("_x", "$y$"))), 0.05).plot()
+    assert names_beside(figure.axes[0]) == [" _x", r"\$y\$"]
+
+
+def test_names_do_not_cover_each_other() -> None:
+    figure = tl.simulate(tl.Scene(tl.load_robot(run_of_names("a", "b"))), 0.05).plot()  # both at rest at 0
+    first, second = (text.get_window_extent() for text in figure.axes[0].texts)
+    assert first.y0 >= second.y1 or second.y0 >= first.y1
+
+
+def test_the_samples_are_drawn_in_a_colour_a_joint() -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 3)
+    figure = run.plot()
+    angle, speed = map(curves, figure.axes[:2])
+    assert list(angle) == list(speed) == names_beside(figure.axes[0]) == ["shoulder", "elbow"]
+    assert np.array_equal(angle["elbow"].get_ydata(), run.q[:, 1])
+    assert np.array_equal(speed["elbow"].get_ydata(), run.v[:, 1])
+    assert len({angle[name].get_color() for name in angle}) == 2
+    assert all(angle[name].get_color() == speed[name].get_color() for name in angle)
+    assert run.title in figure.get_suptitle()
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_few_samples_are_drawn_as_the_solution_between_them() -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 3, samples=2)
+    line = curves(run.plot().axes[0])["elbow"]
+    assert len(run.t) == 7
+    assert len(line.get_xdata()) >= 400
+    np.testing.assert_allclose(line.get_ydata(), run.at(line.get_xdata())[0][:, 1], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def talos() -> tl.Robot:
+    return tl.load_robot("talos", root="free")
+
+
+def moved(robot: tl.Robot, q: np.ndarray) -> Any:
+    t = np.linspace(0, 1, len(q))
+    return tl.Trajectory(robot, t, q, np.zeros((len(q), robot.nv)), None, None).plot()
+
+
+def test_of_many_joints_those_are_drawn_that_move_the_most(talos: tl.Robot) -> None:
+    q = np.tile(talos.neutral, (30, 1))
+    q[:, 7:19] = np.linspace(0, 1, 30)[:, None] * np.arange(12, 0, -1)  # the first joint moves the most
+    figure = moved(talos, q)
+    assert list(panels(figure)) == ["angle", "angular velocity", "energy (J)", "error bar"]
+    assert list(curves(figure.axes[0])) == list(talos.joint_names[1:11])
+    assert len({line.get_color() for line in curves(figure.axes[0]).values()}) == 10
+    assert f"the 10 of {len(talos.joints)} joints that move the most" in figure.get_suptitle()
+
+
+def test_angles_positions_and_quaternions_are_apart(talos: tl.Robot) -> None:
+    q = np.tile(talos.neutral, (30, 1))
+    angle = np.linspace(0, 1, 30)
+    q[:, 0], q[:, 3], q[:, 6], q[:, 7] = 5 * angle, np.sin(angle / 2), np.cos(angle / 2), angle
+    drawn = panels(moved(talos, q))
+    assert list(curves(drawn["orientation"])) == [f"root_joint {x}" for x in "xyzw"]
+    assert list(curves(drawn["position"])) == [f"root_joint {x}" for x in "xyz"]
+    assert talos.joint_names[1] in curves(drawn["angle"])
+    assert "root_joint" not in "".join(curves(drawn["angle"]))
+
+
+def test_the_angle_of_a_continuous_joint_is_counted_on() -> None:
+    robot = tl.load_robot(run_of_names("a", "b", ("continuous", "revolute")))
+    run = tl.simulate(tl.Scene(robot, v=[9.0, 0.0]), 2, verify=False)
+    angle = curves(run.plot().axes[0])["a"].get_ydata()
+    assert angle[-1] > 10
+    np.testing.assert_allclose(np.cos(angle), run.q[:, 0], atol=1e-9)
