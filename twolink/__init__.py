@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from twolink.control.feedback import lqr
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
+    from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
+    from twolink.identification.scene_fit import fit
     from twolink.optimization.optimize import optimize
     from twolink.optimization.optimum import Optimum
     from twolink.service.client import connect
@@ -33,6 +35,8 @@ _IMPORTED_WHEN_USED = {
     "lqr": "twolink.control.feedback",
     "PeriodicMotion": "twolink.control.periodic",
     "periodic_motion": "twolink.control.periodic",
+    "fit": "twolink.identification.scene_fit",
+    "SceneFit": "twolink.identification.fit_result",
     "identify": "twolink.identification.identify",
     "Optimum": "twolink.optimization.optimum",
     "optimize": "twolink.optimization.optimize",
@@ -70,6 +74,7 @@ __all__ = [
     "PeriodicMotion",
     "Robot",
     "Scene",
+    "SceneFit",
     "Sensitivities",
     "Study",
     "Trajectory",
@@ -82,6 +87,7 @@ __all__ = [
     "equilibria",
     "errors",
     "explain",
+    "fit",
     "identify",
     "lagrange",
     "linearize",

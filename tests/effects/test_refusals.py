@@ -44,6 +44,9 @@ BAD = [
     (E.WeldLoop(a="tip", point_b=(0.0, NAN, 0.0)), "point_b", "finite"),
     (E.HingeLoop(a="tip", axis_a=(0.0, 1.0), axis_b=(0.0, 1.0, 0.0)), "axis_a", "expected three"),
     (E.HingeLoop(a="tip", axis_a=(0.0, 1.0, 0.0), axis_b=(0.0, 0.0, 0.0)), "axis_b", "expected a direction"),
+    (E.Constants({"forearm.mas": 1.0}), "values", "did you mean 'forearm.mass'"),
+    (E.Constants({"forearm.mass": -1.0}), "values.forearm.mass", "at least 0"),
+    (E.Constants({"elbow.damping": 1.0}), "values.elbow.damping", "damping acts as an effect"),
     (E.Rotor({"elbow": -1.0}), "inertia.elbow", "at least 0"),
     (E.Rotor({"elbow": 1.0}, {"shoulder": 2.0}), "ratio", "with a rotor 'shoulder'"),
     (E.Payload("tip", -1.0), "mass", "at least 0, got -1.0"),
@@ -61,6 +64,7 @@ def test_effects_that_are_refused(effect: object, where: str, part: str) -> None
 
 WORKING = {
     "AirDrag": {"frame": "tip", "area": 0.1},
+    "Constants": {"values": {"forearm.mass": 1.0}},
     "ComputedTorque": {"path": {"shoulder": 1.0, "elbow": 1.0}, "kp": 1.0, "kd": 1.0},
     "FrameWrench": {"frame": "tip"},
     "Gravity": {},

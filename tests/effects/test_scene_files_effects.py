@@ -40,6 +40,8 @@ FILES = {
     "joint-pd": ("target = {elbow = 1}\nkp = {elbow = 10}\nkd = {elbow = 1}",
                  E.JointPD({"elbow": 1.0}, {"elbow": 10.0}, {"elbow": 1.0})),
     "joint-spring": ("stiffness = {elbow = 3}\nrest = {elbow = 0.1}", E.JointSpring({"elbow": 3.0}, {"elbow": 0.1})),
+    "constants": ('values = {"forearm.mass" = 1.5, "elbow.armature" = 0.1}',
+                  E.Constants({"forearm.mass": 1.5, "elbow.armature": 0.1})),
     "payload": ('frame = "tip"\nmass = 2\ncom = [0.1, 0, 0]', E.Payload("tip", 2.0, (0.1, 0.0, 0.0))),
     "rotor": ("inertia = {elbow = 0.001}\nratio = {elbow = 50}", E.Rotor({"elbow": 0.001}, {"elbow": 50.0})),
     "smooth-friction": ("friction = {elbow = 2}\nscale = 0.1", E.SmoothFriction({"elbow": 2.0}, 0.1)),

@@ -4,6 +4,7 @@ from twolink.effects.air_drag import AirDrag as AirDrag
 from twolink.effects.computed_torque import ComputedTorque as ComputedTorque
 from twolink.effects.conditions import FrameReaches as FrameReaches
 from twolink.effects.conditions import JointReaches as JointReaches
+from twolink.effects.constants import Constants as Constants
 from twolink.effects.contact import Contact as Contact
 from twolink.effects.contact_pairs import Plane as Plane
 from twolink.effects.coupling import Coupling as Coupling

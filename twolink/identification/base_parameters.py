@@ -42,9 +42,9 @@ class BaseParameters:
         """A basis (k, k - r) of the changes of the parameters that change no torque, orthonormal."""
         return np.asarray(scipy.linalg.null_space(self.matrix))
 
-    def not_identifiable(self) -> tuple[str, ...]:
+    def not_identifiable(self, what: str = "torque") -> tuple[str, ...]:
         """What cannot be told, in words: parameters that do not act, and sums of which only the whole acts."""
-        alone = [f"{name}: no torque depends on it" for name in self.unseen]
+        alone = [f"{name}: no {what} depends on it" for name in self.unseen]
         sums = [text for text, row in zip(self.combinations, self.matrix, strict=True) if np.count_nonzero(row) > 1]
         return (*alone, *(f"only the sum {text}" for text in sums))
 

@@ -19,13 +19,13 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.dynamics.regressors import JOINT_PARAMETERS
+from twolink.identification.pseudo_inertia import pseudo_inertia, thickened
 from twolink.identification.selection import Selection
 
 _WEIGHT = (
     1e-3  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
 )
 _EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
-_THIN = 1e-6  # thin rods and point masses are allowed: P may lack this share of its second moments
 _STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
 
 
@@ -120,33 +120,15 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
     pi = robot.parameter_values
     bodies = 10 * (robot.model.njoints - 1)
     for first in range(0, bodies, 10):
-        slopes = np.stack([_pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
+        slopes = np.stack([pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
         if slopes.any():
-            start = _thickened(_pseudo_inertia(pi[first : first + 10]), robot.mass)
+            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass)
             found.append(_Domain(start, slopes, np.linalg.inv(start)))
     for k, column in enumerate(chosen.columns.T):
         if column[bodies:].any():
             start = np.array([[max(chosen.nominal[k], 1e-3 * sizes[k], 1e-12)]])
             found.append(_Domain(start, np.eye(len(chosen.names))[k][:, None, None], 1 / start))
     return found
-
-
-def _pseudo_inertia(body: np.ndarray) -> np.ndarray:
-    """P (4, 4) of the ten parameters: second moments, first moment, mass; linear in them."""
-    mass, x, y, z, xx, xy, yy, xz, yz, zz = body
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    first = np.array([[x], [y], [z]])
-    return np.block([[np.trace(inertia) / 2 * np.eye(3) - inertia, first], [first.T, np.array([[mass]])]])
-
-
-def _thickened(pseudo: np.ndarray, mass: float) -> np.ndarray:
-    """P, where it is thin with more second moment in every direction and some mass, to be positive definite."""
-    moved = pseudo.copy()
-    moved[3, 3] = max(moved[3, 3], 1e-9 * mass)
-    central = moved[:3, :3] - np.outer(moved[:3, 3], moved[:3, 3]) / moved[3, 3]
-    wanted = _THIN * max(np.trace(central), 1e-6 * moved[3, 3])
-    moved[:3, :3] += max(wanted - float(np.linalg.eigvalsh(central)[0]), 0.0) * np.eye(3)
-    return moved
 
 
 def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain]) -> np.ndarray:

@@ -11,22 +11,25 @@ import pinocchio as pin
 from twolink.algorithms.mechanism import body_names
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import RobotError
+from twolink.identification.fit_result import SceneFit
 from twolink.identification.result import Identification
 from twolink.io.atomic import write_atomic
 from twolink.robots.source import open_source
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
 
+Found = Identification | SceneFit
 _HEAD = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*", re.DOTALL)  # what comes before <robot>
 
 
-def write_urdf(found: Identification, source: str | os.PathLike[str], path: Path) -> Path:
+def write_urdf(found: Found, source: str | os.PathLike[str], path: Path) -> Path:
     """Write the URDF of `source` with what was found.
 
     Parameters
     ----------
-    found : Identification
-        What was found; its consistent parameters (`found.found`) are written.
+    found : Identification or SceneFit
+        What was found; the parameters of the robot `found.found` are written. Numbers of effects have no place in a
+        URDF: `SceneFit.scene.save` keeps them.
     source : str or path
         The name, path or URDF text that the robot was loaded from.
     path : Path
@@ -48,12 +51,13 @@ def write_urdf(found: Identification, source: str | os.PathLike[str], path: Path
     return write_atomic(path, lambda file: file.write(text.encode()), error=RobotError)
 
 
-def found_urdf(found: Identification, source: str | os.PathLike[str]) -> str:
+def found_urdf(found: Found, source: str | os.PathLike[str]) -> str:
     """The URDF text; see `write_urdf`."""
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
     root = ET.fromstring(urdf.data, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
-    model, changed = found.robot.model, found.consistency.vector - found.robot.parameter_values
+    model, new = found.robot.model, found.found.model
+    changed = found.found.parameter_values - found.robot.parameter_values
     for j, link in enumerate(body_names(model)[1:]):
         change = changed[10 * j : 10 * j + 10]
         if any(name.startswith(f"{link}.") for name in found.parameters):
@@ -64,7 +68,9 @@ def found_urdf(found: Identification, source: str | os.PathLike[str]) -> str:
         kinds = [kind for kind in JOINT_PARAMETERS if f"{joint}.{kind}" in found.parameters]
         if kinds:
             element = _named(root, "joint", joint, urdf.label)
-            values = {kind: found.consistency.parameters[f"{joint}.{kind}"] for kind in kinds}
+            dof = model.idx_vs[model.getJointId(joint)]
+            values = {"damping": float(new.damping[dof]), "friction": float(new.upperDryFrictionLimit[dof])}
+            values = {kind: value for kind, value in values.items() if kind in kinds}
             _set_dynamics(element, values)
             _comment(element, _remarks(found, joint))
     head = _HEAD.match(urdf.data.decode("utf-8-sig"))
@@ -122,15 +128,16 @@ def _child(parent: ET.Element, tag: str) -> ET.Element:
     return found
 
 
-def _remarks(found: Identification, owner: str) -> list[str]:
+def _remarks(found: Found, owner: str) -> list[str]:
     """A line for each combination that a link or joint is part of, and for what could not be told of it."""
     percent = f"{100 * found.confidence:g} %"
-    names = [k for k, name in enumerate(found.parameters) if name.startswith(f"{owner}.")]
+    parameters = tuple(found.parameters)
+    names = [k for k, name in enumerate(parameters) if name.startswith(f"{owner}.")]
     lines = []
     for text, row, (low, high) in zip(found.combinations, found.matrix, found.intervals.values(), strict=True):
         if np.any(row[names]):
             lines.append(f"found: {text} = {(low + high) / 2:.6g}, {percent} within {low:.6g} and {high:.6g}")
-    unseen = [found.parameters[k] for k in names if not np.any(found.matrix[:, k])]
+    unseen = [parameters[k] for k in names if not np.any(found.matrix[:, k])]
     return [*lines, *([f"not seen in the data, kept near its value: {', '.join(unseen)}"] if unseen else [])]
 
 

@@ -10,11 +10,12 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import one_of, positive
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import BaseParameters, base_parameters, independent
-from twolink.identification.measurements import Measurements, measurements
+from twolink.identification.measurements import Measurements, measurements, require_reach
 from twolink.identification.regression import METHODS, fit
 from twolink.identification.result import Identification
 from twolink.identification.selection import Selection, select
 
+_UNEXPLAINED = 0.3  # of the torques: residuals above it ask for the reason
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 
 
@@ -95,6 +96,8 @@ def identify(
         errors = np.concatenate([wider - columns, (torques - y)[..., None]], axis=-1)
         found = fit(columns, y, method, errors)
         numerical = found.rounding + np.abs(fit(wider, torques, method, errors).x - found.x)
+    if np.std(found.residuals) > _UNEXPLAINED * np.std(y):
+        require_reach(robot, data.t, data.q)
     wide = stdtrit(y.size - len(found.x), (1 + confidence) / 2) * np.sqrt(np.diag(found.covariance)) + numerical
     return Identification(
         robot, chosen, base.combinations, base.matrix, found.x, found.covariance, numerical, wide, confidence,

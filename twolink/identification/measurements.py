@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import QueryError
 from twolink.identification.differentiation import SMALLEST, rate, smooth
 from twolink.io.tables import read_table
+from twolink.robots.joint_layout import turns
 
 _NARROWER = 0.7  # of the widest window that the noise allows: errors of a fall with its fourth power
-_LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
+LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def measurements(
     QueryError
         For wrong shapes or values that are not finite; codes "times", "too-few-samples", "constant-data" and "units".
     """
-    times = _times(t)
+    times = checked_times(t)
     if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
         what, remedy = (
             f"expected a whole number from {SMALLEST} on, got {half!r}",
@@ -82,7 +83,8 @@ def measurements(
     return replace(_cut(chosen, wide.half - chosen.half), coarse=wide)
 
 
-def _times(t: ArrayLike) -> np.ndarray:
+def checked_times(t: ArrayLike) -> np.ndarray:
+    """Increasing times (n,), s. Raises QueryError, codes "times" and "too-few-samples"."""
     times = array("t", t, np.shape(t)[-1] if np.ndim(t) else 1)
     if times.ndim != 1:
         raise QueryError(
@@ -107,14 +109,14 @@ def _with_rate_of_v(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], h
     if len(t) < 2 * wide + 1:
         what = f"{len(t)} samples are too few to differentiate v, expected at least {2 * wide + 1}"
         raise QueryError(what, argument="t", remedy="give more samples, or a", code="too-few-samples")
-    _check_units(robot, t, given["q"], given["v"])
+    check_units(robot, t, given["q"], given["v"])
     part, inner = slice(wide, len(t) - wide), slice(wide - half, len(t) - wide - half)
     q, v, tau = (given[name][part] for name in ("q", "v", "tau"))
     m = Measurements(t[part], q, v, rate(t, given["v"], half)[inner], tau, half)
     return replace(m, coarse=replace(m, a=rate(t, given["v"], wide)))
 
 
-def _check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
+def check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
     """Refuse velocities that are a multiple of the rate of the positions. Raises QueryError (code "units")."""
     moved = robot.difference(q[:-1], q[1:])
     expected = (v[1:] + v[:-1]) / 2 * np.diff(t)[:, None]
@@ -123,9 +125,32 @@ def _check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> N
         alike = abs(x @ y) / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
         ratio = float(x @ y / max(x @ x, 1e-300))
         if alike > 0.9 and not 1 / 3 < abs(ratio) < 3:
-            guess = next((text for scale, text in _LIKELY.items() if abs(np.log(abs(ratio) / scale)) < 0.1), "")
-            what = f"v of joint {joint.name!r} is {ratio:.4g} times the rate of its q; {guess}".rstrip("; ")
-            raise QueryError(what, argument="v", remedy="give rad, m and s throughout", code="units")
+            what = f"v of joint {joint.name!r} is {ratio:.4g} times the rate of its q"
+            raise wrong_units(what, "v", ratio)
+
+
+def wrong_units(what: str, argument: str, ratio: float, guesses: Mapping[float, str] = LIKELY) -> QueryError:
+    """The error for values that are `ratio` times what they must be, with a guess at the reason."""
+    guess = next((f"; {text}" for scale, text in guesses.items() if abs(np.log(abs(ratio) / scale)) < 0.1), "")
+    return QueryError(what + guess, argument=argument, remedy="give rad, m and s throughout", code="units")
+
+
+def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
+    """Refuse angles and speeds that are beyond the limits of a joint and within them as degrees.
+
+    Raises QueryError (code "units").
+    """
+    model, speed = robot.model, np.abs(robot.difference(q[:-1], q[1:]) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
+    for joint in robot.joints:
+        if joint.kind != "vector" or not turns(model, joint):
+            continue
+        i, fastest, limit = joint.q.start, float(speed[joint.v.start]), float(model.velocityLimit[joint.v.start])
+        reach = max(abs(float(model.lowerPositionLimit[i])), abs(float(model.upperPositionLimit[i])))
+        far = float(np.abs(q[:, i]).max())
+        if np.radians(far) < reach < far / 1.5 and np.radians(fastest) < limit < fastest:
+            what = (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
+                    f"rad and {limit:.4g} rad/s; is q in degrees?")  # fmt: skip
+            raise QueryError(what, argument="q", remedy="give radians", code="units")
 
 
 def _filtered(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int | None) -> Measurements:

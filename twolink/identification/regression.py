@@ -12,7 +12,8 @@ import numpy as np
 import scipy.linalg
 
 METHODS = ("ordinary", "weighted", "robust", "total")
-_HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
+CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
+HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
 _EPSILON = float(np.finfo(float).eps)
 
 
@@ -35,19 +36,28 @@ class Fit:
     rounding: np.ndarray
 
 
-def fit(columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None) -> Fit:
-    """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total"."""
+def fit(
+    columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
+    least: float = 0.0, sigma: np.ndarray | None = None,
+) -> Fit:  # fmt: skip
+    """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
+
+    least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
+    count instead.
+    """
     noise, full = np.ones(y.shape[1]), np.ones(y.shape, dtype=bool)
     weights = np.ones(y.shape)
     for _ in range(40):
         x, leverage = _solve(columns, y, weights)
         residuals = y - columns @ x
-        before, noise = noise, _noise(residuals, leverage, y, method == "robust")
+        before, noise = noise, np.maximum(_noise(residuals, leverage, y, method == "robust"), least)
+        if sigma is not None:
+            noise = np.where(noise > sigma * (1 + CLEARLY / np.sqrt(2 * len(y))), noise, sigma)
         if method == "ordinary" or np.allclose(before, noise, rtol=1e-6, atol=0):
             break
         weights = np.broadcast_to(1 / noise, y.shape)
         if method == "robust":
-            share = _HUBER / np.maximum(np.abs(residuals / noise), 1e-300)
+            share = HUBER / np.maximum(np.abs(residuals / noise), 1e-300)
             full = share >= 1
             weights = weights * np.sqrt(np.minimum(1.0, share))
     if method == "total" and error is not None:

@@ -36,8 +36,9 @@ class Equations:
     places: of the effects, then of the constraints' loops, their places among the scene's effects.
     effort_limits: names of the limits of effort, whose values pass 0 where they begin and cease to act.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
-    content: a digest of all this but the start. assembled: how far q [rad, m] and v [per second] of the start were
-    moved to close the loops.
+    any_numbers: whether compiled steps take the numbers of robot and effects as inputs, for scenes that differ in them.
+    content: a digest of all this but the start and that.
+    assembled: how far q [rad, m] and v [per second] of the start were moved to close the loops.
     """
 
     layout: Layout
@@ -54,6 +55,7 @@ class Equations:
     operations: int = 0
     content: str = ""
     assembled: tuple[float, float] = (0.0, 0.0)
+    any_numbers: bool = False
 
     @property
     def space(self) -> StateSpace:

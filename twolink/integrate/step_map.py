@@ -42,6 +42,7 @@ from twolink.integrate.step_building import (
 from twolink.integrate.step_certificate import certify, certify_projection, certify_rate
 from twolink.integrate.step_control import Control, control_rows
 
+SOON = 3.0  # s, within which whole steps for any numbers are compiled
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16, 1 / 4)  # of a step: distances of the states between which one is interpolated
@@ -154,6 +155,9 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False, wh
     parts = in_parts(equations, method)
     if portable or heyoka() is None or (parts and parts_seconds(equations) > MAX_IN_PARTS):
         return StepMap(equations, method, portable_map(equations, method), "", 0.0)
+    if equations.any_numbers and not equations.parameters:
+        call, seconds = _for_any_numbers(equations, method)
+        return StepMap(equations, method, call, "parts", seconds)
     name = _name(equations, method)
     first = not (parts or whole or is_reproducible()) and pays(equations, method, name) and not is_at_hand(name)
     if parts or first:
@@ -173,6 +177,22 @@ def _name(equations: Equations, method: Method) -> str:
 def _whole(equations: Equations, method: Method) -> tuple[Map, float]:
     """Whole compiled steps, and the seconds of compiling or loading them."""
     return compiled_function(_name(equations, method), lambda: _compiled(equations, method))
+
+
+def _for_any_numbers(equations: Equations, method: Method) -> tuple[Map, float]:
+    """Steps by code that other numbers share: whole ones where that compiles soon. And the seconds of compiling."""
+    if step_seconds(equations, method) > SOON:
+        return _in_parts(equations, method, first=True)
+    base, values = structure_of(equations)
+    code, seconds = _whole(base, method)
+
+    def call(state: Array, out: Array, *, batch_parallel: bool = False) -> None:
+        rows = np.concatenate([state, np.broadcast_to(values[:, None], (len(values), state.shape[1]))])
+        new = np.empty_like(rows)
+        code(rows, new, batch_parallel=batch_parallel)
+        out[:] = new[: len(out)]
+
+    return call, seconds
 
 
 def _compiled(equations: Equations, method: Method) -> Any:

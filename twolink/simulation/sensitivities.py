@@ -1,17 +1,19 @@
 """sensitivities: derivatives of a simulated motion by its initial state and by physical constants."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twolink.errors import AccuracyError
+from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import ROUNDING, SLACK, error_bar
-from twolink.simulation.scene_run import simulate
+from twolink.simulation.sampling import duration_for, sample_times
+from twolink.simulation.scene_run import MAX_SAMPLES, run_of
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.sensitivity_runs import SensitivityRun
 from twolink.simulation.text import ShownAsText
@@ -98,13 +100,37 @@ def sensitivities(
     Their error bar comes from a second solution, as that of the motion does: a more accurate motion, perturbed, with
     half the steps of the variational equations.
     """
+    times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
+    return sensitivities_at(scene, wrt, times, accuracy, progress)
+
+
+def sensitivities_at(
+    scene: Scene,
+    wrt: Sequence[str],
+    times: np.ndarray,
+    accuracy: float,
+    progress: Progress | None = None,
+    *,
+    any_numbers: bool = False,
+) -> Sensitivities:
+    """As `sensitivities`, at times (n,), increasing; the scene's state is that at the first of them.
+
+    any_numbers: by code that serves scenes with other numbers too, for those who ask for many of them.
+    """
     accuracy = accuracy_of(accuracy)
     wanted = wanted_of(scene, wrt)
-    equations = equations_of(scene)
+    equations, begin, end = equations_of(scene), float(times[0]), float(times[-1])
+    if begin:
+        equations = equations.starting_at(equations.start, begin)
+    if any_numbers:
+        equations = replace(equations, any_numbers=True)
     sought, excess, run = accuracy, 0.0, None
     for _ in range(TRIALS):
+        choice = choose(equations, sought, end - begin, "auto")
+        if any_numbers and choice.method.kind == "taylor":  # whose optimized code is for one scene
+            choice = choose(equations, sought, end - begin, "dop853")
         try:
-            run = simulate(scene, duration, sought, samples=samples, progress=progress)
+            run = run_of(scene, equations, choice, times, sought, progress)
         except AccuracyError:
             if not excess:
                 raise

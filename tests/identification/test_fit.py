@@ -1,0 +1,195 @@
+"""fit: true values from simulated motions with noise, what cannot be told in words, and refused data."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import twolink as tl
+from twolink.errors import QueryError, TwolinkError
+from twolink.identification import base_parameters, write_urdf
+from twolink.identification.pseudo_inertia import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
+from twolink.simulation.world_scenes import world_scene
+
+E = tl.effects
+ARM = tl.load_robot("arm")
+SCENE = tl.Scene(ARM, [1.0, 0.7], effects=[E.Gravity(), E.JointDamping({"shoulder": 0.3, "elbow": 0.2})])
+TRUE = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4}
+TIMES = np.linspace(0.0, 2.0, 101)
+NOISE = 2e-3
+
+
+def motion_of(scene: tl.Scene, times: np.ndarray = TIMES) -> tuple[np.ndarray, np.ndarray]:
+    return tl.simulate(scene, float(times[-1]), 1e-9).at(times)
+
+
+Q, V = motion_of(world_scene(SCENE, TRUE))
+
+
+def noisy(values: np.ndarray, seed: int = 0, size: float = NOISE) -> np.ndarray:
+    return values + size * np.random.default_rng(seed).standard_normal(values.shape)
+
+
+def inside(found: tl.SceneFit, truth: dict[str, float]) -> list[bool]:
+    return [low <= truth[name] <= high for name, (low, high) in found.intervals.items()]
+
+
+def test_exact_measurements_give_the_true_values() -> None:
+    found = tl.fit(SCENE, {"t": TIMES, "q": Q, "v": V}, list(TRUE))
+    for name, value in TRUE.items():
+        assert found.values[name] == pytest.approx(value, abs=2e-6)
+    assert all(inside(found, TRUE))
+    assert found.converged
+    assert found.explained
+    assert np.abs(found.residuals).max() < 1e-5
+
+
+def test_true_values_are_inside_the_intervals_as_often_as_stated() -> None:
+    hits = []
+    for seed in range(40):
+        found = tl.fit(SCENE, {"t": TIMES, "q": noisy(Q, seed)}, list(TRUE))
+        hits += inside(found, TRUE)
+    assert 0.88 <= np.mean(hits) <= 0.99  # 120 intervals of 95 %: 0.95 +- 0.04 at two standard deviations
+
+
+def test_one_joint_alone_and_a_start_that_is_not_known() -> None:
+    names = ["forearm.mass", "q.shoulder", "v"]
+    found = tl.fit(world_scene(SCENE, {"effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4}),
+                   pd.DataFrame({"t": TIMES, "q.elbow": noisy(Q[:, 1])}), names)  # fmt: skip
+    assert found.channels == ("q.elbow",)
+    truth = {"forearm.mass": 1.9, "q.shoulder": 1.0, "v.shoulder": 0.0, "v.elbow": 0.0}
+    assert np.mean(inside(found, truth)) >= 0.75
+    assert found.values["forearm.mass"] == pytest.approx(1.9, abs=0.05)
+
+
+def test_outliers_move_a_robust_fit_little() -> None:
+    q = noisy(Q)
+    q[::11] += 0.2
+    plain, robust = (tl.fit(SCENE, {"t": TIMES, "q": q}, list(TRUE), method=m) for m in ("weighted", "robust"))
+    off = [abs(found.values["forearm.mass"] - 1.9) for found in (plain, robust)]
+    assert off[1] < 0.2 * off[0]
+
+
+def test_a_stated_noise_counts_until_the_residuals_contradict_it() -> None:
+    data, scene = {"t": TIMES, "q": noisy(Q)}, world_scene(SCENE, {n: x for n, x in TRUE.items() if "damping" in n})
+    stated = tl.fit(scene, data, ["forearm.mass"], sigma={"q.shoulder": NOISE, "q.elbow": NOISE})
+    assert np.array_equal(stated.noise, [NOISE, NOISE])
+    wrong = tl.fit(scene, data, ["forearm.mass"], sigma=NOISE / 10)
+    np.testing.assert_allclose(wrong.noise, NOISE, rtol=0.3)
+    assert wrong.half_width[0] > 0.5 * stated.half_width[0]
+
+
+def test_a_common_factor_of_all_masses_cannot_be_told_and_is_not_fitted() -> None:
+    """M q'' + h = 0 under gravity alone is the same motion for any factor of all inertias."""
+    scene = tl.Scene(ARM, [1.0, 0.7], effects=[E.Gravity()])
+    heavy = world_scene(scene, {"forearm.mass": 1.9})
+    q, _ = motion_of(heavy)
+    bodies = ["*.mass", "*.first_moment.*", "*.origin_inertia.*"]
+    found = tl.fit(scene, {"t": TIMES, "q": noisy(q, size=1e-4)}, bodies)
+    base = base_parameters(ARM)
+    assert len(found.combinations) + len(found.not_excited) == len(base.combinations) - 1
+    assert found.not_identifiable[0].startswith("only the ratios of ")
+    for name in base.unseen:
+        assert f"{name}: no measurement depends on it" in found.not_identifiable
+    assert found.explained
+    ratio = found.parameters["forearm.first_moment.z"] / found.parameters["forearm.origin_inertia.yy"]
+    truth = heavy.robot.parameter_values[[13, 16]]
+    assert ratio == pytest.approx(truth[0] / truth[1], rel=0.02)
+
+
+def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
+    """Known torques set the scale: all six combinations of the arm are told, in the words of `base_parameters`."""
+    push = E.Torque({"shoulder": E.Sine(4.0, 1.1), "elbow": E.Sine(1.0, 2.3)})
+    scene = tl.Scene(ARM, [0.5, 0.7], effects=[E.Gravity(), push])
+    times = np.linspace(0.0, 3.0, 151)
+    q, v = motion_of(world_scene(scene, {"forearm.mass": 1.8}), times)
+    bodies = ["upper_arm.*", "forearm.*"]
+    found = tl.fit(scene, {"t": times, "q": noisy(q, size=1e-5), "v": noisy(v, size=1e-5)}, bodies)
+    base = base_parameters(ARM)
+    names = ARM.parameter_names[:20]
+    order = [list(found.parameters).index(name) for name in names]
+    ours = found.matrix[:, order]
+    assert len(found.combinations) == len(base.combinations)
+    angle = ours - ours @ np.linalg.pinv(base.matrix) @ base.matrix
+    assert np.abs(angle).max() < 1e-4 * np.abs(ours).max()
+    truth = ours @ world_scene(scene, {"forearm.mass": 1.8}).robot.parameter_values[:20]
+    assert np.mean(np.abs(found.estimate - truth) <= found.half_width) >= 5 / 6
+    for inertia in found.found.model.inertias.tolist()[1:]:
+        assert np.linalg.eigvalsh(pseudo_inertia(np.asarray(inertia.toDynamicParameters()))).min() > 0
+
+
+def test_a_chaotic_motion_needs_segments() -> None:
+    """A double pendulum over its top: from the first guess one piece ends elsewhere, segments find the values."""
+    robot = tl.load_robot("two_link")
+    scene = tl.Scene(robot, [1.5, 1.0], [4.0, 0.0], effects=[E.Gravity()])
+    times = np.linspace(0.0, 8.0, 401)
+    true = {"forearm.mass": 1.1 * scene.robot.model.inertias[2].mass, "gravity.z": -9.5}
+    q, _ = motion_of(world_scene(scene, true), times)
+    data = {"t": times, "q": noisy(q, size=1e-3)}
+    found = tl.fit(scene, data, list(true))
+    assert found.segments > 1
+    assert found.explained
+    assert found.gap < 1e-6
+    for name, value in true.items():
+        assert found.values[name] == pytest.approx(value, rel=1e-3)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
+def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
+    from twolink.io.tables import write_table
+
+    columns = {"t": TIMES, "q.shoulder": noisy(Q)[:, 0], "q.elbow": noisy(Q)[:, 1], "note": TIMES}
+    found = tl.fit(SCENE, write_table(tmp_path / f"log{ending}", columns, {}), list(TRUE))
+    assert found.to_dict()["noise"]["q.elbow"] == pytest.approx(NOISE, rel=0.3)
+    if ending == ".csv":
+        again = tl.load_scene(found.scene.save(tmp_path / "found.toml"))
+        assert again.robot.model.inertias[2].mass == pytest.approx(found.values["forearm.mass"])
+        assert tl.load_robot(write_urdf(found, "arm", tmp_path / "found.urdf")).model.inertias[2].mass == pytest.approx(
+            found.values["forearm.mass"]
+        )
+        assert found.plot(tmp_path / "fit.png").stat().st_size > 10_000
+        assert "95 % intervals" in str(found)
+
+
+def test_any_coordinates_are_a_body_that_can_exist() -> None:
+    body = np.asarray(ARM.model.inertias[2].toDynamicParameters())
+    np.testing.assert_allclose(from_central(central(body)), body, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(body_of(pseudo_inertia(body)), body, rtol=1e-12, atol=1e-14)
+    chart = log_cholesky_chart(body, 1.0)
+    np.testing.assert_allclose(chart(np.zeros(10)), body, rtol=1e-9, atol=1e-12)
+    for z in np.random.default_rng(0).uniform(-2, 2, (20, 10)):
+        assert np.linalg.eigvalsh(pseudo_inertia(chart(z))).min() > 0
+
+
+MASS = ["forearm.mass"]
+REFUSED = {
+    "too few": (lambda: tl.fit(SCENE, {"t": TIMES[30:33], "q": Q[30:33]}, [*TRUE, "q", "v"]), "too-few-samples"),
+    "constant": (lambda: tl.fit(SCENE, {"t": TIMES, "q": np.ones_like(Q)}, MASS), "constant-data"),
+    "nan": (lambda: tl.fit(SCENE, {"t": TIMES, "q": np.where(TIMES[:, None] > 1, Q, np.nan)}, MASS), "query"),
+    "times": (lambda: tl.fit(SCENE, {"t": TIMES[::-1], "q": Q}, MASS), "times"),
+    "before the start": (lambda: tl.fit(SCENE, {"t": TIMES - 1, "q": Q}, MASS), "times"),
+    "degrees": (lambda: tl.fit(SCENE, {"t": TIMES, "q": np.degrees(Q)}, MASS), "units"),
+    "degrees of v": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q, "v": np.degrees(V)}, MASS), "units"),
+    "shape": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q[:-1]}, MASS), "query"),
+    "no t": (lambda: tl.fit(SCENE, {"q": Q}, MASS), "column-missing"),
+    "nothing": (lambda: tl.fit(SCENE, {"t": TIMES}, MASS), "column-missing"),
+    "misspelt": (lambda: tl.fit(SCENE, {"t": TIMES, "q.elbo": Q[:, 1]}, MASS), "column-missing"),
+    "unknown": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["forarm.mass"]), "unknown-parameter"),
+    "urdf damping": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["elbow.damping"]), "unknown-parameter"),
+    "mixed": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["forearm.com.x", "forearm.first_moment.z"]),
+              "mixed-parameters"),
+    "unseen": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, ["forearm.com.y"]), "nothing-identifiable"),
+    "segments": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, segments=50), "query"),
+    "sigma": (lambda: tl.fit(SCENE, {"t": TIMES, "q": Q}, MASS, sigma={"q.elbow": 1.0}), "query"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> None:
+    call, code = REFUSED[case]
+    with pytest.raises(TwolinkError) as caught:
+        call()
+    assert caught.value.code == code
+    assert isinstance(caught.value, QueryError)
+    assert caught.value.remedy

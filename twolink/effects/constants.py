@@ -1,0 +1,41 @@
+"""Other values of the robot's physical constants."""
+
+from collections.abc import Mapping
+
+import pinocchio as pin
+
+from twolink.algorithms.mechanism import parameter_names, with_nominal
+from twolink.dynamics import Robot
+from twolink.effects.effect import Effect, check_name, finite
+from twolink.errors import SceneError
+
+_DAMPING = ".damping"
+
+
+class Constants(Effect, frozen=True):
+    """Other values of physical constants, such as those that were found in measurements; after earlier effects.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        By name, SI units: LINK.mass, LINK.com.x|y|z, LINK.inertia.xx|xy|xz|yy|yz|zz (about the centre of mass),
+        JOINT.origin.x|y|z, JOINT.armature, gravity.x|y|z (`algorithms.mechanism.parameter_names`). A link has the value
+        that is written here also where an earlier payload changed it.
+    """
+
+    values: Mapping[str, float]
+
+    def check(self, robot: Robot) -> None:
+        """Require names of constants that forward dynamics uses, and masses and armatures that are not negative."""
+        known = [name for name in parameter_names(robot.model) if not name.endswith(_DAMPING)]
+        for name in map(str, self.values):
+            if name.endswith(_DAMPING):
+                raise SceneError("damping acts as an effect", where=f"values.{name}", remedy="use joint-damping")
+            check_name(name, known, "values", "constant")
+            if name.endswith((".mass", ".armature")):
+                finite(self.values[name], f"values.{name}", least=0.0)
+
+    def change(self, model: pin.Model) -> None:
+        """Set them in the model."""
+        for name, value in self.values.items():
+            with_nominal(model, name, float(value))

@@ -1,0 +1,223 @@
+"""The search for parameters by simulation: least squares over z and the starts of later segments."""
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+import scipy.linalg
+from scipy.optimize import least_squares
+
+from twolink.dynamics import Robot
+from twolink.errors import QueryError, TwolinkError
+from twolink.identification import regression
+from twolink.identification.base_parameters import BaseParameters, independent
+from twolink.identification.measured_motion import MeasuredMotion
+from twolink.identification.segments import later_starts, segment_ends
+from twolink.identification.shooting import Shooting, Shot, State
+from twolink.identification.unknowns import Unknowns
+
+METHODS = ("weighted", "robust")
+STANDS_OUT = 3.0  # times its own error bound, from which a derivative counts
+WEAK = 1 / 3  # of the noise: a change by 1 of z that moves the measurements by less is not looked for
+ROUNDS = 8  # of weights and of what can be told
+GAPS = (1.0, 1e-3, 1e-6)  # what gaps may be, in noise, one after the other
+CLOSING = 3  # steps that close the gaps
+GUESS = 0.1  # of what is measured: the noise at first
+SIMULATIONS = 60  # of each solve, at most
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where a search stands: coordinates, starts of later segments, what was simulated there, and the noise (c,).
+
+    shooting: what simulates. converged: whether the least squares ended before they had to.
+    """
+
+    shooting: Shooting
+    z: np.ndarray
+    starts: list[State]
+    shot: Shot
+    noise: np.ndarray
+    converged: bool = False
+
+    def weights(self, robust: bool) -> np.ndarray:
+        """Weights (n, c) of the residuals; robust: less for those beyond 1.345 standard deviations."""
+        share = regression.HUBER * self.noise / np.maximum(np.abs(self.shot.residuals), 1e-300)
+        return np.asarray((np.sqrt(np.minimum(share, 1.0)) if robust else np.ones_like(share)) / self.noise)
+
+
+@dataclass(frozen=True)
+class Linearized:
+    """The condensed problem at a point, in the values p of the names.
+
+    residuals (n, c), columns (n, c, k) = d simulated/dp, error (n, k): bound on their errors. possible: what such a
+    motion shows; shown: what stands out of the noise too. basis (k, r): the changes of z that are looked for.
+    """
+
+    residuals: np.ndarray
+    columns: np.ndarray
+    error: np.ndarray
+    possible: BaseParameters
+    shown: BaseParameters
+    basis: np.ndarray
+    moves: list[np.ndarray]
+    alongs: list[np.ndarray]
+
+    @property
+    def of_members(self) -> np.ndarray:
+        """The columns (n, c, r) of the combinations that are shown."""
+        return np.asarray(self.columns[..., list(self.shown.members)])
+
+
+def linearized(unknowns: Unknowns, point: Point, weights: np.ndarray) -> Linearized:
+    """The condensed problem. Raises QueryError where the measurements show nothing."""
+    residuals, by_z, moves, alongs = point.shot.condensed()
+    values_by_z = unknowns.derivatives(point.z)[0]
+    inverse = np.linalg.inv(values_by_z)
+    columns = by_z @ inverse
+    error = np.concatenate([segment.error_by_z for segment in point.shot.segments]) @ np.abs(inverse)
+    k = len(unknowns.names)
+    flat = (columns * weights[..., None]).reshape(-1, k)
+    bound = np.linalg.norm(weights[..., None] * error[:, None], axis=(0, 1))
+    bound += point.shooting.accuracy * np.linalg.norm(flat, axis=0)
+    flat[:, np.linalg.norm(flat, axis=0) <= STANDS_OUT * bound] = 0.0
+    possible = independent(unknowns.names, flat, _diagonal(flat, bound))
+    members = list(possible.members)
+    weak = WEAK / STANDS_OUT / np.linalg.norm(values_by_z, axis=1)[members]
+    lengths = np.linalg.norm(flat[:, members], axis=0)
+    own = np.where(lengths > STANDS_OUT * weak, 1.0, 0.0) * flat[:, members]
+    seen = independent(possible.combinations, own, _diagonal(own, np.maximum(weak, bound[members])))
+    shown = BaseParameters(unknowns.names, tuple(members[j] for j in seen.members), seen.matrix @ possible.matrix, ())
+    if not shown.members:
+        raise QueryError(f"these measurements do not depend on {', '.join(unknowns.names[:6])}, beyond their noise",
+                         argument="parameters", code="nothing-identifiable",
+                         remedy="measure a motion that depends on them more, or look for others")  # fmt: skip
+    basis = scipy.linalg.null_space((inverse @ shown.null_space).T) if len(shown.members) < k else np.eye(k)
+    return Linearized(residuals, columns, error, possible, shown, basis, moves, alongs)
+
+
+def _diagonal(like: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """Errors (n, k) of columns that are independent of each other and as long as the bounds (k,)."""
+    out = np.zeros_like(like)
+    np.fill_diagonal(out, bound)
+    return out
+
+
+class Search:
+    """The search for one measured motion: by least squares in z and the starts of later segments."""
+
+    def __init__(
+        self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float
+    ) -> None:
+        values, count = len(data.t) * len(data.channels), len(unknowns.names)
+        if values <= count:
+            raise QueryError(f"{values} measured values are too few for {count} parameters", argument="measurements",
+                             remedy="measure more, or look for fewer parameters", code="too-few-samples")  # fmt: skip
+        self.unknowns, self.data, self.known, self.accuracy = unknowns, data, known, accuracy
+        self.robust = method == "robust"
+        self.simulations = 1
+        self.first = Shooting(unknowns, data, [], accuracy)(np.zeros(len(unknowns.names)), [])
+        q, v = (np.concatenate([getattr(one, name) for one in self.first.segments]) for name in "qv")
+        data.require_units(q, v)
+
+    def point_with(self, count: int) -> Point:
+        """Where the search ends with so many segments."""
+        ends = segment_ends(count, self.data)
+        shooting = Shooting(self.unknowns, self.data, ends, self.accuracy)
+        z, starts = np.zeros(len(self.unknowns.names)), later_starts(ends, self.data, self.first)
+        noise = GUESS * self.spread if self.known is None else self.known
+        point = Point(shooting, z, starts, shooting(z, starts) if ends else self.first, noise)
+        for number in range(ROUNDS):
+            before, rank = point.noise, 0
+            for gap in GAPS if starts and not number else GAPS[-1:]:
+                point, rank = self._solved(point, gap)
+            now = self.at(point)
+            point = replace(point, noise=self.statistics(point, now).noise)
+            same = np.allclose(before, point.noise, rtol=0.02, atol=0.0) and len(now.shown.members) == rank
+            if same and (number or not self.robust):
+                break
+        for _ in range(CLOSING if starts else 0):
+            point = self._closed(point)
+        self.simulations += shooting.simulations
+        return point
+
+    @property
+    def growth(self) -> float:
+        """How errors of the start grow along the scene's own motion."""
+        return float(np.abs(self.first.segments[0].end_by_start).max(initial=1.0))
+
+    def at(self, point: Point) -> Linearized:
+        """The condensed problem there."""
+        return linearized(self.unknowns, point, point.weights(self.robust))
+
+    def statistics(self, point: Point, now: Linearized) -> regression.Fit:
+        """The step that is left, its covariance, and the noise, which is no smaller than numerical errors."""
+        floor = float(np.mean(np.concatenate([segment.error for segment in point.shot.segments])))
+        method = "robust" if self.robust else "weighted"
+        return regression.fit(now.of_members, now.residuals, method, least=max(floor, 1e-300), sigma=self.known)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """The standard deviation (c,) of what is measured; for a channel that stands still, that of its kind."""
+        measured = self.data.values
+        own = measured.std(axis=0)
+        kinds = np.array([name[0] for name in self.data.channels])
+        return np.array([x or own[kinds == kind].max() or own.max() for x, kind in zip(own, kinds, strict=True)])
+
+    def _solved(self, point: Point, gap: float) -> tuple[Point, int]:
+        """The least squares of residuals and gaps from a point, with its weights; and the number of directions."""
+        robot, nx, later = self.data.robot, 2 * self.data.robot.nv, len(point.starts)
+        weights, now = point.weights(self.robust), self.at(point)
+        basis, per_gap = now.basis, 1.0 / (gap * float(point.noise.min()))
+        r = basis.shape[1]
+        shots: dict[bytes, Shot | None] = {np.zeros(r + nx * later).tobytes(): point.shot}
+
+        def moved(u: np.ndarray) -> tuple[np.ndarray, list[State]]:
+            starts = [_moved(robot, start, d) for start, d in zip(point.starts, u[r:].reshape(later, nx), strict=True)]
+            return point.z + basis @ u[:r], starts
+
+        def shot(u: np.ndarray) -> Shot | None:
+            key = u.tobytes()
+            if key not in shots:
+                try:
+                    shots[key] = point.shooting(*moved(u))
+                except TwolinkError:  # no such body, or no such motion: a step too far
+                    shots[key] = None
+            return shots[key]
+
+        def residuals(u: np.ndarray) -> np.ndarray:
+            found = shot(u)
+            if found is None:
+                return np.full(weights.size + nx * later, np.inf)
+            return np.concatenate([(found.residuals * weights).ravel(), (found.gaps * per_gap).ravel()])
+
+        def jacobian(u: np.ndarray) -> np.ndarray:
+            found = cast("Shot", shot(u))
+            rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
+            return np.asarray(found.jacobian(basis) * rows[:, None])
+
+        found = least_squares(residuals, np.zeros(r + nx * later), jacobian, method="trf", x_scale=1.0, xtol=1e-10,
+                              ftol=1e-10, gtol=1e-14, max_nfev=SIMULATIONS)  # fmt: skip
+        z, starts = moved(found.x)
+        end = cast("Shot", shot(found.x))
+        return replace(point, z=z, starts=starts, shot=end, converged=found.status > 0), r
+
+    def _closed(self, point: Point) -> Point:
+        """A step of the condensed equations, which closes the gaps; the point itself where that fails."""
+        now, weights = self.at(point), point.weights(self.robust)
+        columns = now.columns @ self.unknowns.derivatives(point.z)[0] @ now.basis
+        flat = (columns * weights[..., None]).reshape(-1, columns.shape[-1])
+        change = now.basis @ np.linalg.lstsq(flat, (now.residuals * weights).ravel(), rcond=None)[0]
+        moves = [move + along @ change for move, along in zip(now.moves, now.alongs, strict=True)]
+        starts = [_moved(self.data.robot, *pair) for pair in zip(point.starts, moves, strict=True)]
+        try:
+            shot = point.shooting(point.z + change, starts)
+        except TwolinkError:
+            return point
+        closer = np.abs(shot.gaps).max() <= np.abs(point.shot.gaps).max()
+        return replace(point, z=point.z + change, starts=starts, shot=shot) if closer else point
+
+
+def _moved(robot: Robot, start: State, change: np.ndarray) -> State:
+    """A state moved along a tangent direction (2 nv,)."""
+    return np.asarray(robot.integrate(start[0], change[: robot.nv])), start[1] + change[robot.nv :]

@@ -1,0 +1,182 @@
+"""A measured motion of a scene: positions and velocities of some joints at times, from a table or a file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics import Robot
+from twolink.dynamics.arguments import array, configuration
+from twolink.dynamics.named_queries import joint_columns
+from twolink.errors import QueryError, require_known
+from twolink.identification.measurements import check_units, checked_times, wrong_units
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import JointLayout
+
+DEGREES = {180 / np.pi: "is it in degrees?", np.pi / 180: "are the scene's angles in degrees?",
+           1e3: "is it in millimetres?"}  # fmt: skip
+_ALIKE = 0.9  # correlation with the scene's motion from which a ratio of sizes tells units
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """Samples at times t (n,), which count from the start of the scene.
+
+    q (n, nq), v (n, nv): neutral and 0 where a joint was not measured. of_q, of_v: the degrees of freedom whose
+    positions and velocities were. channels: their names, positions first.
+    """
+
+    robot: Robot
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    of_q: np.ndarray
+    of_v: np.ndarray
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names q.JOINT and v.JOINT of what was measured, a number behind those of several degrees of freedom."""
+        names = [name.partition(".")[2] for name, _ in joint_columns(self.robot.joints, "v")]
+        return (*(f"q.{names[k]}" for k in self.of_q), *(f"v.{names[k]}" for k in self.of_v))
+
+    @property
+    def values(self) -> np.ndarray:
+        """What was measured (n, c), positions from the neutral one on."""
+        off = self.robot.difference(self.robot.neutral, self.q)
+        return np.hstack([off[:, self.of_q], self.v[:, self.of_v]])
+
+    def residuals(self, q: np.ndarray, v: np.ndarray, rows: slice) -> np.ndarray:
+        """Measured minus simulated (m, c) at some samples, positions in the tangent space."""
+        off = self.robot.difference(q, self.q[rows])
+        return np.hstack([off[:, self.of_q], (self.v[rows] - v)[:, self.of_v]])
+
+    def derivatives(self, q: np.ndarray, by: np.ndarray, rows: slice) -> np.ndarray:
+        """Derivatives (m, c, k) of what is simulated there, of derivatives (m, 2 nv, k) of its state."""
+        nv = self.robot.nv
+        of_q = by[:, :nv]
+        if any(joint.v.stop - joint.v.start > 1 for joint in self.robot.joints):
+            model = self.robot.model
+            first = [pin.dDifference(model, *pair, pin.ARG0) for pair in zip(q, self.q[rows], strict=True)]
+            of_q = -np.stack(first) @ of_q
+        return np.concatenate([of_q[:, self.of_q], by[:, nv:][:, self.of_v]], axis=1)
+
+    def require_units(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Refuse a channel that is a multiple of the scene's own motion q, v. Raises QueryError (code "units")."""
+        ours = np.hstack([self.robot.difference(q[:1], q)[:, self.of_q], v[:, self.of_v]])
+        theirs = np.hstack([self.robot.difference(self.q[:1], self.q)[:, self.of_q], self.v[:, self.of_v]])
+        for name, x, y in zip(self.channels, (ours - ours.mean(axis=0)).T, (theirs - theirs.mean(axis=0)).T,
+                              strict=True):  # fmt: skip
+            sizes = float(np.linalg.norm(x)), float(np.linalg.norm(y))
+            ratio = sizes[1] / max(sizes[0], 1e-300)
+            guess = any(abs(np.log(max(ratio, 1e-300) / scale)) < 0.5 for scale in DEGREES)
+            if guess and x @ y > _ALIKE * sizes[0] * sizes[1]:
+                raise wrong_units(
+                    f"{name} moves {ratio:.4g} times as far as in the scene", "measurements", ratio, DEGREES
+                )
+
+
+def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
+    """Read and check a measured motion.
+
+    Parameters
+    ----------
+    robot : Robot
+    measurements : mapping, DataFrame, str or path
+        Columns t (s, from the scene's start), q.JOINT and v.JOINT (q.JOINT.0, ... where a joint has several
+        coordinates; a continuous joint also its angle), or whole arrays t (n,), q (n, nq), v (n, nv); or a .csv,
+        .parquet or .npz file of them. Joints may be missing. Other columns are left.
+
+    Raises
+    ------
+    QueryError
+        A column is missing or unknown (code "column-missing"), values are not finite; codes "times", "constant-data",
+        "units".
+    TwolinkError
+        The file cannot be read.
+    """
+    content = _columns(measurements)
+    if "t" not in content:
+        raise _missing("t", content)
+    t = checked_times(content["t"])
+    if t[0] < 0:
+        raise QueryError(f"t[0] = {t[0]:.9g} s is before the scene's start", argument="measurements", code="times",
+                         remedy="count t from the start of the scene, which is 0")  # fmt: skip
+    q, of_q = _read(robot, content, "q", len(t))
+    v, of_v = _read(robot, content, "v", len(t))
+    if not of_q.size and not of_v.size:
+        raise _missing(f"q.{robot.joint_names[0]}", content)
+    if np.ptp(q, axis=0).max() == 0.0 and np.ptp(v, axis=0).max() == 0.0:
+        raise QueryError("nothing moves: all samples are the same", argument="measurements", code="constant-data",
+                         remedy="measure a motion")  # fmt: skip
+    check_units(robot, t, q, v)
+    return MeasuredMotion(robot, t, q, v, of_q, of_v)
+
+
+def _columns(measurements: Any) -> dict[str, np.ndarray]:
+    """The columns by name."""
+    if isinstance(measurements, str | Path):
+        return dict(read_table(Path(measurements))[0])
+    if isinstance(measurements, Mapping):
+        return {str(name): np.asarray(values) for name, values in measurements.items()}
+    if hasattr(measurements, "columns") and hasattr(measurements, "__getitem__"):  # a DataFrame of any library
+        return {str(name): np.asarray(measurements[name]) for name in measurements.columns}
+    raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
+                     remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
+
+
+def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The values (n, nq or nv) of q or v, and the degrees of freedom (c,) that were measured."""
+    size = robot.nq if letter == "q" else robot.nv
+    out = np.tile(robot.neutral if letter == "q" else np.zeros(size), (count, 1))
+    names = [name for name, _ in joint_columns(robot.joints, letter)]
+    whole = letter in content or f"{letter}0" in content
+    if letter in content:
+        out = np.asarray(content[letter])
+    elif whole:
+        out = np.column_stack([_column(content, f"{letter}{i}", count) for i in range(size)])
+    angles = [f"{letter}.{joint.name}" for joint in robot.joints]
+    for name in content:
+        if name.startswith(f"{letter}."):
+            require_known(name, [*names, *angles], QueryError, "there is no column {!r}", argument="measurements",
+                          code="column-missing")  # fmt: skip
+    dofs: list[int] = []
+    for joint in robot.joints:
+        part, own = _own_columns(joint, letter, names)
+        if whole:
+            dofs += range(joint.v.start, joint.v.stop)
+        elif joint.kind == "cos-sin" and letter == "q" and f"q.{joint.name}" in content:
+            angle = _column(content, f"q.{joint.name}", count)
+            out[:, part] = np.column_stack([np.cos(angle), np.sin(angle)])
+            dofs.append(joint.v.start)
+        elif any(name in content for name in own):
+            out[:, part] = np.column_stack([_column(content, name, count) for name in own])
+            dofs += range(joint.v.start, joint.v.stop)
+    checked = configuration("q", out, size, robot.joints) if letter == "q" else array("v", out, size)
+    if checked.shape != (count, size):
+        raise QueryError(f"expected shape ({count}, {size}), got {checked.shape}", argument=letter,
+                         remedy="give one row for each of the times t")  # fmt: skip
+    return checked, np.array(dofs, dtype=int)
+
+
+def _own_columns(joint: JointLayout, letter: str, names: list[str]) -> tuple[slice, list[str]]:
+    part = joint.q if letter == "q" else joint.v
+    return part, names[part]
+
+
+def _column(content: Mapping[str, np.ndarray], name: str, count: int) -> np.ndarray:
+    if name not in content:
+        raise _missing(name, content)
+    values = array(name, content[name], None)
+    if values.shape != (count,):
+        raise QueryError(f"expected {count} values, one for each time, got shape {values.shape}", argument=name,
+                         remedy="give one for each of the times t")  # fmt: skip
+    return values
+
+
+def _missing(column: str, content: Mapping[str, np.ndarray]) -> QueryError:
+    what = f"column {column!r} is missing; there are {', '.join(list(content)[:12]) or 'none'}"
+    return QueryError(what, argument="measurements", code="column-missing",
+                      remedy="name the columns t, q.JOINT and v.JOINT, or q0, q1, ... and v0, ...")  # fmt: skip

@@ -1,0 +1,232 @@
+"""What is looked for by simulation: names, and coordinates z in which every value is one that can be.
+
+z = 0 is the scene as it is, and a change of z by 1 about as large as the value itself. A mass is m0 exp(z). The ten
+parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`pseudo_inertia`); other
+values are linear in z. Derivatives are complex steps (Squire and Trapp 1998).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import block_diag
+
+from twolink.algorithms.mechanism import body_names, nominal, parameter_names
+from twolink.dynamics.regressors import BODY_PARAMETERS
+from twolink.effects import JointDamping
+from twolink.errors import QueryError, SceneError, nearest
+from twolink.identification.pseudo_inertia import central, from_central, log_cholesky_chart, size_of
+from twolink.integrate.effect_numbers import PREFIX, effect_numbers
+from twolink.robots.physical_checks import is_impossible
+from twolink.scenes import Scene
+from twolink.simulation.world_scenes import world_scene
+
+_STEP = 1e-30
+_CENTRAL = ("mass", "com.x", "com.y", "com.z",
+            "inertia.xx", "inertia.xy", "inertia.xz", "inertia.yy", "inertia.yz", "inertia.zz")  # fmt: skip
+ToBody = Callable[[np.ndarray], np.ndarray]
+Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Names that belong together. chart: z -> their values, and the values of the scene's constants behind them.
+
+    constants: their names for `tl.sensitivities`; one name for several values where `joint`, a joint of the state.
+    """
+
+    names: tuple[str, ...]
+    constants: tuple[str, ...]
+    chart: Chart
+    of_state: bool = False
+
+
+class Unknowns:
+    """What is looked for in a scene.
+
+    names (k,): as asked for, in SI units. wrt: the names of the derivatives that it takes, in order; of those the first
+    `constants` are no initial states.
+    """
+
+    def __init__(self, scene: Scene, groups: Sequence[_Group]) -> None:
+        ordered = sorted(groups, key=lambda group: group.of_state)
+        self.scene, self._groups = scene, ordered
+        self.names = tuple(name for group in ordered for name in group.names)
+        self.wrt = tuple(name for group in ordered for name in group.constants)
+        self.constants = sum(len(group.constants) for group in ordered if not group.of_state)
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """The values (k,) of the names."""
+        return np.concatenate([group.chart(part)[0] for group, part in self._parts(z)])
+
+    def derivatives(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by z of the values (k, k), and of the constants and initial states (., k)."""
+        first, second = zip(*(_complex_step(group.chart, part) for group, part in self._parts(z)), strict=True)
+        return np.asarray(block_diag(*first)), np.asarray(block_diag(*second))
+
+    def scene_at(self, z: np.ndarray) -> Scene:
+        """The scene with the values of z. Raises SceneError where there is no such scene."""
+        robot, constants = self.scene.robot, dict[str, float]()
+        change = {"q": np.zeros(robot.nv), "v": np.zeros(robot.nv)}
+        dofs = {joint.name: joint.v for joint in robot.joints}
+        for group, part in self._parts(z):
+            values = group.chart(part)[1]
+            if group.of_state:
+                letter, _, joint = group.constants[0].partition(".")
+                change[letter][dofs[joint]] = values
+            else:
+                constants.update(zip(group.constants, values.tolist(), strict=True))
+        own = world_scene(self.scene, constants) if constants else self.scene
+        self._require_bodies(own)
+        q, v = robot.integrate(own.q, change["q"]), own.v + change["v"]
+        return Scene(own.base, q, v, own.effects, own.duration, own.title)
+
+    def _require_bodies(self, scene: Scene) -> None:
+        """Refuse a body that cannot exist where the scene's own can. Raises SceneError."""
+        for before, after in zip(self.scene.robot.model.inertias, scene.robot.model.inertias, strict=True):
+            if _can_exist(before) and not _can_exist(after):
+                raise SceneError(f"no body has {after.mass:g} kg and the inertia {after.inertia.tolist()}",
+                                 where="parameters", remedy="look for all ten parameters of the body",
+                                 code="impossible-inertia")  # fmt: skip
+
+    def _parts(self, z: np.ndarray) -> list[tuple[_Group, np.ndarray]]:
+        ends = np.cumsum([len(group.names) for group in self._groups])
+        return list(zip(self._groups, np.split(z, ends[:-1]), strict=True))
+
+
+def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
+    """What the names and patterns ask for.
+
+    Raises
+    ------
+    QueryError
+        Codes "unknown-parameter", with the nearest right name, and "mixed-parameters".
+    """
+    if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
+        what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "q.elbow"]'
+        raise QueryError(what, argument="parameters", remedy=remedy)
+    model, numbers = scene.robot.model, effect_numbers(scene)
+    links = body_names(model)[1:]
+    of_bodies = {f"{link}.{part}": link for link in links for part in (*BODY_PARAMETERS, *_CENTRAL)}
+    patterned = [f"{link}.{part}" for link in links for part in BODY_PARAMETERS]
+    of_state = [f"{letter}.{joint.name}" for letter in "qv" for joint in scene.robot.joints]
+    others = [name for name in (*parameter_names(model), *numbers) if name not in of_bodies]
+    known = [*of_bodies, *others, *of_state]
+    found = dict.fromkeys(name for text in parameters
+                          for name in _named(scene, str(text), known, [*patterned, *numbers, *of_state]))  # fmt: skip
+    by_link: dict[str, list[str]] = {}
+    groups = []
+    for name in found:
+        if name in of_bodies:
+            by_link.setdefault(of_bodies[name], []).append(name.partition(".")[2])
+        elif name in of_state:
+            groups.append(_state(scene, name))
+        else:
+            value = numbers[name] if name in numbers else nominal(model, name)
+            groups.append(_number(name, value))
+    bodies = [_body(scene, link, links.index(link), parts) for link, parts in by_link.items()]
+    return Unknowns(scene, [*bodies, *groups])
+
+
+def _named(scene: Scene, text: str, known: Sequence[str], patterned: Sequence[str]) -> list[str]:
+    """The names that a text stands for: its own, the joints of "q" and "v", or those that fit a pattern."""
+    if text in ("q", "v"):
+        return [f"{text}.{joint.name}" for joint in scene.robot.joints]
+    joint, _, kind = text.rpartition(".")
+    if kind in ("damping", "friction") and not text.startswith(PREFIX) and joint in scene.robot.joint_names:
+        raise QueryError(f"the scene has no effect whose number is {text!r}", argument="parameters",
+                         remedy=_of_an_effect(scene, joint, kind), code="unknown-parameter")  # fmt: skip
+    fitting = [text] if text in known else [name for name in patterned if fnmatchcase(name, text)]
+    if not fitting:
+        raise QueryError(f"there is no parameter {text!r}", argument="parameters", remedy=nearest(text, known),
+                         code="unknown-parameter")  # fmt: skip
+    return fitting
+
+
+def _of_an_effect(scene: Scene, joint: str, kind: str) -> str:
+    """How the damping or friction of a joint is looked for."""
+    if kind == "friction":
+        return f"look for a number of a friction effect, such as effects.1.torque.{joint}"
+    place = next((i for i, e in enumerate(scene.effects) if isinstance(e, JointDamping)), None)
+    if place is not None:
+        return f"look for effects.{place}.damping.{joint}"
+    return f"add tl.effects.JointDamping({{{joint!r}: 0.1}}) and look for effects.{len(scene.effects)}.damping.{joint}"
+
+
+def _number(name: str, value: float) -> _Group:
+    """A constant or a number of an effect: value + z times its size."""
+    scale = abs(value) or 1.0
+
+    def chart(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return value + scale * z, value + scale * z
+
+    return _Group((name,), (name,), chart)
+
+
+def _state(scene: Scene, name: str) -> _Group:
+    """The initial state of a joint, moved along its tangent directions; the value of one coordinate, else the move."""
+    letter, _, joint_name = name.partition(".")
+    joint = next(joint for joint in scene.robot.joints if joint.name == joint_name)
+    size = joint.v.stop - joint.v.start
+    start = np.zeros(size)
+    if letter == "v":
+        start = scene.v[joint.v].copy()
+    elif size == 1:
+        own = scene.q[joint.q]
+        start = own.copy() if joint.kind == "vector" else np.array([np.arctan2(own[1], own[0])])
+    names = (name,) if size == 1 else tuple(f"{name}.{k}" for k in range(size))
+    return _Group(names, (name,), lambda z: (start + z, z), of_state=True)
+
+
+def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _Group:
+    """Some or all of a body's ten parameters, about the joint's frame, or about the centre of mass."""
+    of_origin = any(part not in _CENTRAL for part in parts)
+    kinds = BODY_PARAMETERS if of_origin else _CENTRAL
+    odd = next((part for part in parts if part not in kinds), None)
+    if odd is not None:
+        raise QueryError(f"{link}.{odd} cannot be looked for beside {link}.{next(p for p in parts if p in kinds[1:])}",
+                         argument="parameters", code="mixed-parameters",
+                         remedy="use first_moment and origin_inertia, or com and inertia")  # fmt: skip
+    body = np.asarray(scene.robot.model.inertias[index + 1].toDynamicParameters())
+    places = [kinds.index(part) for part in parts]
+    shown = (lambda pi: pi) if of_origin else central
+    if len(parts) == len(kinds):
+        to_body = log_cholesky_chart(body, scene.robot.mass)
+    else:
+        to_body = _linear_chart(body, places, of_origin)
+    used = _CENTRAL if of_origin else tuple(parts)
+    wanted = [_CENTRAL.index(part) for part in used]
+
+    def chart(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pi = to_body(z)
+        return shown(pi)[places], central(pi)[wanted]
+
+    return _Group(tuple(f"{link}.{part}" for part in parts), tuple(f"{link}.{part}" for part in used), chart)
+
+
+def _linear_chart(body: np.ndarray, places: Sequence[int], of_origin: bool) -> ToBody:
+    """z -> the ten parameters with others at these places; a mass is m0 exp(z)."""
+    start = body if of_origin else central(body)
+    length = size_of(body)
+    scales = np.array([1.0, *[body[0] * length if of_origin else length] * 3, *[body[0] * length**2] * 6])
+
+    def chart(z: np.ndarray) -> np.ndarray:
+        values = start.astype(z.dtype)
+        for place, x in zip(places, z, strict=True):
+            values[place] = start[0] * np.exp(x) if place == 0 else start[place] + scales[place] * x
+        return values if of_origin else from_central(values)
+
+    return chart
+
+
+def _can_exist(body: pin.Inertia) -> bool:
+    return not is_impossible(body.inertia, body.mass)
+
+
+def _complex_step(chart: Chart, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of both values by z."""
+    moved = [chart(z + 1j * _STEP * direction) for direction in np.eye(len(z))]
+    first, second = (np.stack([np.imag(pair[i]) / _STEP for pair in moved], axis=1) for i in (0, 1))
+    return first, second
