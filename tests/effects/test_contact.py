@@ -31,6 +31,40 @@ def test_a_block_slides_to_rest_on_its_corners() -> None:
 
 
 @pytest.mark.parametrize("share", [0.95, 1.05])
+def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_friction(share: float) -> None:
+    angle = 0.4
+    n, mu = (-math.sin(angle), 0.0, math.cos(angle)), share * math.tan(angle)
+    robot = free_bodies("block")
+    effects = [E.Gravity(), E.Contact((("block", E.Plane(n)),), friction=mu,
+                                      shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})]  # fmt: skip
+    q = [0.1 * n[0], 0.0, 0.1 * n[2], 0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2)]
+    run = tl.simulate(tl.Scene(robot, q, effects=effects), 0.5, 1e-9, samples=10)
+    slope = max(0.0, math.sin(angle) - mu * math.cos(angle))
+    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
+    assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
+    assert np.abs(run.q[:, 3:] - run.q[0, 3:]).max() < 1e-10
+
+
+@pytest.mark.parametrize(("height", "answer"), [(0.15, "slides"), (0.6, "tips")])
+def test_a_pushed_block_slides_or_tips(height: float, answer: str) -> None:
+    """Push P = k t at a height over the ground: it slides at mu m g, or tips at m g b / 2 h."""
+    mu, k, width = 0.5, 10.0, 0.4
+    shapes = {"body": (E.Box((width, 0.3, 0.8)),)}
+    push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, height - 0.4))
+    effects = [E.Gravity(), push, E.Contact(("ground",), friction=mu, shapes=shapes)]
+    when = {"slides": mu * G / k, "tips": G * width / (2 * height * k)}[answer]
+    run = tl.simulate(tl.Scene(planar(), [0, 0.4, 0], effects=effects), when + 0.05, 1e-9, samples=20)
+    assert run.events[0].kind == {"slides": "slide", "tips": "leave"}[answer]
+    assert run.events[0].t == pytest.approx(when, abs=1e-9)
+    late = np.fmax(run.t - when, 0.0)
+    if answer == "slides":
+        assert np.abs(run.q[:, 0] - k * late**3 / 6).max() < 1e-9
+    else:
+        assert run.q[-1, 2] < -1e-5
+        assert np.abs(run.q[run.t < when, 2]).max() < 1e-12
+
+
+@pytest.mark.parametrize("share", [0.95, 1.05])
 def test_a_ball_rolls_down_an_incline(share: float) -> None:
     """With 5/7 g sin if friction allows it."""
     angle, radius = 0.5, 0.1

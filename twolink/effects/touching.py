@@ -21,6 +21,8 @@ from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 
+STILL = 1e-11  # m/s: a slip whose direction is rounding
+
 
 def contact_point(name: str, gap: AnyGap, friction: float, restitution: float) -> ContactPoint:
     """A contact of the engine from a gap and the numbers of its law."""
@@ -76,5 +78,5 @@ class Touching(Loop, frozen=True):
         speed = xp.sqrt(plus(times(x, x), times(y, y)))
         # Past the instant of no sliding, which steps look beyond, the direction stays, so that it has no corner.
         sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
-        still = xp.less(speed, 1e-300)
+        still = xp.less(speed, STILL)
         return [xp.where(still, was, times(sign, now / xp.where(still, 1.0, speed))) for was, now in ((a, x), (b, y))]

@@ -12,6 +12,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
 from twolink.integrate.hybrid.contact_rows import contact_bias, contact_rows, inverse_under, loop_rows, mass_matrix
+from twolink.integrate.hybrid.force_share import ForceShare
 from twolink.integrate.hybrid.modes import Mode, Situation
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
@@ -21,7 +22,9 @@ ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
 RANK = 1e-7  # singular values of constraint rows below it are 0
+DIFFERENT = 1e-9  # relative: generalized forces that are not the same
 OVERLAPS = 1e-8  # relative: an acceleration with which a gap becomes negative
+SHARE: tuple[str, int] = ("share", 0)  # of the forces of contacts on more points than determine them
 SAME = 1e-7  # relative: accelerations of two ways to compute them
 Key = tuple[str, int]  # ("joint", degree of freedom), ("contact", number), ("roll", number)
 
@@ -46,13 +49,13 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
         mode, key = _improved(here, tried)
         here = here.in_mode(mode)
         if key is None and not _overlapping(here, still):
-            return here
-        if key is None:
+            return _determined(here)
+        if key is None or key == SHARE:
             break
         tried.add(key)
     solved = _by_contact_problem(here, still)
     if solved is not None:
-        return solved
+        return _determined(solved)
     raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
                         where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
                         code="no-consistent-mode", t=here.t)  # fmt: skip
@@ -141,7 +144,14 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
     for k, torque in torques.items():
         least, greatest = system.torque_range(k, x)
         breaches.append((max(torque - greatest, least - torque) - allowed, ("joint", k)))
-    forces = {i: own.contact_forces(snapshot, i)[:, 0] for i, kind in enumerate(mode.contacts) if kind != "free"}
+    if own.redundant:
+        margin = float(ForceShare(own, mode, system.friction).best(snapshot).margin[0])
+        breaches.append((-margin - allowed, SHARE))
+    forces = (
+        {}
+        if own.redundant
+        else {i: own.contact_forces(snapshot, i)[:, 0] for i, kind in enumerate(mode.contacts) if kind != "free"}
+    )
     for i, force in forces.items():
         breaches.append((-force[0] - allowed, ("contact", i)))
         if mode.contacts[i] == "rolling":
@@ -153,11 +163,29 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
                     default=(0.0, ("", 0)))  # fmt: skip
     if not size > 0.0:
         return _wrong_way(here, snapshot, tried, allowed)
+    if key == SHARE:
+        return mode, key
     if key[0] == "joint":
         return freed(here, key[1], torques[key[1]]), key
     if key[0] == "contact":
         return mode.with_contact(key[1], "free"), key
     return sliding(mode, key[1], forces[key[1]]), key
+
+
+def _determined(here: Situation) -> Situation:
+    """The same situation, if friction has the same effect for all shares of the normal forces. Raises AccuracyError."""
+    own, mode = here.own, here.mode
+    slides = any(kind == "sliding" and here.system.contacts[i].friction for i, kind in enumerate(mode.contacts))
+    if not (own.redundant and slides):
+        return here
+    columns, _ = ForceShare(own, mode, here.system.friction).columns(here.full_state())
+    sizes = np.linalg.svd(columns, compute_uv=False)
+    kept = sum(row is not None for rows in own.rows.values() for row in rows)
+    if (sizes > DIFFERENT * sizes[0]).sum() > kept:
+        raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
+                            "share of each", where=f"t = {here.t:.9g} s", remedy="let them touch at three points",
+                            code="indeterminate-forces", t=here.t)  # fmt: skip
+    return here
 
 
 def _touching(here: Situation, still: float) -> list[int]:

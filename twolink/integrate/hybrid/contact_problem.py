@@ -19,6 +19,8 @@ import numpy as np
 from twolink.integrate.state import Array
 
 SWEEPS = 20_000
+NEWTON = 50  # steps
+RANK = 1e-10  # relative: a gain below it is 0
 UNCHANGED = 1e-13  # relative: what a last sweep may still change
 MOVES = 1e-9  # relative to the largest acceleration: what begins to move
 
@@ -82,11 +84,33 @@ def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | N
     rates = rates + gain[:, 0] * (normal - before[0])
     out[0] = normal
     if len(out) > 1:
-        out[1:] = before[1:] - np.linalg.pinv(gain[1:, 1:], rcond=1e-10) @ rates[1:]
-        size = math.hypot(*out[1:])
-        if size > contact.friction * normal:
-            out[1:] *= contact.friction * normal / size
+        out[1:] = friction_force(gain[1:, 1:], gain[1:, 1:] @ before[1:] - rates[1:], contact.friction * normal)
     return out
+
+
+def friction_force(gain: Array, wanted: Array, greatest: float) -> Array:
+    """The force p (2,) that stops the slip c = G p - wanted, or of the greatest size against the slip that is left.
+
+    The latter is (G + s) p = wanted with s > 0, found by Newton's method for 1 / |p| (More, Sorensen 1983).
+    """
+    e, axes = np.linalg.eigh(gain)
+    w, limit = axes.T @ wanted, RANK * max(1e-300, float(e[-1]))
+    p = np.where(e > limit, w / np.where(e > limit, e, 1.0), 0.0)
+    size, s = math.hypot(*p), 0.0
+    if size <= greatest:
+        return np.asarray(axes @ p)
+    e = np.maximum(e, 0.0)
+    s = math.hypot(*w) / max(greatest, 1e-300) - float(e[-1])  # not beyond the solution
+    s = max(s, limit)
+    for _ in range(NEWTON):
+        p = w / (e + s)
+        size = math.hypot(*p)
+        change = (size / max(greatest, 1e-300) - 1.0) * size * size / float((p * p / (e + s)).sum() or 1.0)
+        s += change
+        if abs(change) <= 1e-15 * s:
+            break
+    p = w / (e + s)
+    return np.asarray(axes @ p * (greatest / math.hypot(*p)))
 
 
 def _read(contact: Rows, rates: Array, small: float) -> Solved:

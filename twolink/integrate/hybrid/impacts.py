@@ -18,6 +18,7 @@ import pinocchio as pin
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.consistency import NEAR, still_speed
+from twolink.integrate.hybrid.contact_problem import friction_force
 from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
 from twolink.integrate.hybrid.snapshot import Snapshot
@@ -187,8 +188,5 @@ def _impulse(touch: Touch, inverse: Array, v: Array, before: Array, wanted: floa
     if len(out) == 1:
         return out
     rates = rates + gain[:, 0] * (out[0] - before[0])
-    out[1:] = before[1:] - np.linalg.pinv(gain[1:, 1:], rcond=1e-10) @ rates[1:]
-    greatest, size = touch.friction * out[0], math.hypot(*out[1:])
-    if size > greatest:
-        out[1:] *= greatest / size
+    out[1:] = friction_force(gain[1:, 1:], gain[1:, 1:] @ before[1:] - rates[1:], touch.friction * out[0])
     return out

@@ -67,6 +67,11 @@ class ModeEquations:
     evaluate: Evaluator
     rows: Mapping[int, tuple[int | None, ...]]
 
+    @property
+    def redundant(self) -> bool:
+        """Whether the closed contacts have more rows than determine their forces."""
+        return any(None in rows for rows in self.rows.values())
+
     def contact_forces(self, snapshot: Snapshot, i: int) -> Array:
         """The multipliers of a closed contact: normal, and if it rolls along the tangents, (1 or 3, n)."""
         zero = np.zeros(len(snapshot.t))
@@ -92,6 +97,7 @@ class System:
         self.lockable = equations.layout.lockable
         self.stops = self.switching.stops
         self.contacts = tuple(contact for _, contact in self.switching.contacts)
+        self.friction = np.array([contact.friction for contact in self.contacts])
         self.triggers = (*self.switching.triggers, *((-1, Trigger("limit", name)) for name in equations.effort_limits))
         self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]
         self.names = {joint.v.start: joint.name for joint in self.robot.joints}

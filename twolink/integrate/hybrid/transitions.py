@@ -13,6 +13,7 @@ from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
+from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
 from twolink.integrate.hybrid.guard import Guard, Key
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
 from twolink.integrate.hybrid.snapshot import Snapshot
@@ -70,13 +71,17 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
                 ("impact", i), partial(_row, "contacts", (i, 0), 1.0, 0.0), partial(_hit_contact, i), t, touching=True
             )
             continue
+        if mode.contacts[i] == "sliding" and contact.friction:
+            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.settle, t)
+        if run.here.own.redundant:
+            continue
         forces = partial(run.here.own.contact_forces, i=i)
         yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, is_force=True)
         if mode.contacts[i] == "rolling":
             yield Guard(("slide", i), partial(_cone, forces, contact.friction), partial(_slide, i), t, is_force=True)
-        elif contact.friction:
-            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]),
-                        RunState.settle, t)  # fmt: skip
+    if run.here.own.redundant:
+        share = ForceShare(run.here.own, mode, system.friction)
+        yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
 
 
 def _trigger_guards(run: RunState) -> Iterator[Guard]:
@@ -90,6 +95,11 @@ def _trigger_guards(run: RunState) -> Iterator[Guard]:
 def _row(field: str, row: Any, side: float, offset: float, s: Snapshot) -> Any:
     """A row of a field of a snapshot less an offset, with a sign."""
     return side * (getattr(s, field)[row] - offset)
+
+
+def _margin(share: ForceShare, s: Snapshot) -> Any:
+    """How far the best share of the contact forces is within the laws, N."""
+    return share.best(s).margin
 
 
 def _slip(i: int, direction: tuple[float, float], s: Snapshot) -> Any:
@@ -189,6 +199,17 @@ def _slide(i: int, run: RunState) -> None:
     before, here = run.mode, run.here
     run.mode = sliding(before, i, here.own.contact_forces(here.look(), i)[:, 0])
     run.opened.add(("roll", i))
+    run.settle(before)
+
+
+def _give_way(share: ForceShare, run: RunState) -> None:
+    """What happens where no share of the contact forces obeys the laws any more: those at their limit give way."""
+    before, best = run.mode, share.best(run.here.look())
+    for i, force, weight in zip(share.contacts, best.forces[0], best.weight[0], strict=True):
+        if weight > TIGHT * best.weight[0].max():
+            opens = run.mode.contacts[i] != "rolling" or force[0] <= EMPTY * best.load
+            run.mode = run.mode.with_contact(i, "free") if opens else sliding(run.mode, i, force)
+            run.opened.add(("contact" if opens else "roll", i))
     run.settle(before)
 
 

@@ -1,0 +1,79 @@
+"""The laws of friction in impacts and contact problems, on random bodies: every law is checked on the answer."""
+
+import numpy as np
+import pytest
+
+from twolink.integrate.hybrid.contact_problem import Rows, friction_force, solve_contacts
+from twolink.integrate.hybrid.impacts import Touch, after
+
+
+def antiparallel(force: np.ndarray, slip: np.ndarray) -> float:
+    """How far a slip is from being against a force."""
+    return float(np.abs(slip * np.linalg.norm(force) + force * np.linalg.norm(slip)).max())
+
+
+def bodies(seed: int, contacts: int):
+    """A mass matrix and rows of contacts of a random system."""
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(6, 6))
+    return random, root @ root.T + np.eye(6), [random.normal(size=(3, 6)) for _ in range(contacts)]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_friction_stops_the_slip_or_is_against_it(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(2, 2)) * ([1, 1] if seed % 4 else [1, 0])  # one direction cannot move
+    gain = root @ root.T * 10 ** random.uniform(-3, 3)
+    wanted = gain @ random.normal(size=2)
+    for greatest in (0.0, 1e-3, 0.3, 10.0):
+        force = friction_force(gain, wanted, greatest)
+        slip, size = gain @ force - wanted, np.linalg.norm(wanted)
+        assert np.linalg.norm(force) <= greatest * (1 + 1e-12)
+        if np.linalg.norm(force) < greatest * (1 - 1e-9):
+            assert np.abs(slip).max() < 1e-9 * size
+        elif greatest:
+            assert antiparallel(force, slip) < 1e-9 * size * greatest
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_impacts_of_bodies_in_space_obey_newton_and_coulomb(seed: int) -> None:
+    """The mass across the normal is not the same in all directions: friction is against the slip all the same."""
+    random, mass, (rows,) = bodies(seed, 1)
+    v, e, mu = random.normal(size=6), 0.4, random.uniform(0.05, 0.3)
+    rows = rows if rows[0] @ v < 0 else -rows
+    new = after(mass, v, [Touch("body", rows, e, mu, "m/s")], np.empty((0, 6)))
+    assert rows[0] @ new == pytest.approx(-e * (rows[0] @ v), abs=1e-12)
+    impulse = np.linalg.lstsq(rows.T, mass @ (new - v), rcond=None)[0]
+    slip, size = rows[1:] @ new, np.linalg.norm(impulse[1:])
+    assert size <= mu * impulse[0] * (1 + 1e-9)
+    assert np.linalg.norm(slip) < 1e-9 or size == pytest.approx(mu * impulse[0])
+    assert antiparallel(impulse[1:], slip) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_contact_forces_obey_all_laws(seed: int) -> None:
+    random, mass, rows = bodies(seed, 2)
+    inverse, free = np.linalg.inv(mass), random.normal(size=6)
+    slips = [None, np.array([0.6, 0.8]) if seed % 2 else None]
+    contacts = [Rows(own, random.normal(size=3), 0.2, slip) for own, slip in zip(rows, slips, strict=True)]
+    solved = solve_contacts(free, inverse, contacts)
+    assert solved is not None
+    a, decisions = solved
+    forces = np.linalg.solve(inverse @ np.concatenate(rows).T, a - free).reshape(2, 3)
+    for contact, decision, (normal, *force) in zip(contacts, decisions, forces, strict=True):
+        along, *rates = contact.rows @ a + contact.bias
+        size = np.linalg.norm(force)
+        assert size <= 0.2 * normal + 1e-9
+        if decision.opens:
+            assert along > 0
+            assert normal == pytest.approx(0.0, abs=1e-9)
+            continue
+        assert normal >= -1e-9
+        assert along == pytest.approx(0.0, abs=1e-8)
+        if contact.slip is not None:
+            assert force == pytest.approx(-0.2 * normal * contact.slip, abs=1e-9)
+        elif decision.slides is None:
+            assert rates == pytest.approx([0.0, 0.0], abs=1e-8)
+        else:
+            assert decision.slides == pytest.approx(rates / np.linalg.norm(rates))
+            assert force == pytest.approx(-0.2 * normal * np.array(decision.slides), abs=1e-8)
