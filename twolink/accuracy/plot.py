@@ -1,7 +1,9 @@
 """The figure of an accuracy study: what each method's accuracy costs, the front, and the price of each digit."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +11,9 @@ from twolink.accuracy.study_data import BETTER, Price, Row, StudyData, in_words
 from twolink.errors import ShowError
 from twolink.show.direct_labels import label_ends
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, PINK, SKY, RED, BLACK = COLOURS
 STYLES = {
@@ -27,19 +32,19 @@ DOUBTFUL: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor
 Points = tuple[list[float], list[float]]
 
 
-def plot_study(study: StudyData, path: Path) -> Path:
+def plot_study(study: StudyData, path: Path | None) -> Path | Figure:
     """Draw seconds over error, both logarithmic, with accuracy growing to the right.
 
     Parameters
     ----------
     study : StudyData
-    path : Path
-        A .png, .svg or .pdf file.
+    path : Path or None
+        A .png, .svg or .pdf file; None to keep the figure.
 
     Returns
     -------
-    Path
-        The path.
+    Path or Figure
+        The path, or the figure.
 
     Raises
     ------
@@ -49,7 +54,7 @@ def plot_study(study: StudyData, path: Path) -> Path:
     rows = [row for row in study.rows if row.error <= MAX_ERROR]
     if not rows:
         what, remedy = f"no entry has an error below {MAX_ERROR:g}", "study a shorter duration"
-        raise ShowError(what, where=str(path), remedy=remedy, code="nothing-to-draw")
+        raise ShowError(what, where="plot" if path is None else str(path), remedy=remedy, code="nothing-to-draw")
     figure, axes = new_figure(1, size=(11, 6.6))
     axis, floor = axes[0, 0], study.reference.error
     _set_axes(axis, *_points(rows, floor), floor)
@@ -66,7 +71,7 @@ def plot_study(study: StudyData, path: Path) -> Path:
     labels = {name: {"color": STYLES.get(name, "0.4"), "fontweight": "bold" if style is ADAPTIVE else "normal"}
               for name, style in zip(by_method, styles, strict=True)}  # fmt: skip
     label_ends(figure, axis, {name: _points(of_method, floor) for name, of_method in by_method.items()}, labels)
-    return save_figure(figure, path)
+    return figure if path is None else save_figure(figure, path)
 
 
 def _points(rows: list[Row], floor: float) -> Points:

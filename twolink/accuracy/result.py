@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import msgspec
 import numpy as np
 
 from twolink.accuracy.study_data import Row, StudyData
 from twolink.accuracy.text import study_text
-from twolink.errors import TwolinkError
+from twolink.errors import ShowError, TwolinkError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import SUFFIXES, require_format, write_table
-from twolink.simulation.text import ShownAsText
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SAVED = (".json", *SUFFIXES)
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData, ShownAsText):
+class Study(StudyData):
     """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -70,11 +73,33 @@ class Study(StudyData, ShownAsText):
                 table[name] = np.array(values)
         return table
 
-    def plot(self, path: str | os.PathLike[str]) -> Path:
-        """Draw seconds over error, a line a method, with the front and its prices, into a .png, .svg or .pdf."""
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str]) -> Path: ...
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
+        """Draw seconds over error, a line a method, with the front and its prices.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
+
+        Raises
+        ------
+        ShowError
+            No row has an error below 3, the file's ending is another one, or it cannot be written.
+        """
         from twolink.accuracy.plot import plot_study
 
-        return plot_study(self, Path(path))
+        return plot_study(self, None if path is None else Path(path))
 
     def text(self) -> str:
         """The study as tables for people."""
@@ -90,3 +115,12 @@ class Study(StudyData, ShownAsText):
             f"<Study of {self.robot!r}: {self.duration:g} s, {len(self.rows)} rows, {len(self.front)} on the front, "
             f"best error {best:.1e}{ended}>"
         )
+
+    def _repr_html_(self) -> str:
+        from twolink.show.figure import figure_html
+
+        try:
+            picture = figure_html(self.plot())
+        except ShowError:  # no row has an error that can be drawn
+            picture = ""
+        return f"<pre>{html.escape(self.text())}</pre>{picture}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import io
 from pathlib import Path
@@ -53,6 +54,14 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Save a figure as .png, .svg or .pdf. Returns the path. Raises ShowError."""
     kind = require_format(path, FORMATS, ShowError)[1:]
     return write_atomic(path, lambda file: figure.savefig(file, format=kind), error=ShowError)
+
+
+def figure_html(figure: Figure) -> str:
+    """A figure as a picture in HTML, for notebooks."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=100)
+    encoded = base64.b64encode(picture.getvalue()).decode("ascii")
+    return f'<img src="data:image/png;base64,{encoded}" style="max-width: 100%" alt="">'
 
 
 def plain(name: str) -> str:

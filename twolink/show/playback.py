@@ -6,6 +6,7 @@ import html
 import importlib.metadata
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,17 @@ _FRAME_BYTES = 48  # of a body in a frame: seven numbers and the time twice, fou
 _PAGE_BYTES = 50_000  # of the page without viewer, bodies and animation
 _TRACKS = (("position", "vector3", slice(0, 3)), ("quaternion", "quaternion", slice(3, 7)))
 _AT_REST = 1e-7  # m, and in quaternions: a smaller range is no motion
+
+
+@dataclass(frozen=True, repr=False)
+class InlinePage:
+    """A page, in UTF-8, that notebooks show in a frame."""
+
+    page: bytes
+
+    def _repr_html_(self) -> str:
+        style = "width: 100%; height: 480px; border: 0"
+        return f'<iframe srcdoc="{html.escape(self.page.decode("utf-8"))}" style="{style}"></iframe>'
 
 
 def write_playback(

@@ -18,20 +18,23 @@ from twolink.dynamics.saved_robot import robot_notes
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
+from twolink.io.listing import facts_html
 from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.cost import Cost
-from twolink.simulation.text import ShownAsText
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from twolink.show.playback import InlinePage
+
 log = logging.getLogger("twolink")
+SHOWN_EVENTS = 5  # in notebooks
 SMOOTH = 400  # times that make a smooth curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(ShownAsText):
+class Trajectory:
     """A motion and how far it can be trusted.
 
     Parameters
@@ -283,19 +286,49 @@ class Trajectory(ShownAsText):
         except AccuracyError:
             return self.t, self.q, self.v
 
-    def playback(
-        self, path: str | os.PathLike[str], *, speed: float = 1.0, on_skipped: Callable[[list[str]], None] | None = None
-    ) -> Path:
-        """Write a standalone page that plays the motion in 3D in any browser, offline. Returns the path.
+    @overload
+    def playback(self, *, speed: float = ..., on_skipped: Callable[[list[str]], None] | None = ...) -> InlinePage: ...
 
-        on_skipped: called with the names of the shapes that cannot be drawn, if any; the page names them too.
+    @overload
+    def playback(
+        self, path: str | os.PathLike[str], *, speed: float = ..., on_skipped: Callable[[list[str]], None] | None = ...
+    ) -> Path: ...
+
+    def playback(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        speed: float = 1.0,
+        on_skipped: Callable[[list[str]], None] | None = None,
+    ) -> Path | InlinePage:
+        """Make a standalone page that plays the motion in 3D in any browser, offline.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .html file.
+        speed : float
+            Simulated seconds per second of playing.
+        on_skipped : callable, optional
+            Called with the names of the shapes that cannot be drawn, if any; the page names them too.
+
+        Returns
+        -------
+        Path or InlinePage
+            The path; without one the page, which notebooks show.
+
+        Raises
+        ------
+        ShowError
+            The file's ending is another one, it cannot be written, or the motion cannot be shown.
         """
-        from twolink.show.playback import write_playback
+        from twolink.show.playback import InlinePage, playback_page, write_playback
 
         model, visuals, title = self.robot.model, self.robot.visual_model(), self.title or self.robot.name
-        return write_playback(
-            model, visuals, self.t, self.q, Path(path), title=title, speed=speed, on_skipped=on_skipped
-        )
+        motion = model, visuals, self.t, self.q
+        if path is None:
+            return InlinePage(playback_page(*motion, title=title, speed=speed, on_skipped=on_skipped))
+        return write_playback(*motion, Path(path), title=title, speed=speed, on_skipped=on_skipped)
 
     def play(
         self,
@@ -329,6 +362,20 @@ class Trajectory(ShownAsText):
         events = f", {len(self.events)} events" if self.events else ""
         ended = ", interrupted" if self.interrupted else ""
         return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples{events}, {error}{ended}>"
+
+    def _repr_html_(self) -> str:
+        from twolink.show.figure import figure_html
+
+        more = len(self.events) - SHOWN_EVENTS
+        facts: dict[str, Sequence[object]] = {
+            "robot": [self.robot.name],
+            "time": [f"{self.t[-1]:g} s, {len(self.t)} samples" + (", interrupted" if self.interrupted else "")],
+            "error": ["not verified" if self.error is None else f"at most {self.error.max():.1e} rad or m"],
+            "energy": [f"changes by {np.ptp(self.energy):.1e} J"],
+            "events": [*self.events[:SHOWN_EVENTS], *([f"and {more} more"] if more > 0 else [])] or ["none"],
+            "cost": [] if self.cost is None else repr(self.cost).splitlines(),
+        }
+        return facts_html(self.title or "Trajectory", facts) + figure_html(self.plot())
 
 
 def _log_url(url: str) -> None:
