@@ -9,6 +9,7 @@ import twolink as tl
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate import first_steps, scene_equations, taylor
 from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.simulation.world_scenes import world_scene
 
 STIFFNESS, MASS = 3.0, 1.0
 
@@ -49,6 +50,34 @@ def counting(function: Callable[..., object], counted: list[int]) -> Callable[..
         return function(*args, **options)
 
     return call
+
+
+def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callable[[], int]) -> None:
+    """Neither the variational equations by a number nor the steps, where each scene is solved a few times only."""
+    names = ["effects.1.stiffness.elbow", "forearm.mass"]
+    with taylor.few_solutions():
+        tl.sensitivities(arm(), names, 0.5)
+        assert compilations() > 0
+        for values in ({names[1]: 2.5}, {names[0]: 8.0}):
+            found = tl.sensitivities(world_scene(arm(), values), names, 0.5)
+            assert compilations() == 0
+    exact = tl.sensitivities(arm(stiffness=8.0), names, 0.5)
+    for name in names:
+        assert np.abs(found.q[name] - exact.q[name]).max() <= found.error[name][-1] + exact.error[name][-1]
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic"])
+def test_other_samples_of_a_table_compile_nothing_anew(interpolation: str, compilations: Callable[[], int]) -> None:
+    def pushed(value: float) -> tl.Scene:
+        table = tl.effects.Sampled((0.0, 0.2, 0.4, 0.6), (0.0, value, 1.0, 0.0), interpolation=interpolation)
+        return tl.Scene(arm().base, effects=[tl.effects.Torque({"elbow": table})])
+
+    tl.simulate(pushed(1.0), 0.5, method="dop853", tolerance=1e-9, verify=False)
+    assert compilations() > 0
+    run = tl.simulate(pushed(-4.0), 0.5, method="dop853", tolerance=1e-9, verify=False)
+    assert compilations() == 0
+    other = tl.simulate(pushed(-4.0), 0.5, method="scipy-dop853", tolerance=1e-9, verify=False)
+    np.testing.assert_allclose(run.q, other.q, rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])

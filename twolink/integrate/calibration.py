@@ -5,6 +5,7 @@ Only studies write here. A simulation by itself does not, so that the same call 
 
 import contextlib
 import functools
+import hashlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -65,7 +66,9 @@ def record(equations: Equations, duration: float, entries: Iterable[Measured]) -
 
 
 def _key(equations: Equations) -> str:
-    return equations.key("study", equations.start.tobytes().hex())
+    tables = repr([(table.times, getattr(table, "values", ())) for table in equations.layout.tables])
+    digest = hashlib.sha256(equations.start.tobytes() + tables.encode()).hexdigest()
+    return equations.key("study", digest)
 
 
 @functools.lru_cache(1)

@@ -16,6 +16,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect
 from twolink.effects.effect import plain
+from twolink.effects.inputs import with_pieces
 from twolink.effects.loop import Loop
 from twolink.effects.own_effects import formula_fingerprint
 from twolink.effects.switching import Switching, switching_of
@@ -74,12 +75,10 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
                 found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
                          if value and path[0] != "effort"}  # fmt: skip
                 chosen.update(found)
-        ones = dict.fromkeys(chosen, 1.0)
-        base = replace(equations, parameters=tuple(chosen))
-        content = _content(with_effect_numbers(base, ones), with_values(model, physical(ones)))
         while len(_structures) >= MAX_KEPT:
             del _structures[next(iter(_structures))]
-        _structures[equations.content] = replace(base, content=content), np.array(list(chosen.values()))
+        base = with_parameters(equations, tuple(chosen))
+        _structures[equations.content] = base, np.array(list(chosen.values()))
     return _structures[equations.content]
 
 
@@ -154,12 +153,20 @@ def _operations(equations: Equations) -> int:
 
 
 def _content(equations: Equations, model: pin.Model | None = None) -> str:
-    """A digest of the model, the robot's own or another, the effects, our code and versions."""
+    """A digest of the model, the robot's own or another, the effects, our code and versions.
+
+    A table stands by its place and kind: its samples are rows of the state.
+    """
     constraints = equations.constraints
+    tables = {id(table): f"{i} {type(table).__name__} {table.rows}" for i, table in enumerate(equations.layout.tables)}
     effects = [
-        f"{type(e).__module__}.{type(e).__qualname__} {msgspec.json.encode(e, enc_hook=plain)!r}"
+        f"{type(e).__module__}.{type(e).__qualname__} {_encoded(with_pieces(e, lambda table: tables[id(table)]))!r}"
         + formula_fingerprint(e, equations.robot.model)
         for e in (*equations.effects, *(constraints.loops if constraints else ()))
     ]
     rows = f"{constraints and (constraints.kept, constraints.scales)} {equations.layout.lockable}"
     return kernel_key(model or equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
+
+
+def _encoded(effect: Effect) -> bytes:
+    return msgspec.json.encode(effect, enc_hook=plain)

@@ -11,11 +11,13 @@ so that u never decides the scale of the error. c = 16 costs 2 % more steps on t
 (20 % more steps); c = 1000 protects less.
 """
 
+import contextlib
 import logging
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -110,13 +112,24 @@ def solve(
 
     names: set[str] = set()
     solution = in_pieces(equations, times, piece)
-    if precision == "double":  # what is solved again is solved often, and some bits of it change once
-        _spent.update(dict.fromkeys(names, math.inf))
+    if precision == "double" and not _few.get():
+        _spent.update(dict.fromkeys(names, math.inf))  # what is solved again is solved often; some bits change once
     return solution
+
+
+@contextlib.contextmanager
+def few_solutions() -> Iterator[None]:
+    """What is solved within is not solved often: it is optimized only when it has cost as much as that would."""
+    token = _few.set(True)
+    try:
+        yield
+    finally:
+        _few.reset(token)
 
 
 _pool: dict[str, list[Any]] = {}
 _spent: dict[str, float] = {}  # s, of solving by code without optimization, by the name of the optimized one
+_few: ContextVar[bool] = ContextVar("_few", default=False)  # whether each motion is solved a few times only
 _lock = threading.Lock()
 MAX_POOL = 64
 

@@ -13,6 +13,7 @@ import numpy as np
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.taylor import few_solutions
 from twolink.io.listing import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
 from twolink.optimization.objectives import Objective, named_objective
@@ -108,11 +109,12 @@ def optimize(
     }  # fmt: skip
     search = Search(evaluator, -1.0 if maximize else 1.0, int(evaluations), None if out is None else Path(out), problem,
                     progress)  # fmt: skip
-    search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
-    best = search.best()
-    if best is None:
-        raise SceneError("nothing was evaluated", where="optimize", remedy="allow for more evaluations")
-    return _optimum(search, best, limits, began, curvature=curvature)
+    with few_solutions():
+        search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
+        best = search.best()
+        if best is None:
+            raise SceneError("nothing was evaluated", where="optimize", remedy="allow for more evaluations")
+        return _optimum(search, best, limits, began, curvature=curvature)
 
 
 def _optimum(
