@@ -136,16 +136,18 @@ def with_nominal(model: pin.Model, name: str, value: float) -> None:
         return
     part, _, entry = what.partition(".")
     if part in ("mass", "com", "inertia"):
-        body = model.inertias[bodies[owner]]
-        mass, lever, rotational = float(body.mass), body.lever.copy(), body.inertia.copy()
+        body = model.inertias[bodies[owner]].copy()
+        lever, rotational = body.lever.copy(), body.inertia.copy()
         if part == "mass":
-            mass = value
+            body.mass = value
         elif part == "com":
             lever[_COORDINATES.index(entry)] = value
+            body.lever = lever
         else:
             j, k = sp.ENTRIES[_MOMENTS.index(entry)]
             rotational[j, k] = rotational[k, j] = value
-        model.inertias[bodies[owner]] = pin.Inertia(mass, lever, rotational)
+            body.inertia = rotational
+        model.inertias[bodies[owner]] = body
         return
     joint = model.getJointId(owner)
     if part == "origin":

@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 
+import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.mechanism import parameter_names, with_nominal
+from twolink.algorithms.mechanism import body_names, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, check_name, finite
 from twolink.errors import SceneError
 
 _DAMPING = ".damping"
+ROUNDING = 1e-12  # relative
 
 
 class Constants(Effect, frozen=True):
@@ -36,6 +38,14 @@ class Constants(Effect, frozen=True):
                 finite(self.values[name], f"values.{name}", least=0.0)
 
     def change(self, model: pin.Model) -> None:
-        """Set them in the model."""
+        """Set them in the model. Raises SceneError, code "impossible-body"."""
         for name, value in self.values.items():
             with_nominal(model, name, float(value))
+        for body, link in zip(model.inertias, body_names(model), strict=True):
+            moments = np.linalg.eigvalsh(body.inertia)
+            if moments[0] < -ROUNDING * moments[-1] and any(
+                name.startswith(f"{link}.inertia.") for name in self.values
+            ):
+                numbers = ", ".join(f"{moment:.6g}" for moment in moments)
+                raise SceneError(f"no body has principal moments of inertia of {numbers} kg m^2", code="impossible-body",
+                                 where=f"values.{link}.inertia", remedy="give those of a real body")  # fmt: skip

@@ -8,12 +8,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twolink.algorithms.mechanism import body_names, nominal, parameter_names
-from twolink.dynamics import Robot
+from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.effects.sampled import Sampled
 from twolink.errors import SceneError, require_known
 from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
-from twolink.robots.physical_checks import is_impossible
 from twolink.scenes import Scene
 from twolink.simulation.world_scenes import world_scene
 
@@ -62,17 +60,8 @@ def variables_of(scene: Scene, wrt: Mapping[str, Sequence[float]]) -> Variables:
     low, high = np.array(bounds).T
     found = Variables(scene, tuple(wrt), low, high, np.array([known[name] for name in wrt]))
     for corner in (low, high):
-        _require_bodies(found.scene_at(corner).robot)  # effects refuse what they cannot be
+        found.scene_at(corner)  # refuses what cannot be
     return found
-
-
-def _require_bodies(robot: Robot) -> None:
-    """Require bodies that can exist. Raises SceneError."""
-    for i, link in enumerate(body_names(robot.model)[1:], 1):
-        body = robot.model.inertias[i]
-        if body.mass < 0.0 or is_impossible(body.inertia, body.mass):
-            what = f"{link} cannot exist with {body.mass:g} kg and moments {np.diag(body.inertia).tolist()} kg m^2"
-            raise SceneError(what, argument="wrt", remedy="give other bounds", code="impossible-body")
 
 
 def _bounds(name: str, pair: Any) -> tuple[float, float]:
