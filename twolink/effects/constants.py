@@ -47,5 +47,6 @@ class Constants(Effect, frozen=True):
                 name.startswith(f"{link}.inertia.") for name in self.values
             ):
                 numbers = ", ".join(f"{moment:.6g}" for moment in moments)
-                raise SceneError(f"no body has principal moments of inertia of {numbers} kg m^2", code="impossible-body",
-                                 where=f"values.{link}.inertia", remedy="give those of a real body")  # fmt: skip
+                what = f"no body has principal moments of inertia of {numbers} kg m^2"
+                raise SceneError(what, where=f"values.{link}.inertia", remedy="give those of a real body",
+                                 code="impossible-body")  # fmt: skip
