@@ -1,5 +1,6 @@
 """Sphinx's settings for the documentation site. scripts/docs builds it."""
 
+import logging
 import os
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])  # for cells that call it
 os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")])
+
+logging.getLogger("traitlets").setLevel(logging.WARNING)
 
 project = "twolink"
 author = "the twolink authors"
@@ -39,6 +42,8 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True
 default_role = "code"
+smartquotes = False  # two hyphens begin an option
+toc_object_entries = False
 autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False

@@ -1,6 +1,7 @@
 """The gallery: a directive that lists the bundled scenes, and the pages that play them, made after a full build."""
 
 import html
+import logging as python_logging
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ def write_playbacks(app: Any, failure: Exception | None) -> None:
     """Simulate every bundled scene and write its page beside the site."""
     if failure is not None or not app.config.twolink_playbacks:
         return
+    python_logging.getLogger("twolink").setLevel(python_logging.WARNING)
     folder = Path(app.outdir) / FOLDER
     folder.mkdir(exist_ok=True)
     for scene in tl.scenes():

@@ -120,10 +120,14 @@ def commands() -> str:
     parts = [cell(str(command_line.info.epilog)), "Every command has `--help`; errors are one line on stderr."]
     group = typer.main.get_command(command_line)
     for name, command in group.commands.items():  # type: ignore[attr-defined]
-        rows = [(" ".join(f"`{text}`" for text in o.opts) if hasattr(o, "help") and o.param_type_name == "option"
-                 else f"`{str(o.name).upper()}`", getattr(o, "help", None) or "")
-                for o in command.params if not getattr(o, "hidden", False)]  # fmt: skip
-        parts += [f"## twolink {name}", cell(inspect.cleandoc(command.help or "")).replace("\\|", "|")]
+        rows = []
+        for each in command.params:
+            option = each.param_type_name == "option"
+            names = " ".join(f"`{text}`" for text in each.opts) if option else f"`{str(each.name).upper()}`"
+            rows.append((names, getattr(each, "help", None) or ""))
+        paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
+        texts = [f"```text\n{t[1:].strip()}\n```" if t.startswith("\b") else t for t in paragraphs]  # \b: as it is
+        parts += [f"## twolink {name}", *texts]
         if rows:
             parts.append(markdown(Table(("option", "what it does"), tuple(rows))))
     return page("Command line", *parts)

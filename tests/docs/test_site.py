@@ -11,9 +11,12 @@ from pathlib import Path
 import pytest
 
 import twolink as tl
+from tests.show.browser import Browser, browser
 from twolink.hard import all_cases
 
+__all__ = ["browser"]  # the fixture
 TOP = Path(__file__).parents[2]
+SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes", "generated/api_0")
 DOCS = TOP / "docs"
 PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("generated", "operating")]
 NOT_RUN = {"console"}  # what installs or serves; everything else is run
@@ -113,3 +116,14 @@ def test_pages_have_their_pictures(site: Path) -> None:
     for page in site.rglob("*.html"):
         for source in re.findall(r'<img[^>]+src="([^":]+)"', page.read_text("utf-8")):
             assert (page.parent / source).is_file(), (page, source)
+
+
+@pytest.mark.browser
+def test_pages_fit_narrow_and_wide_screens(site: Path, browser: Browser) -> None:
+    for width in (390, 1400):
+        browser.resize(width, 900)
+        for name in SHOWN:
+            browser.open((site / f"{name}.html").as_uri())
+            assert browser.evaluate("document.documentElement.scrollWidth <= innerWidth"), (name, width)
+    missing = [error for error in browser.errors if "playback" not in error]  # which the quick form leaves out
+    assert missing == []

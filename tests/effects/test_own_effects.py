@@ -96,6 +96,11 @@ class Returns(E.Effect, frozen=True):
         return -motion.q[0]
 
 
+class TwoNumbers(E.Effect, frozen=True):
+    def act(self, _motion: Any, loads: Any) -> None:
+        loads.force("tip", (1.0, 0.0))
+
+
 @pytest.mark.parametrize(
     ("effect", "part"),
     [
@@ -103,11 +108,19 @@ class Returns(E.Effect, frozen=True):
         (NoSuchDof(), "the robot has 0 to 1"),
         (OtherArguments(), "write def act(self, motion, loads)"),
         (OtherCheck(), "write def check(self, robot)"),
-        (Returns(), "add torques by loads.torque"),
+        (Returns(), "act returns a value; add torques by loads.torque"),
+        (TwoNumbers(), "test_own_effects.py: ValueError"),
     ],
 )
 def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, part: str) -> None:
     assert part in refused(effect)
+
+
+def test_what_is_no_effect_is_told_how_to_become_one() -> None:
+    with pytest.raises(tl.errors.SceneError, match="derives from"):
+        tl.Scene(robot("arm"), effects=[lambda q: -q])  # type: ignore[list-item]
+    with pytest.raises(tl.errors.SceneError, match=r"write Returns\(\.\.\.\)"):
+        tl.Scene(robot("arm"), effects=[Returns])  # type: ignore[list-item]
 
 
 def test_numpy_numbers_and_tables_are_fine() -> None:

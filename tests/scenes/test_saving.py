@@ -50,9 +50,17 @@ def test_a_floating_robot_keeps_its_quaternion(tmp_path: Path) -> None:
 
 
 def test_saving_does_not_overwrite_another_urdf(tmp_path: Path) -> None:
-    (tmp_path / "mine.urdf").write_text("something else")
+    """A scene gets the name of its robot's own file: the original stays, and so does another file of that name."""
+    original, taken = tmp_path / "mine.urdf", tmp_path / "mine-robot.urdf"
+    original.write_text(arm_urdf(1, 2, 3, 4) + "<!-- mine -->")
+    scene = tl.Scene(tl.load_robot(original), q=[0.1, 0.0])
+    same(scene, tl.load_scene(scene.save(tmp_path / "mine.toml")))
+    same(scene, tl.load_scene(scene.save(tmp_path / "mine.toml")))
+    assert original.read_text().endswith("<!-- mine -->")
+    taken.write_text("something else")
     with pytest.raises(SceneError, match="another file"):
-        tl.Scene(tl.load_robot(arm_urdf(1, 2, 3, 4))).save(tmp_path / "mine.toml")
+        scene.save(tmp_path / "mine.toml")
+    assert taken.read_text() == "something else"
 
 
 def test_another_suffix_is_refused(tmp_path: Path) -> None:

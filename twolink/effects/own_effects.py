@@ -8,8 +8,10 @@ its name has other code.
 import hashlib
 import inspect
 import operator
+import os
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from twolink.effects.inputs import with_pieces
 from twolink.effects.motion import GROUND, Loads, Motion
 from twolink.errors import SceneError, TwolinkError
 
+_PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _ARITHMETIC = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
 _NAMESPACE = ("sin", "cos", "sqrt", "tanh", "less", "where")  # what xp has in every use
 _CHOICE = "write motion.xp.where(motion.xp.less(a, b), value_if_less, value_if_not)"
@@ -81,13 +84,14 @@ def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, list[Any]]:
     except TwolinkError:
         raise
     except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
+        frames = traceback.extract_tb(error.__traceback__)
+        last = next((f for f in reversed(frames) if not f.filename.startswith(_PACKAGE)), frames[-1])
         what = f"act fails at line {last.lineno} of {last.filename}: {type(error).__name__}: {error}"
         remedy = "write formulas with + - * / and the functions of motion.xp"
         raise SceneError(what, where="act", remedy=remedy, code="own-effect") from error
     if returned is not None:
-        raise SceneError(f"act returns {returned!r}", where="act", remedy="add torques by loads.torque(dof, value)",
-                         code="own-effect")  # fmt: skip
+        remedy = "add torques by loads.torque(dof, value)"
+        raise SceneError("act returns a value", where="act", remedy=remedy, code="own-effect")
     return tape, [sorted(loads.wrenches), keys]
 
 

@@ -43,11 +43,13 @@ def _robot_entry(robot: Robot, path: Path) -> RobotEntry:
     notes = robot_notes(robot)
     source = robot.name
     if notes["catalogue"] != "true":
-        beside = path.with_suffix(".urdf")
         content = robot.visuals.text.encode("utf-8")
-        if beside.exists() and beside.read_bytes() != content:
+        places = (path.with_suffix(".urdf"), path.with_name(f"{path.stem}-robot.urdf"))  # the first may be the original
+        free = [place for place in places if not place.exists() or place.read_bytes() == content]
+        if not free:
             remedy = "save the scene under another name"
-            raise SceneError("another file is there", where=str(beside), remedy=remedy, code="file-exists")
+            raise SceneError("another file is there", where=str(places[1]), remedy=remedy, code="file-exists")
+        beside = free[0]
         write_atomic(beside, lambda file: file.write(content))
         source = beside.name
     return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))

@@ -20,6 +20,7 @@ from twolink.io.listing import facts_html
 from twolink.scenes.save import save_scene
 
 _REMEDY = "such as [tl.effects.Gravity()]"
+_OWN = "one of your own is a class that derives from tl.effects.Effect"
 
 
 def duration_of(value: float) -> float:
@@ -124,7 +125,7 @@ class Scene:
         ----------
         path : str or path
             A file that ends in .toml. A robot of the catalogue is written by its name; any other one as a URDF beside
-            the file, with the same stem.
+            the file: STEM.urdf, or STEM-robot.urdf where that is another file.
 
         Returns
         -------
@@ -134,7 +135,7 @@ class Scene:
         Raises
         ------
         SceneError
-            The path ends otherwise, an effect holds a function, or another URDF is in the way.
+            The path ends otherwise, an effect holds a function, or other files have these names.
         """
         return save_scene(Path(path), self.base, self.q, self.v, self.effects, self.duration, self.title)
 
@@ -178,8 +179,10 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
         raise SceneError(what, where="effects", remedy=_REMEDY, argument="effects")
     for effect in effects:
         if not isinstance(effect, Effect):
-            what = f"expected effects, got {type(effect).__name__}"
-            raise SceneError(what, where="effects", remedy=_REMEDY, argument="effects")
+            what, remedy = f"expected effects, got {type(effect).__name__}", f"{_REMEDY}; {_OWN}"
+            if isinstance(effect, type):
+                what, remedy = f"expected effects, got the class {effect.__name__}", f"write {effect.__name__}(...)"
+            raise SceneError(what, where="effects", remedy=remedy, argument="effects")
     if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
     for i, effect in enumerate(effects):
