@@ -22,7 +22,7 @@ FACE = {
          "PeriodicMotion", "Robot", "Scene", "SceneFit", "Sensitivities", "Study", "Trajectory", "Worlds", "Wrench",
          "accuracy_study", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "fit", "identify",
          "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize",
-         "periodic_motion", "robots", "scenes", "sensitivities", "simulate", "simulate_many", "sweep"],
+         "periodic_motion", "progress_bar", "robots", "scenes", "sensitivities", "simulate", "simulate_many", "sweep"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "forward_dynamics_derivatives", "inverse_dynamics_derivatives",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from twolink.optimization.optimize import optimize
     from twolink.optimization.optimum import Optimum
     from twolink.service.client import connect
+    from twolink.show.progress import progress_bar
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
     from twolink.sweeps.sweeping import sweep
@@ -44,6 +45,7 @@ _IMPORTED_WHEN_USED = {
     "energy_book": "twolink.simulation.energy_balance",
     "loop_forces": "twolink.simulation.energy_balance",
     "connect": "twolink.service.client",
+    "progress_bar": "twolink.show.progress",
     "Sensitivities": "twolink.simulation.sensitivities",
     "sensitivities": "twolink.simulation.sensitivities",
     "sweep": "twolink.sweeps.sweeping",
@@ -98,6 +100,7 @@ __all__ = [
     "methods",
     "optimize",
     "periodic_motion",
+    "progress_bar",
     "robots",
     "scenes",
     "sensitivities",

@@ -76,6 +76,11 @@ def test_continuous_joints_take_an_angle(tmp_path: Path) -> None:
     np.testing.assert_allclose(scene.q[:2], [np.cos(1), np.sin(1)])
 
 
+def test_a_urdf_is_no_scene() -> None:
+    with pytest.raises(SceneError, match=r"a URDF is a robot, not a scene; tl\.Scene\(tl\.load_robot\('arm\.urdf'\)"):
+        tl.load_scene("arm.urdf")
+
+
 BAD = {
     "key": ("durration = 3.0\n" + GOOD, ["my.toml", "`durration`", "did you mean 'duration'"]),
     "not TOML": (GOOD + "[[[", ["my.toml", "not TOML", "line"]),

@@ -26,10 +26,12 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]
     resources = {"metadata": {"path": str(place)}}
     NotebookClient(notebook, timeout=120, resources=resources).execute(env=environment, cwd=str(place))
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    return {
-        cell.source.splitlines()[-1]: next(o["data"] for o in cell.outputs if o["output_type"] == "execute_result")
-        for cell in cells
-    }
+    found = {}
+    for cell in cells:
+        name = cell.source.splitlines()[-1]
+        for output in cell.outputs:
+            found[name if output["output_type"] == "execute_result" else f"progress of {name}"] = output["data"]
+    return found
 
 
 def test_robots_and_scenes_are_tables(shown: dict[str, dict[str, Any]]) -> None:
@@ -54,9 +56,15 @@ def test_a_playback_is_a_frame_with_the_page(shown: dict[str, dict[str, Any]]) -
 
 
 def test_a_study_is_text_with_its_figure(shown: dict[str, dict[str, Any]]) -> None:
-    html = next(data["text/html"] for line, data in shown.items() if line.startswith("tl.accuracy_study"))
+    html = shown["study"]["text/html"]
     assert "dop853" in html
     assert "data:image/png" in html
+
+
+def test_long_work_has_a_bar(shown: dict[str, dict[str, Any]]) -> None:
+    bar = re.fullmatch(r'<progress value="(\d+)" max="(\d+)"></progress> done', shown["progress of study"]["text/html"])
+    assert bar is not None
+    assert bar.group(1) == bar.group(2)
 
 
 def test_an_untitled_run_without_an_error_bar_shows_itself(tmp_path: Path) -> None:

@@ -45,7 +45,8 @@ def test_the_book_closes(name: str) -> None:
     assert set(book.work) == {e for e in book.work if any(np.abs(book.work[e]) > 0)} | {"plane-contact"} & set(
         book.work
     )
-    assert "residual" in str(book)
+    assert "residual" in str(book) == repr(book)
+    assert book._repr_html_().startswith("<pre>")
 
 
 def test_damping_alone_takes_what_is_lost() -> None:

@@ -9,7 +9,7 @@ from typer import Option
 from twolink.cli.failures import Misuse
 from twolink.cli.options import Accuracy, Duration, Json, SceneName, scene_from
 from twolink.cli.output import RUN_ENDINGS, finish, require_writable, show, write, write_by_ending
-from twolink.cli.progress import progress_bar
+from twolink.show.progress import progress_bar
 
 
 def optimize(

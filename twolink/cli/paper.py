@@ -13,8 +13,8 @@ from typer import Argument, Option
 
 from twolink.cli.options import Json
 from twolink.cli.output import finish, require_writable, show, write
-from twolink.cli.progress import progress_bar
 from twolink.show.figure import FORMATS
+from twolink.show.progress import progress_bar
 
 if TYPE_CHECKING:
     from twolink.paper.throw import SearchResult

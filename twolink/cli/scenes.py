@@ -29,7 +29,6 @@ from twolink.cli.options import (
     scene_from,
 )
 from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_writable, show, write, write_by_ending
-from twolink.cli.progress import progress_bar
 from twolink.dynamics.named_queries import parse_numbers
 from twolink.integrate.methods import methods as method_table
 from twolink.io.atomic import write_atomic
@@ -39,6 +38,7 @@ from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry
 from twolink.scenes.template import scene_template
+from twolink.show.progress import progress_bar
 from twolink.simulation.records import balance_record, run_record
 from twolink.simulation.trajectory import Trajectory
 

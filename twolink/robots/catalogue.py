@@ -14,6 +14,7 @@ from twolink.errors import RobotError, nearest
 
 Root = Literal["fixed", "free"]
 
+_SINGLE_BODIES = ("heavy_top", "spinning_box")  # without a joint: fixed to the world they could not move
 _NOT_URDF = {
     "cassie": "example-robot-data describes Cassie in SDF only (it has closed loops, which URDF cannot hold)",
     "talos_legs": "it is not a file: the former loader cut it out of Talos in code",
@@ -70,7 +71,7 @@ def catalogue_entry(name: str) -> CatalogueEntry:
     """
     ours = our_urdfs() / f"{name}.urdf"
     if ours.stem == name and ours in our_urdfs().glob("*.urdf"):
-        return CatalogueEntry(name, ours, "fixed", "twolink")
+        return CatalogueEntry(name, ours, "free" if name in _SINGLE_BODIES else "fixed", "twolink")
     share = examples_share()
     if name in _examples() and share is not None:
         file, root = _examples()[name]

@@ -22,13 +22,14 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
+from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
 NODES = 6  # of Gauss's quadrature between two samples
 
 
-@dataclass(frozen=True)
-class Book:
+@dataclass(frozen=True, repr=False)
+class Book(ShownAsText):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -55,6 +56,8 @@ class Book:
         width = max(map(len, entries))
         lines = [f"  {name:<{width}}  {value:+.9g} J" for name, value in entries.items()]
         return "\n".join([*lines, f"  {'residual':<{width}}  {np.abs(self.residual).max():.1e} J at most"])
+
+    __repr__ = __str__
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from twolink.cli.progress import progress_bar
+from twolink.show.progress import progress_bar
 
 
 class Terminal(io.StringIO):
@@ -23,5 +23,6 @@ def test_the_label_is_shown_on_a_terminal_only(
     with progress_bar() as report:
         report(1.0, 4.0, "t = 1 s")
     assert ("t = 1 s  (Ctrl-C keeps what is done)" in stream.getvalue()) == shown
-    assert ("25%" in stream.getvalue()) == shown
+    for part in ("25%", "/s ", "left:"):
+        assert (part in stream.getvalue()) == shown
     assert capsys.readouterr().out == ""
