@@ -102,7 +102,7 @@ def test_tables_have_a_row_for_each_run(store: Path, tmp_path: Path) -> None:
 
 
 def test_studies_come_with_twolink_or_as_files(tmp_path: Path) -> None:
-    assert set(bundled_studies()) >= {"basin", "release"}
+    assert set(bundled_studies()) >= {"basin", "release", "price"}
     for name in bundled_studies():
         assert load_study(name).title
     path = tmp_path / "own.toml"

@@ -123,6 +123,23 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         swept(tmp_path / "y.zarr", outputs=["no_such:thing"])
 
 
+def test_robots_differ_under_the_same_effects(tmp_path: Path) -> None:
+    vary = {"robot": ["two_link", "no_such_robot", "double_pendulum"], "accuracy": [1e-4, 1e-8]}
+    data = swept(tmp_path / "x.zarr", vary, duration=0.2, outputs=["cost", "energy"])
+    assert data.status.sel(robot="no_such_robot").values.tolist() == [3, 3]
+    assert "no_such_robot" in str(data.reason.sel(robot="no_such_robot").values[0])
+    robot = tl.load_robot("double_pendulum")
+    q, v = robot.random_state(1, seed=0)
+    alone = tl.Scene(robot, q[0], v[0], ARM.effects).robot.energy(q[0], v[0])
+    found = data.sel(robot="double_pendulum")
+    np.testing.assert_allclose(found.energy, sum(alone), atol=1e-3)
+    assert (found.error <= found.accuracy).all()
+    assert "robots differ" in data.attrs["how"]
+    for outputs, vary in ((["final"], {"robot": ["arm"]}), (["cost"], {"robot": ["arm"], "q.elbow": [0.1]})):
+        with pytest.raises(SceneError, match="robot"):
+            swept(tmp_path / "y.zarr", vary, outputs=outputs)
+
+
 def test_no_store_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="no store"):
         open_sweep(tmp_path)

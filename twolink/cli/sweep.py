@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -110,9 +111,8 @@ def sweep(
         (figure if path.suffix in FORMATS else write_sweep_table)(data, path)
 
     written, failures = write(files, write_one)
-    lines = [f"{study.title or source}: {found}", *_reasons(data), f"  store    {store}",
-             *(f"  wrote    {path}" for path in written)]  # fmt: skip
-    show({"source": source, "store": store, **found.to_dict(), "written": written}, "\n".join(lines), as_json)
+    record = {"source": source, "store": store, **found.to_dict(), "written": written}
+    show(record, _text(study.title or source, found, data, [store, *written]), as_json)
     finish(failures, found.pending > 0)
 
 
@@ -130,7 +130,9 @@ def _varied(text: str) -> tuple[str, Any]:
     return name, switches if None not in switches else parse_numbers("vary", values)
 
 
-def _reasons(data: Any) -> list[str]:
-    """The most frequent reasons for which runs are not done, a line each."""
+def _text(title: str, status: object, data: Any, files: Sequence[Path]) -> str:
+    """A sweep for people: how far it is, the most frequent reasons for which runs are not done, how runs are solved."""
     counts = Counter(reason for reason in data["reason"].values.ravel().tolist() if reason)
-    return [f"  {count:>6,}   {reason}" for reason, count in counts.most_common(SHOWN_REASONS)]
+    reasons = [f"  {count:>6,}   {reason}" for reason, count in counts.most_common(SHOWN_REASONS)]
+    wrote = [f"  wrote    {file}" for file in files]
+    return "\n".join([f"{title}: {status}", *reasons, f"  runs     {data.attrs['how']}", *wrote])

@@ -73,6 +73,8 @@ class Plan:
 
 def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> Plan:
     """The plan. chunk: the number of runs of a block; by default what keeps workers busy. Raises SceneError."""
+    if "robot" in design.quantities:
+        _check_robots(design, request)
     for name in design.values:
         if "/" in name:
             raise SceneError("a store cannot have a name with /", where=f"vary[{name!r}]", argument="vary",
@@ -85,6 +87,18 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
     elif not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
         raise SceneError(f"expected a number of runs, got {chunk!r}", argument="chunk", remedy="such as 1000")
     return Plan(scene, design, request, block_shape(design.shape, chunk))
+
+
+def _check_robots(design: Design, request: Request) -> None:
+    """Require that what varies, and what is kept, is the same for all robots. Raises SceneError."""
+    odd = [name for name, what in design.quantities.items() if what.kind in ("q", "v", "parameter")]
+    if odd:
+        raise SceneError(f"{odd[0]} belongs to one robot", where="vary['robot']", argument="vary",
+                         remedy="vary the accuracy or effects beside robots")  # fmt: skip
+    kept = {"final", "samples"} & set(request.outputs)
+    if kept:
+        raise SceneError(f"{min(kept)} has another size for each robot", argument="outputs",
+                         remedy='such as ["cost", "energy"]')  # fmt: skip
 
 
 def _size(variable: Variable) -> int:

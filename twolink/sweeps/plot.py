@@ -78,8 +78,9 @@ def _curve(
 ) -> Path:  # fmt: skip
     ((name, x),) = axes
     figure, ((axis,),) = new_figure(1, size=(7.0, 4.2))
-    order = np.argsort(x.ravel(), kind="stable")
-    x, y, here = x.ravel()[order].astype(float), values.ravel()[order], shown.ravel()[order]
+    x = _positions(axis.xaxis, x.ravel())
+    order = np.argsort(x, kind="stable")
+    x, y, here = x[order], values.ravel()[order], shown.ravel()[order]
     error = None if bars is None else bars.ravel()[order][here]
     axis.errorbar(x[here], y[here], yerr=error, color=COLOURS[0], marker=".", markersize=3, linewidth=1.0, capsize=2)
     missing = status.ravel()[order]
@@ -94,9 +95,17 @@ def _curve(
     return save_figure(figure, path)
 
 
+def _positions(axis: Any, x: np.ndarray) -> np.ndarray:
+    """Values as positions on an axis: names are numbered, and written beside their ticks."""
+    if x.dtype.kind in "fiub":
+        return x.astype(float)
+    axis.set_ticks(np.arange(len(x)), [plain(str(name)) for name in x], fontsize=6)
+    return np.arange(len(x), dtype=float)
+
+
 def _scale(x: np.ndarray) -> str:
     """Logarithmic where positive values span two decades, as accuracies do."""
-    return "log" if x.dtype.kind == "f" and x.min() > 0.0 and x.max() >= 100.0 * x.min() else "linear"
+    return "log" if x.min() > 0.0 and x.max() >= 100.0 * x.min() else "linear"
 
 
 def _map(
@@ -104,14 +113,16 @@ def _map(
     label: str,
 ) -> Path:  # fmt: skip
     (down, y), (across, x) = axes
-    figure, ((axis,),) = new_figure(1, size=(7.4, 6.0))
+    figure, ((axis,),) = new_figure(1, size=(7.4, max(6.0, 0.14 * len(y) if y.dtype.kind in "OU" else 0.0)))
     kept = np.where(shown, values, np.nan)
     if values.squeeze().ndim == 2:
+        x, y = _positions(axis.xaxis, x), _positions(axis.yaxis, y)
         order = np.ix_(np.argsort(y), np.argsort(x))
         kept, status = kept.reshape(len(y), len(x))[order], status.reshape(len(y), len(x))[order]
-        x, y = np.sort(x.astype(float)), np.sort(y.astype(float))
+        x, y = np.sort(x), np.sort(y)
         axis.set_facecolor(GREY)
-        image = axis.pcolormesh(x, y, kept, shading="nearest", rasterized=True)
+        norm = _scale(kept[np.isfinite(kept)]) if np.isfinite(kept).any() else None
+        image = axis.pcolormesh(x, y, kept, shading="nearest", rasterized=True, norm=norm)
         rows, columns = np.nonzero(np.isin(status, (FAILED, ABANDONED)))
         axis.plot(x[columns], y[rows], "x", color=COLOURS[5], markersize=3)
     else:

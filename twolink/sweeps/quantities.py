@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from twolink.algorithms.mechanism import parameter_names
+from twolink.dynamics import load_robot
 from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import SceneError, require_known
 from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
@@ -14,7 +15,7 @@ from twolink.io.text import kebab_case
 from twolink.robots.joint_layout import turns
 from twolink.scenes import Scene
 
-Kind = Literal["q", "v", "parameter", "effect", "accuracy"]
+Kind = Literal["q", "v", "parameter", "effect", "accuracy", "robot"]
 _UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity": "m/s^2"}
 
 
@@ -42,7 +43,8 @@ def quantity(scene: Scene, name: str) -> Quantity:
     scene : Scene
     name : str
         "q.JOINT" or "v.JOINT" (numbered, "v.JOINT.0", where a joint has several), a physical parameter or a number of
-        an effect as in `simulate_many`, "effects.1" for an effect that is on or off, or "accuracy".
+        an effect as in `simulate_many`, "effects.1" for an effect that is on or off, "accuracy", or "robot" for other
+        robots under the same effects.
 
     Raises
     ------
@@ -91,6 +93,7 @@ def _others(scene: Scene) -> dict[str, Quantity]:
         text = f"whether effect {i}, {kebab_case(type(effect).__name__)}, acts"
         found[f"{PREFIX}{i}"] = Quantity(f"{PREFIX}{i}", "effect", "1", text, place=i)
     found["accuracy"] = Quantity("accuracy", "accuracy", "rad or m", "accuracy asked for")
+    found["robot"] = Quantity("robot", "robot", "", "robot, from random_state(1, seed=0)")
     return found
 
 
@@ -99,7 +102,7 @@ def _span(part: slice) -> tuple[int, int]:
 
 
 def as_values(asked: Quantity, values: Any) -> np.ndarray:
-    """Values of a quantity as an array (n,): of booleans for effects, else of finite floats. Raises SceneError."""
+    """Values of a quantity as an array (n,): booleans for effects, names of robots, else floats. Raises SceneError."""
     where = f"vary[{asked.name!r}]"
     array = np.asarray(values)
     if asked.kind == "effect":
@@ -107,6 +110,11 @@ def as_values(asked: Quantity, values: Any) -> np.ndarray:
             raise SceneError(f"expected true or false, got {values!r:.60}", where=where, argument="vary",
                              remedy="such as [False, True]")  # fmt: skip
         return array
+    if asked.kind == "robot":
+        if array.dtype.kind not in "UO" or array.ndim != 1 or not all(isinstance(x, str) for x in array.tolist()):
+            raise SceneError(f"expected names of robots, got {values!r:.60}", where=where, argument="vary",
+                             remedy='such as ["panda", "ur5"]')  # fmt: skip
+        return array.astype(object)
     if array.dtype.kind not in "fiu" or array.ndim != 1 or not array.size or not np.isfinite(array).all():
         raise SceneError(f"expected finite numbers (n,), got {values!r:.60}", where=where, argument="vary",
                          remedy="such as [0.5, 1.0, 1.5]")  # fmt: skip
@@ -131,11 +139,14 @@ class Cells:
     parameters: dict[str, np.ndarray]
 
 
-def variant(scene: Scene, off: tuple[int, ...]) -> Scene:
-    """The scene without the effects at these places; the same object where none is off."""
-    if not off:
-        return scene
-    return scene.with_effects([effect for place, effect in enumerate(scene.effects) if place not in off])
+def variant(scene: Scene, off: tuple[int, ...], robot: str = "") -> Scene:
+    """The scene without the effects at these places, and with another robot; the same object where nothing differs."""
+    effects = [effect for place, effect in enumerate(scene.effects) if place not in off]
+    if robot:
+        base = load_robot(robot)
+        q, v = base.random_state(1, seed=0)
+        return Scene(base, q[0], v[0], effects, scene.duration, scene.title)
+    return scene.with_effects(effects) if off else scene
 
 
 def renamed(name: str, off: tuple[int, ...]) -> str | None:
@@ -149,13 +160,10 @@ def renamed(name: str, off: tuple[int, ...]) -> str | None:
 
 
 def cells(
-    scene: Scene, quantities: Mapping[str, Quantity], values: Mapping[str, np.ndarray], off: tuple[int, ...],
-    own: Scene, accuracy: float,
+    scene: Scene, off: tuple[int, ...], accuracy: float, quantities: Mapping[str, Quantity],
+    values: Mapping[str, np.ndarray],
 ) -> Cells:  # fmt: skip
-    """The runs with these values (n,) by name.
-
-    scene: with all effects. own: without those that are `off`, and with the accuracy the same in all runs.
-    """
+    """The runs with these values (n,) by name of a variant of a scene, without the effects that are `off`."""
     count = len(next(iter(values.values())))
     q, v = np.tile(scene.q, (count, 1)), np.tile(scene.v, (count, 1))
     parameters = {}
@@ -167,4 +175,4 @@ def cells(
             state[:, what.entries] = np.stack([np.cos(numbers), np.sin(numbers)], 1) if angle else numbers[:, None]
         elif what.kind == "parameter" and (new := renamed(name, off)) is not None:
             parameters[new] = numbers
-    return Cells(own, accuracy, q, v, parameters)
+    return Cells(scene, accuracy, q, v, parameters)

@@ -4,12 +4,13 @@ A run has the same bits whatever the others in its block are, in any process, on
 """
 
 import dataclasses
+import functools
 import json
 import pickle
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,65 +74,74 @@ class Task:
 def compute(task: Task) -> Columns:
     """The variables (n, ...) of the runs, by name."""
     with reproducible(), one_thread():
-        kept: dict[Any, Scene] = _own.__dict__.setdefault("scenes", {})
-        if task.key not in kept:
-            if len(kept) >= KEPT:
-                kept.clear()
-            kept[task.key] = pickle.loads(task.scene)
-        return compute_runs(kept[task.key], task.request, task.quantities, task.values, kept, task.key)
+        scene = _kept((task.key,), lambda: pickle.loads(task.scene))
+        return _compute(scene, task)
 
 
-def compute_runs(
-    scene: Scene,
-    request: Request,
-    quantities: dict[str, Quantity],
-    values: Columns,
-    kept: dict[Any, Scene],
-    key: str = "",
-) -> Columns:
-    """The variables (n, ...) of runs of a scene. kept: the scenes without some of the effects, so far."""
-    runs = len(next(iter(values.values())))
+def _kept(name: Any, make: Callable[[], Scene]) -> Scene:
+    """A scene that this thread keeps for further blocks."""
+    scenes: dict[Any, Scene] = _own.__dict__.setdefault("scenes", {})
+    if name not in scenes:
+        if len(scenes) >= KEPT:
+            scenes.clear()
+        scenes[name] = make()
+    return scenes[name]
+
+
+def _compute(scene: Scene, task: Task) -> Columns:
+    request, quantities, values = task.request, task.quantities, task.values
     kinds = {v.name: v for v in variables(scene.robot, request)}
-    out = {name: kind.empty(runs) for name, kind in kinds.items()}
-    for off, accuracy, rows in _groups(request, quantities, values):
-        name = (key, off)
-        if off and name not in kept:
-            kept[name] = variant(scene, off)
+    out = {name: kind.empty(task.runs) for name, kind in kinds.items()}
+    for of, rows in _groups(request, quantities, values):
         some = {name: numbers[rows] for name, numbers in values.items()}
-        group = cells(scene, quantities, some, off, kept[name] if off else scene, accuracy)
-        batch, _ = way(group.scene, tuple(group.parameters), request, accuracy)
-        (_batch if batch else _one_by_one)(_Group(request, group, kinds, out, rows), np.arange(len(rows)))
+        try:
+            own = _kept((task.key, of.off, of.robot), functools.partial(variant, scene, of.off, of.robot))
+        except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
+            out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
+            continue
+        group = _Group(request, cells(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
+        (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
+
+
+class _Variant(NamedTuple):
+    """What runs of a group share: the places of effects that are off, the accuracy, and the robot ("": the scene's)."""
+
+    off: tuple[int, ...]
+    accuracy: float
+    robot: str
 
 
 def _groups(
     request: Request, quantities: dict[str, Quantity], values: Columns
-) -> Iterator[tuple[tuple[int, ...], float, np.ndarray]]:
-    """The runs that have the same effects and accuracy: the places of effects that are off, the accuracy, the rows."""
-    chosen = [name for name, what in quantities.items() if what.kind in ("effect", "accuracy")]
-    runs = len(next(iter(values.values())))
-    if not chosen:
-        yield (), request.accuracy, np.arange(runs)
-        return
-    table = np.stack([values[name].astype(float) for name in chosen], axis=1)
-    for row in np.unique(table, axis=0):
-        by_name = dict(zip(chosen, row, strict=True))
-        off = tuple(sorted(quantities[name].place for name in chosen
-                           if quantities[name].kind == "effect" and not by_name[name]))  # fmt: skip
-        rows = np.flatnonzero((table == row).all(axis=1))
-        yield off, float(by_name.get("accuracy", request.accuracy)), rows
+) -> Iterator[tuple[_Variant, np.ndarray]]:
+    """The runs by variant, and their rows."""
+    chosen = [name for name, what in quantities.items() if what.kind in ("effect", "accuracy", "robot")]
+    table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
+    known = {}
+    for column, name in enumerate(chosen):
+        known[name], table[:, column] = np.unique(values[name], return_inverse=True)
+    for codes in np.unique(table, axis=0):
+        own = {name: known[name][code] for name, code in zip(chosen, codes, strict=True)}
+        off = tuple(sorted(quantities[n].place for n, on in own.items() if quantities[n].kind == "effect" and not on))
+        shared = _Variant(off, float(own.get("accuracy", request.accuracy)), str(own.get("robot", "")))
+        yield shared, np.flatnonzero((table == codes).all(axis=1))
 
 
-def way(scene: Scene, names: tuple[str, ...], request: Request, accuracy: float) -> tuple[bool, str]:
-    """Whether runs that differ in these parameters are solved in batches, and why."""
+def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Quantity]) -> tuple[bool, str]:
+    """Whether runs of a variant are solved in batches, and why. scene: without the effects that are off."""
+    if of.robot:
+        return False, "one by one: robots differ"
     if request.functions:
         return False, f"one by one: {request.functions[0]} needs the whole run"
     if heyoka() is None:
         return False, "one by one: heyoka is not installed"
+    varied = (name for name, what in quantities.items() if what.kind == "parameter")
+    names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
     if "energy" in request.outputs and names:
         return False, "one by one: the energy depends on each run's parameters"
-    if request.verify and not can_be_finer(METHODS["dop853"], accuracy):
-        return False, f"one by one: {accuracy:g} is below what batches can verify"
+    if request.verify and not can_be_finer(METHODS["dop853"], of.accuracy):
+        return False, f"one by one: {of.accuracy:g} is below what batches can verify"
     if differs_beyond_numbers(scene, names):
         return False, "one by one: the scene has events, or loops or constants that differ by run"
     return True, "in batches: the scene is smooth, and runs differ in numbers only"
@@ -140,10 +150,8 @@ def way(scene: Scene, names: tuple[str, ...], request: Request, accuracy: float)
 def ways(scene: Scene, request: Request, quantities: dict[str, Quantity], values: Columns) -> dict[str, int]:
     """How many of the runs with these values are solved in which way, and why."""
     counts: dict[str, int] = {}
-    names = [name for name, what in quantities.items() if what.kind == "parameter"]
-    for off, accuracy, rows in _groups(request, quantities, values):
-        own = tuple(new for name in names if (new := renamed(name, off)) is not None)
-        text = way(variant(scene, off), own, request, accuracy)[1]
+    for of, rows in _groups(request, quantities, values):
+        text = way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
         counts[text] = counts.get(text, 0) + len(rows)
     return counts
 

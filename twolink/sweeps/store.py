@@ -6,6 +6,7 @@ whole or not at all. A block without status, or with runs that are pending in it
 
 import contextlib
 import json
+import math
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -33,6 +34,7 @@ class Store:
         self._arrays = {variable.name: group[variable.name] for variable in plan.variables}
         chunks = self._arrays["status"].chunks
         self.blocks_shape: tuple[int, ...] = tuple(int(n) for n in chunks)
+        self._finished: set[tuple[int, ...]] = set()
 
     def blocks(self) -> Iterator[Block]:
         """All blocks."""
@@ -40,10 +42,22 @@ class Store:
 
     def pending(self) -> Iterator[tuple[Block, np.ndarray]]:
         """The blocks with runs that are pending, and their numbers (n,) in the block, in C order."""
+        marks = self.path / "status" / "c"
+        marked = {file.relative_to(marks).parts for file in marks.rglob("*")}
         for block in self.blocks():
-            left = np.flatnonzero(np.asarray(self._arrays["status"][block]).ravel() == PENDING)
-            if left.size:
-                yield block, left
+            index = self._index(block)
+            if tuple(map(str, index)) not in marked:  # most blocks of a new sweep, which are not read
+                yield block, np.arange(math.prod(part.stop - part.start for part in block))
+            elif index not in self._finished:
+                left = np.flatnonzero(np.asarray(self._arrays["status"][block]).ravel() == PENDING)
+                if left.size:
+                    yield block, left
+                else:
+                    self._finished.add(index)
+
+    def _index(self, block: Block) -> tuple[int, ...]:
+        """The numbers of a block along the dimensions, which are in the names of its files."""
+        return tuple(part.start // size for part, size in zip(block, self.blocks_shape, strict=True))
 
     def write(self, block: Block, some: np.ndarray, columns: Columns) -> None:
         """Write the variables (n, ...) of some runs of a block, and mark them.
@@ -51,7 +65,7 @@ class Store:
         Raises TwolinkError, code "not-writable": what was finished before is kept.
         """
         shape = tuple(part.stop - part.start for part in block)
-        whole = len(some) == int(np.prod(shape))
+        whole = len(some) == math.prod(shape)
         try:
             for variable in self.plan.variables:  # `status` is the last one
                 array = self._arrays[variable.name]
@@ -72,7 +86,7 @@ class Store:
 
     def _sync(self, block: Block) -> None:
         """Wait until a block's variables are on the disk, which may write files in another order."""
-        index = [part.start // size for part, size in zip(block, self.blocks_shape, strict=True)]
+        index = self._index(block)
         for variable in self.plan.variables[:-1]:
             file = self.path.joinpath(variable.name, "c", *map(str, [*index, *(0 for _ in variable.shape)]))
             with contextlib.suppress(FileNotFoundError):  # a chunk that is all missing has no file
@@ -149,12 +163,13 @@ def _fill_new(zarr: Any, path: Path, plan: Plan) -> Any:
     path.parent.mkdir(parents=True, exist_ok=True)
     record = {"format": FORMAT, "plan": plan.record, **origin()}
     names = " ".join(design.values) if design.kind != "grid" else ""
-    attributes = {"title": plan.scene.title or robot.name, "twolink": json.dumps(record)}
+    attributes = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
     group = zarr.create_group(str(path), zarr_format=3,
                               attributes=attributes | ({"coordinates": names} if names else {}))  # fmt: skip
     for name, numbers in design.values.items():
         what = design.quantities[name]
-        _array(group, name, numbers.dtype, numbers.shape, numbers.shape, dimension_of(name, design),
+        kind = str if what.kind == "robot" else numbers.dtype
+        _array(group, name, kind, numbers.shape, numbers.shape, dimension_of(name, design),
                {"units": what.units, "long_name": what.description})[:] = numbers  # fmt: skip
     if design.kind != "grid":
         _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})[:] = np.arange(

@@ -53,7 +53,8 @@ def sweep(
     scene : Scene
     vary : mapping
         Values (n,) by name: "q.JOINT", "v.JOINT", a physical parameter or number of an effect as in `simulate_many`,
-        "effects.1" (true or false: whether it acts), "accuracy". {"range": [first, last, count]} stands for equally
+        "effects.1" (true or false: whether it acts), "accuracy", "robot" (names: other robots under the same effects,
+        from `random_state(1, seed=0)`). {"range": [first, last, count]} stands for equally
         spaced values; samples have {"uniform": [low, high]} or {"normal": [mean, standard deviation]}.
     out : path-like
         The store, a folder; by custom it ends in .zarr.
@@ -87,7 +88,8 @@ def sweep(
     xarray.Dataset
         Opened lazily. Dimensions are named by what varies (grid), or "run". Variables: what is asked for, `error` (the
         bar at the end, rad or m), `status` (1 done, 2 inaccurate, 3 failed, 4 abandoned: workers died of it three
-        times; 0 pending) and `reason`. Ctrl-C returns what is done so far.
+        times; 0 pending) and `reason`. Attributes: title, `how` runs are solved and why, and `twolink`: JSON of the
+        plan, versions, machine and time. Ctrl-C returns what is done so far.
 
     Raises
     ------
@@ -111,8 +113,7 @@ def sweep(
     with locked(path):
         store = open_store(path, plan)
         if next(store.pending(), None) is not None:
-            for text in plan.ways:
-                log.info("%s runs %s", f"{plan.design.runs:,}", text)
+            log.info("%s runs %s", f"{plan.design.runs:,}", "; ".join(plan.ways))
             try:
                 with engine_of(executor, workers) as engine:
                     _compile(plan, engine)
