@@ -9,6 +9,7 @@ import typer
 
 from twolink._version import __version__
 from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
+from twolink.cli.fit import fit
 from twolink.cli.hard_cases import hard_cases
 from twolink.cli.identify import identify
 from twolink.cli.optimize import optimize
@@ -29,7 +30,7 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = robots, inspect, query, check, identify
+_QUESTIONS = robots, inspect, query, check, identify, fit
 _EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)
