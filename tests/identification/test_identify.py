@@ -167,6 +167,7 @@ REFUSED = {
     "time twice": (lambda: identify(ARM, np.round(T, 1), Q, V, TAU), "times", "t[1] = 0 s does not come after"),
     "shape": (lambda: identify(ARM, T, Q[:-1], V, TAU), "query", "q: expected shape (300, 2), got (299, 2)"),
     "degrees": (lambda: identify(ARM, T, Q, np.degrees(V), TAU), "units", "57.28 times the rate of its q; is v in"),
+    "degrees of q": (lambda: identify(ARM, T, np.degrees(Q), None, TAU), "units", "is q in degrees?"),
     "milliseconds": (lambda: identify(ARM, 1000 * T, Q, V, TAU), "units", "is t in milliseconds?"),
     "a without v": (lambda: identify(ARM, T, Q, None, TAU, a=A), "query", "v: accelerations came without"),
     "unseen": (lambda: identify(ARM, T, Q, V, TAU, ["forearm.first_moment.y"]), "nothing-identifiable", "no joint"),

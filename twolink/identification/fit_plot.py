@@ -83,7 +83,8 @@ def _draw_singular_values(axis: Any, fit: Drawn) -> None:
     shown, rank = np.maximum(fit.singular_values, 1e-6), len(fit.estimate)
     numbers = np.arange(1, len(shown) + 1)
     axis.semilogy(numbers[:rank], shown[:rank], "o", color=COLOURS[0], label="found")
-    axis.semilogy(numbers[rank:], shown[rank:], "x", color=COLOURS[5], label="cannot be told")
+    if rank < len(shown):
+        axis.semilogy(numbers[rank:], shown[rank:], "x", color=COLOURS[5], label="cannot be told")
     axis.axhline(1.0, color="0.4", linewidth=1)
     axis.set(xlabel="direction", ylim=(5e-7, None))
     axis.xaxis.get_major_locator().set_params(integer=True)
