@@ -78,6 +78,39 @@ def test_a_release_at_the_beginning_never_held() -> None:
     assert np.abs(run.q[:, 0] - 1 - run.t).max() < 1e-12
 
 
+@pytest.mark.parametrize("when", [{"at": math.pi / 4}, {"when": E.JointReaches("x", 0.0)}])
+def test_a_second_spring_that_engages_makes_the_oscillator_faster(when: dict) -> None:
+    """1 kg on 4 N/m passes 0 at pi / 4 with v = -2; then 16 N/m in all: w = 4."""
+    spring = E.Engage(E.JointSpring({"x": 12.0}), **when)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 4.0}), spring]), 3.0, 1e-9)
+    late = run.t - math.pi / 4
+    expected = np.where(late < 0, np.cos(2 * run.t), -0.5 * np.sin(4 * late))
+    assert np.abs(run.q[:, 0] - expected).max() < 1e-9
+    assert kinds(run) == ["engage"]  # the first time that the condition is reached counts
+    assert times(run, "engage") == pytest.approx([math.pi / 4], abs=1e-10)
+
+
+def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
+    """A limited controller is let go where another one engages: a force of 2 N, then one of -1 N, on 1 kg."""
+
+    def held(target: float, limit: float) -> E.JointPD:
+        return E.JointPD({"x": target}, {"x": 100.0}, effort={"x": limit})
+
+    effects = [E.Release(held(9.0, 2.0), at=0.5), E.Engage(held(-9.0, 1.0), at=0.5)]
+    run = tl.simulate(tl.Scene(slider(), effects=effects), 1.0, 1e-9)
+    late = np.maximum(run.t - 0.5, 0.0)
+    early = np.minimum(run.t, 0.5)
+    assert np.abs(run.q[:, 0] - (early**2 + late - late**2 / 2)).max() < 1e-9
+    assert sorted(kinds(run)) == ["engage", "release"]
+
+
+def test_what_cannot_engage_is_named() -> None:
+    arm = robot("arm")
+    assert_refused(arm, E.Engage(E.Payload("tip", 1.0), at=0.5), "of", "velocities would jump")
+    assert_refused(arm, E.Engage(E.DryFriction({"elbow": 1.0}), at=0.5), "of", "cannot be engaged")
+    assert_refused(arm, E.Engage(E.JointDamping({"elbow": 1.0})), "at", "neither")
+
+
 def test_watching_a_time_a_condition_and_a_function() -> None:
     def kinetic(motion: object) -> object:
         return motion.v[0] * motion.v[0] / 2 - 0.5  # type: ignore[attr-defined]

@@ -34,6 +34,9 @@ FILES = {
                     E.JointStops({"elbow": (-1.0, math.inf)}, 0.5)),
     "plane-contact": ('frame = "tip"\nradius = 0.1\nheight = -9\nfriction = 0.5',
                       E.PlaneContact("tip", radius=0.1, height=-9.0, friction=0.5)),
+    "engage": ('when = {kind = "joint-reaches", joint = "elbow", value = 0.5}\n'
+               'of = {type = "joint-damping", damping = {elbow = 2}}',
+               E.Engage(E.JointDamping({"elbow": 2.0}), when=E.JointReaches("elbow", 0.5))),
     "release": ('at = 0.5\nof = {type = "payload", frame = "tip", mass = 2}', E.Release(E.Payload("tip", 2.0), 0.5)),
     "watch": ('name = "high"\nwhen = {kind = "frame-reaches", frame = "tip", value = 0.3}\nstop = true',
               E.Watch("high", when=E.FrameReaches("tip", 0.3), stop=True)),

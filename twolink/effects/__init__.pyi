@@ -11,6 +11,7 @@ from twolink.effects.coupling import Coupling as Coupling
 from twolink.effects.detent import Detent as Detent
 from twolink.effects.dry_friction import DryFriction as DryFriction
 from twolink.effects.effect import Effect as Effect
+from twolink.effects.engage import Engage as Engage
 from twolink.effects.frame_wrench import FrameWrench as FrameWrench
 from twolink.effects.gravity import Gravity as Gravity
 from twolink.effects.gravity_compensation import GravityCompensation as GravityCompensation

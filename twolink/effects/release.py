@@ -32,13 +32,7 @@ class Release(SwitchingEffect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require an effect without modes that fits, and a time or a condition."""
-        if not isinstance(self.of, Effect) or isinstance(self.of, SwitchingEffect):
-            raise SceneError(f"{type(self.of).__name__} cannot be released", where="of",
-                             remedy="give an effect without modes, such as a payload or a loop")  # fmt: skip
-        try:
-            check_effect(self.of, robot)
-        except SceneError as error:
-            raise SceneError(error.what, where=f"of.{error.where}", remedy=error.remedy) from None
+        check_inner(self.of, robot, "released")
         check_when(self.at, self.when, robot)
 
     def acting(self) -> tuple[Effect, ...]:
@@ -49,3 +43,14 @@ class Release(SwitchingEffect, frozen=True):
         """The release."""
         del robot
         return [Trigger("release", kebab_case(type(self.of).__name__), self.at, self.when, drops=True)]
+
+
+def check_inner(effect: Any, robot: Robot, verb: str) -> None:
+    """Require an effect without modes that fits. Raises SceneError; `where` begins with "of"."""
+    if not isinstance(effect, Effect) or isinstance(effect, SwitchingEffect):
+        raise SceneError(f"{type(effect).__name__} cannot be {verb}", where="of",
+                         remedy="give an effect without modes, such as a controller")  # fmt: skip
+    try:
+        check_effect(effect, robot)
+    except SceneError as error:
+        raise SceneError(error.what, where=f"of.{error.where}", remedy=error.remedy) from None

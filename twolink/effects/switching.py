@@ -107,8 +107,8 @@ class Trigger:
     """An event where a condition is reached from either side, where a function passes 0, or at a time.
 
     kind, name: of the event. at: s. condition: of the motion, compiled. function: of the motion, for NumPy alone.
-    drops: its effect ceases to act. catch: see there; a joint that is too fast passes without an event. state:
-    (q, v) -> (q, v) after it. ends: the run ends.
+    drops: its effect ceases to act; begins: it begins to. catch: see there; a joint that is too fast passes without an
+    event. state: (q, v) -> (q, v) after it. ends: the run ends.
     """
 
     kind: str
@@ -117,6 +117,7 @@ class Trigger:
     condition: Condition | None = None
     function: Callable[[Motion], Any] | None = None
     drops: bool = False
+    begins: bool = False
     catch: Catch | None = None
     state: Callable[[np.ndarray, np.ndarray], State] | None = None
     ends: bool = False
@@ -124,7 +125,7 @@ class Trigger:
     @property
     def changes(self) -> bool:
         """Whether it changes the state or the forces."""
-        return self.drops or self.catch is not None or self.state is not None
+        return self.drops or self.begins or self.catch is not None or self.state is not None
 
 
 class SwitchingEffect(Effect, frozen=True):
@@ -165,6 +166,11 @@ class Switching:
     def times(self) -> tuple[float, ...]:
         """The times at which something happens."""
         return tuple(float(trigger.at) for _, trigger in self.triggers if trigger.at is not None)
+
+    @property
+    def waiting(self) -> frozenset[int]:
+        """The places of effects that do not act at first."""
+        return frozenset(place for place, trigger in self.triggers if trigger.begins)
 
     def acting(
         self, dropped: frozenset[int] = frozenset(), constraints: Sequence[tuple[int, Loop]] = ()

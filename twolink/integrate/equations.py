@@ -34,7 +34,8 @@ class Equations:
     mechanism: its constants as numbers. effects: those that act while it moves. constraints: of loops and contacts.
     parameters: physical constants kept as run-time inputs. switching: what effects with modes declare; None without.
     places: of the effects, then of the constraints' loops, their places among the scene's effects.
-    effort_limits: names of the limits of effort, whose values pass 0 where they begin and cease to act.
+    effort_limits: of the limits of effort, whose values pass 0 where they begin and cease to act, the place of the
+    effect among the scene's and the name.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
     any_numbers: whether compiled steps take the numbers of robot and effects as inputs, for scenes that differ in them.
     content: a digest of all this but the start and that.
@@ -50,7 +51,7 @@ class Equations:
     parameters: tuple[str, ...] = ()
     switching: Switching | None = None
     places: tuple[int, ...] = ()
-    effort_limits: tuple[str, ...] = ()
+    effort_limits: tuple[tuple[int, str], ...] = ()
     variant: int = 0
     operations: int = 0
     content: str = ""

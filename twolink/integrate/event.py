@@ -8,8 +8,8 @@ class Event:
     """What happened at a time t [s].
 
     kind: "impact", "rest", "leave", "stick", "slip", "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a
-    catch), "release", "limit" (of effort), "assembled" or "watch". what: the joint, link or effect. detail: in words.
-    energy: lost at once, J.
+    catch), "release", "engage", "limit" (of effort), "assembled" or "watch". what: the joint, link or effect. detail:
+    in words. energy: lost at once, J.
     """
 
     t: float

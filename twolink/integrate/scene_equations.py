@@ -125,12 +125,14 @@ def make_equations(
     return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
 
 
-def _effort_limits(equations: Equations) -> tuple[str, ...]:
-    """The names of the limits of effort."""
+def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
+    """The places of the effects that have limits of effort, and their names."""
     motion = motion_of(equations, equations.mechanism, 0.0, equations.start, Numbers)
     numbers = list(equations.start[equations.moving :])
+    placed = zip(equations.places, equations.effects, strict=False)
     with np.errstate(all="ignore"):  # of a singular start only the names are asked for
-        return tuple(name for name, _ in effect_loads(equations, motion, numbers, equations.effects).limits)
+        return tuple((place, name) for place, effect in placed
+                     for name, _ in effect_loads(equations, motion, numbers, [effect]).limits)  # fmt: skip
 
 
 def _fewest_operations(equations: Equations) -> tuple[int, int]:

@@ -35,6 +35,7 @@ def scene_schema() -> dict[str, Any]:
     schema = msgspec.json.schema(SceneFile)
     effects = msgspec.json.schema(functools.reduce(operator.or_, [effect_class(name) for name in TYPES]))
     schema["$defs"] |= effects.pop("$defs")
-    schema["$defs"]["Release"]["properties"]["of"] = effects
+    for name in ("Engage", "Release"):
+        schema["$defs"][name]["properties"]["of"] = effects
     schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -24,8 +24,8 @@ class Mode:
     """What the switching effects do. At first nothing is locked or in contact: forces decide what is at rest.
 
     contacts: the mode of each contact. directions: of each, the direction along its tangents in which it began to
-    slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped: places
-    of effects that act no more.
+    slide. locked: degrees of freedom held at rest. slip: the direction of slip of those with friction. dropped and
+    waiting: places of effects that act no more, and not yet.
     """
 
     contacts: tuple[ContactMode, ...] = ()
@@ -33,6 +33,12 @@ class Mode:
     locked: frozenset[int] = frozenset()
     slip: Mapping[int, float] = field(default_factory=dict)
     dropped: frozenset[int] = frozenset()
+    waiting: frozenset[int] = frozenset()
+
+    @property
+    def idle(self) -> frozenset[int]:
+        """The places of effects that do not act."""
+        return self.dropped | self.waiting
 
     def with_contact(self, i: int, mode: ContactMode, direction: tuple[float, float] | None = None) -> Mode:
         """The mode with another one of contact i."""
@@ -49,6 +55,10 @@ class Mode:
         """The mode in which an effect acts no more."""
         return replace(self, dropped=self.dropped | {place})
 
+    def beginning(self, place: int) -> Mode:
+        """The mode in which an effect that waited acts."""
+        return replace(self, waiting=self.waiting - {place})
+
     def freeing(self, k: int, slip: float) -> Mode:
         """The mode with degree of freedom k free to slip in a direction; 0: none."""
         if k not in self.locked and self.slip.get(k) == slip:
@@ -58,7 +68,7 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class ModeEquations:
-    """The equations in the modes that agree on contacts and dropped effects.
+    """The equations in the modes that agree on contacts and on which effects act.
 
     rows: of each closed contact, where its rows are among the kept constraint rows; None for a redundant one.
     """
@@ -98,7 +108,8 @@ class System:
         self.stops = self.switching.stops
         self.contacts = tuple(contact for _, contact in self.switching.contacts)
         self.friction = np.array([contact.friction for contact in self.contacts])
-        self.triggers = (*self.switching.triggers, *((-1, Trigger("limit", name)) for name in equations.effort_limits))
+        limits = [(-1, Trigger("limit", name)) for _, name in equations.effort_limits]
+        self.triggers = (*self.switching.triggers, *limits)
         self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]
         self.names = {joint.v.start: joint.name for joint in self.robot.joints}
         self._holds: dict[int, list[Hold]] = {k: [] for k in self.lockable}
@@ -126,7 +137,7 @@ class System:
 
     def in_mode(self, mode: Mode, x: Array) -> ModeEquations:
         """The equations of a mode; independent constraint rows are chosen at the state x that meets them first."""
-        name = mode.contacts, mode.dropped
+        name = mode.contacts, mode.idle
         if name not in self._modes:
             self._modes[name] = self._made(mode, x)
         return self._modes[name]
@@ -142,9 +153,9 @@ class System:
         closed = {i: self.contacts[i].constraint(kind == "rolling", contact_slots(i))
                   for i, kind in enumerate(mode.contacts) if kind != "free"}  # fmt: skip
         equations = replace(self.whole, switching=None)  # what is kept must not keep the scene's declarations alive
-        if closed or mode.dropped:
+        if closed or mode.idle:
             placed = [(self.switching.contacts[i][0], loop) for i, loop in closed.items()]
-            acting = self.switching.acting(mode.dropped, placed)
+            acting = self.switching.acting(mode.idle, placed)
             q = self.robot.normalize(x[None, : self.nq])[0]
             robot = self.switching.robot_with([effect for _, effect in acting])
             equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)

@@ -270,7 +270,7 @@ def _copy(run: RunState) -> RunState:
 def _kind(run: RunState) -> object:
     """What of a mode cannot change a little."""
     mode = run.mode
-    return mode.contacts, mode.locked, {k: slip for k, slip in mode.slip.items() if slip}, mode.dropped
+    return mode.contacts, mode.locked, {k: slip for k, slip in mode.slip.items() if slip}, mode.idle
 
 
 def _require_alone(jump: Jump) -> None:

@@ -26,7 +26,7 @@ class RunState:
         self.x = np.array(equations.start[: equations.moving])
         self.t = t
         free: tuple[ContactMode, ...] = tuple("free" for _ in self.system.contacts)
-        self.mode = Mode(free, ((0.0, 0.0),) * len(free))
+        self.mode = Mode(free, ((0.0, 0.0),) * len(free), waiting=self.system.switching.waiting)
         self.events: list[Event] = []
         self.sides: dict[Key, float] = {}
         self.fired: set[Key] = set()

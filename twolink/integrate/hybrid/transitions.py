@@ -87,7 +87,7 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
 def _trigger_guards(run: RunState) -> Iterator[Guard]:
     """Triggers of effects that act, but for those at a time."""
     for n, (place, trigger) in enumerate(run.system.triggers):
-        value = None if place in run.mode.dropped or _is_caught(run, trigger) else _trigger_value(run, n)
+        value = None if _is_over(run, place, trigger) or _is_caught(run, trigger) else _trigger_value(run, n)
         if value is not None:
             yield Guard(("trigger", n), value, partial(_fire, n), run.t, side=run.sides.get(("trigger", n)))
 
@@ -126,7 +126,7 @@ def fire_timed(run: RunState) -> None:
 def timed_triggers(run: RunState) -> list[int]:
     """The triggers whose time is the present, by number."""
     return [n for n, (place, trigger) in enumerate(run.system.triggers)
-            if trigger.at is not None and place not in run.mode.dropped and same_time(trigger.at, run.t)]  # fmt: skip
+            if trigger.at is not None and not _is_over(run, place, trigger) and same_time(trigger.at, run.t)]  # fmt: skip
 
 
 def fire(run: RunState, numbers: Iterable[int]) -> None:
@@ -150,8 +150,19 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
         equations = run.here.own.equations
         return lambda s: function(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
     if trigger.at is None:  # a limit of effort
-        return partial(_row, "limits", n - len(system.switching.triggers), 1.0, 0.0)
+        return _limit_value(run, n - len(system.switching.triggers))
     return None
+
+
+def _limit_value(run: RunState, i: int) -> Value | None:
+    """The distance to the i-th limit of effort of all effects; None where its effect does not act."""
+    limits, own = run.system.whole.effort_limits, run.here.own.equations.effort_limits
+    return partial(_row, "limits", own.index(limits[i]), 1.0, 0.0) if limits[i] in own else None
+
+
+def _is_over(run: RunState, place: int, trigger: Trigger) -> bool:
+    """Whether the effect of a trigger has ceased to act, or has begun where that is what the trigger does."""
+    return place in run.mode.dropped or (trigger.begins and place not in run.mode.waiting)
 
 
 def _is_caught(run: RunState, trigger: Trigger) -> bool:
@@ -238,6 +249,8 @@ def _act(run: RunState, n: int) -> None:
             run.strike(catch_touch(run.system, catch, v), trigger.kind)
         return
     energy = 0.0
+    if trigger.begins:
+        run.mode = run.mode.beginning(place)
     if trigger.drops:
         energy = run.stored_energy()
         run.mode = run.mode.without(place)
