@@ -111,7 +111,7 @@ class SensitivityRun:
         neighbours = self.wanted.neighbours
         equations = with_parameters(course.dense.pieces[number].equations, neighbours.constants)
         mode = course.jumps[number].before.mode if course.jumps else Mode()
-        gains = neighbours.gains(mode.dropped, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
+        gains = neighbours.gains(mode.idle, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
         if equations.content not in self._steps:
             self._steps[equations.content] = VariationalSteps(equations, gains)
         return self._steps[equations.content].starting(equations, gains)

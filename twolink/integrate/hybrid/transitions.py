@@ -126,7 +126,8 @@ def fire_timed(run: RunState) -> None:
 def timed_triggers(run: RunState) -> list[int]:
     """The triggers whose time is the present, by number."""
     return [n for n, (place, trigger) in enumerate(run.system.triggers)
-            if trigger.at is not None and not _is_over(run, place, trigger) and same_time(trigger.at, run.t)]  # fmt: skip
+            if trigger.at is not None and same_time(trigger.at, run.t)
+            and not _is_over(run, place, trigger)]  # fmt: skip
 
 
 def fire(run: RunState, numbers: Iterable[int]) -> None:
