@@ -20,6 +20,7 @@ from twolink.cli.robots import inspect, robots
 from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
 from twolink.cli.serve import serve
 from twolink.cli.sweep import sweep
+from twolink.cli.video import video
 from twolink.errors import TwolinkError
 
 app = typer.Typer(
@@ -31,7 +32,7 @@ app = typer.Typer(
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
 _QUESTIONS = robots, inspect, query, check, identify, fit
-_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, throw, hard_cases, paper
+_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, video, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import quote
 
 import numpy as np
@@ -21,6 +21,15 @@ from twolink.show.meshcat_shapes import SHAPES, Floats, Json, mesh, phong, trian
 _RESERVED = re.compile(
     "constructor|hasOwnProperty|isPrototypeOf|propertyIsEnumerable|toLocaleString|toString|valueOf|__.*__"
 )
+
+
+class Piece(Protocol):
+    """What has a pose and a size: a node of the viewer, or a surface."""
+
+    @property
+    def index(self) -> int: ...
+    @property
+    def corners(self) -> Floats: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +58,7 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
     return nodes, skipped
 
 
-def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Node]) -> Floats:
+def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Piece]) -> Floats:
     """The poses of the nodes in the world frame.
 
     Parameters
@@ -58,7 +67,7 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Node]) -> Floats:
         The robot.
     q : array (n, nq)
         Configurations.
-    nodes : sequence of Node
+    nodes : sequence of Piece
         The pieces.
 
     Returns

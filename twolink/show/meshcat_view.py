@@ -4,8 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from twolink.show.meshcat_scene import Node, set_object, set_pose, set_property
+from twolink.errors import ShowError
+from twolink.show.meshcat_scene import Node, Piece, set_object, set_pose, set_property
 from twolink.show.meshcat_shapes import Floats, Json, attribute, mesh
 
 FIELD_OF_VIEW = 32.0  # degrees, vertical; narrow, so that parallel rods look parallel
@@ -33,18 +35,20 @@ class View:
         return float(np.max(near + np.maximum(up, right / aspect) / slope))
 
 
-def look_at(nodes: Sequence[Node], placed: Floats) -> View:
+def look_at(nodes: Sequence[Piece], placed: Floats, towards: ArrayLike | None = None) -> View:
     """The view of a motion: square at its plane when there is one, else from the front right and above.
 
     Parameters
     ----------
-    nodes : sequence of Node
+    nodes : sequence of Piece
         The bodies.
     placed : array (n, len(nodes), 7)
         Their poses along the motion, as from `meshcat_scene.poses`.
+    towards : array_like (3,), optional
+        The direction from the bodies to the camera, in place of that.
     """
     points = _reached(nodes, placed[:: max(1, len(placed) // _SAMPLES)])
-    direction = _direction(points)
+    direction = _direction(points) if towards is None else _given(towards)
     right = np.cross([0.0, 0.0, 1.0], direction)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(direction, right), direction])
@@ -98,7 +102,18 @@ def to_three(vector: Floats) -> list[float]:
     return [float(vector[0]), float(vector[2]), float(-vector[1])]
 
 
-def _reached(nodes: Sequence[Node], placed: Floats) -> Floats:
+def _given(towards: ArrayLike) -> Floats:
+    """A direction as a unit vector, not quite along z, where up would have no place in the picture."""
+    direction = np.asarray(towards, float)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        what = f"direction is {towards!r}, expected three numbers that are not all 0"
+        raise ShowError(what, where="camera", remedy="such as (0, -1, 0.3): from the front, a little above")
+    unit = direction / np.linalg.norm(direction)
+    unit[1] -= 1e-3 * (abs(unit[2]) > 1.0 - 1e-9)
+    return np.asarray(unit / np.linalg.norm(unit))
+
+
+def _reached(nodes: Sequence[Piece], placed: Floats) -> Floats:
     """The corners of the nodes' boxes in the world: (n, k, 8, 3) m."""
     u, w = placed[:, :, None, 3:6], placed[:, :, None, 6:]
     corners = np.stack([node.corners for node in nodes])[None]

@@ -1,6 +1,6 @@
 """The samples of a trajectory as named columns; saved files; xarray and pandas."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.dynamics.named_queries import joint_columns
 from twolink.dynamics.saved_robot import find_robot, require_same
-from twolink.errors import SceneError, import_extra
+from twolink.errors import SceneError, import_extra, require_known
 from twolink.io.tables import read_table
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
@@ -52,6 +52,14 @@ def columns(samples: Samples) -> dict[str, np.ndarray]:
     if samples.error is not None:
         table["error"] = samples.error
     return table
+
+
+def chosen_columns(samples: Samples, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
+    table = columns(samples)
+    for name in names:
+        require_known(name, table, SceneError, "there is no column {!r}", where="curves")
+    return {f"{name} ({UNITS[name.partition('.')[0]]})": table[name] for name in names}
 
 
 def read_samples(path: Path, robot: Robot | None) -> Samples:

@@ -1,0 +1,106 @@
+"""Films and pictures without a display."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import twolink as tl
+from tests.command import call, one_line
+from twolink.errors import SceneError, ShowError
+from twolink.show.meshcat_scene import poses
+from twolink.show.meshcat_view import look_at
+from twolink.show.raycasting import Camera, Picture
+from twolink.show.surfaces import surfaces
+from twolink.simulation import Trajectory
+
+BALL = """<robot name="ball"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><sphere radius="0.1"/></geometry><material name="r"><color rgba="1 0 0 1"/></material></visual>
+</link></robot>"""
+SIZE = (160, 120)
+
+
+@pytest.fixture(scope="module")
+def run() -> Trajectory:
+    return tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-3, samples=50)
+
+
+def test_a_ball_fills_the_circle_that_perspective_gives() -> None:
+    ball = tl.load_robot(BALL, root="free")
+    visuals = ball.visual_model()
+    drawn, skipped = surfaces(visuals)
+    q = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
+    view = look_at(drawn, poses(ball.model, visuals, q, drawn), (0, -1, 0))
+    camera = Camera(view, SIZE)
+    image = Picture(ball.model, visuals, drawn, camera).of(q[0]).astype(int)
+    assert not skipped
+    red = (image[..., 0] - image[..., 2]) > 60
+    # A sphere seen from d has the half angle asin(r / d).
+    distance = np.linalg.norm(camera.position)
+    radius = np.tan(np.arcsin(0.1 / distance)) / camera.pixel
+    assert red.sum() == pytest.approx(np.pi * radius**2, rel=0.02)
+    rows, columns = np.nonzero(red)
+    assert columns.mean() == pytest.approx((SIZE[0] - 1) / 2, abs=0.3)
+    assert rows.mean() == pytest.approx((SIZE[1] - 1) / 2, abs=0.3)
+
+
+@pytest.mark.parametrize("kind", [".gif", ".mp4", ".webm"])
+def test_a_film_has_the_pictures_of_its_length(run: Trajectory, tmp_path: Path, kind: str) -> None:
+    import imageio_ffmpeg
+
+    done: list[tuple[int, int]] = []
+    path = run.video(tmp_path / f"a{kind}", size=SIZE, rate=10, curves=["q.elbow", "energy"], speed=2.0,
+                     progress=lambda *numbers: done.append(numbers))  # fmt: skip
+    assert done == [(k + 1, 6) for k in range(6)]
+    wide = SIZE[0] + 90
+    if kind == ".gif":
+        with Image.open(path) as film:
+            assert (film.size, film.n_frames, film.info["duration"]) == ((wide, SIZE[1]), 6, 100)
+        return
+    pictures, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert (pictures, seconds) == (6, pytest.approx(0.6, abs=0.05))
+
+
+def test_a_picture_of_a_moment_by_the_command(run: Trajectory, tmp_path: Path) -> None:
+    saved = run.save(tmp_path / "run.npz")
+    moments = [str(tmp_path / f"{k}.png") for k in range(3)]
+    for path, at in zip(moments, ("0", "0.5", "0.5"), strict=True):
+        assert call("video", str(saved), path, "--size", "160x120", "--at", at).returncode == 0
+    first, second, again = (np.asarray(Image.open(path)).astype(int) for path in moments)
+    assert np.abs(first - second).max() > 100
+    np.testing.assert_array_equal(second, again)
+    one_line(call("video", str(saved), "a.avi"), 2, "is not a format we know")
+    one_line(call("video", str(saved), "a.png", "--size", "big"), 2, "expected WIDTHxHEIGHT, got 'big'")
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "part"),
+    [
+        ({"size": (161, 120)}, ShowError, "size is 161x120, expected even numbers from 64 to 4096"),
+        ({"rate": 0.0}, ShowError, "rate is 0, expected a number above 0"),
+        ({"at": 2.0}, ShowError, "at is 2 s, expected a time from 0 to 1 s"),
+        ({"direction": (0, 0, 0)}, ShowError, "expected three numbers that are not all 0"),
+        ({"curves": ["q.elbw"]}, SceneError, "did you mean 'q.elbow'"),
+        ({"speed": -1.0}, ShowError, "speed is -1.0"),
+    ],
+)
+def test_refusals_name_the_option(run: Trajectory, tmp_path: Path, options: dict, error: type, part: str) -> None:
+    with pytest.raises(error, match=part):
+        run.video(tmp_path / "a.png", **options)
+    assert not any(tmp_path.iterdir())
+
+
+def test_what_has_no_surface_is_refused(tmp_path: Path) -> None:
+    bare = tl.load_robot(BALL[: BALL.index("<visual>")] + "</link></robot>", root="free")
+    run = tl.simulate(tl.Scene(bare), 0.1, verify=False)
+    with pytest.raises(ShowError, match="the robot has nothing to draw"):
+        run.video(tmp_path / "a.png")
+
+
+def test_a_camera_is_three_numbers(run: Trajectory, tmp_path: Path) -> None:
+    saved = run.save(tmp_path / "run.npz")
+    one_line(call("video", str(saved), str(tmp_path / "a.png"), "--camera", "a b c"), 2, "is not a list of numbers")
+    with pytest.raises(ShowError, match="expected three numbers"):
+        run.video(tmp_path / "a.png", direction=[1.0, 2.0])

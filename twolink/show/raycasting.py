@@ -1,0 +1,188 @@
+"""Pictures of a robot by casting rays, with shadows: no display, no browser and no OpenGL is needed.
+
+Embree finds what a ray hits (embreex, which yourdfpy brings). It is loaded when a picture is made.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from twolink.errors import ShowError
+from twolink.show.meshcat_view import FIELD_OF_VIEW, View
+from twolink.show.surfaces import Floats, Surface
+
+AMBIENT, DIFFUSE, SHINE = 0.5, 0.5, 0.12  # shares of light
+SHININESS = 30.0
+SHADOW = 0.82  # of the floor's brightness
+TOP, BOTTOM = np.array([1.0, 1.0, 1.0]), np.array([0.88, 0.91, 0.94])  # of the background
+LINE = np.array([0.76, 0.79, 0.82])  # of the floor's grid
+CLEAR = 2e-6  # of the distance from the camera: a few of the last digits of a single
+EDGE = 0.03  # a difference between neighbours from which a pixel is cast again
+OFFSETS = np.array([(-0.33, -0.11), (0.11, -0.33), (0.33, 0.11), (-0.11, 0.33)])  # pixels: a turned square
+
+
+class Camera:
+    """Rays through the pixels of a picture.
+
+    Parameters
+    ----------
+    view : View
+        Where it looks from.
+    size : (width, height)
+        Pixels.
+    """
+
+    def __init__(self, view: View, size: tuple[int, int]) -> None:
+        self.view, self.size = view, size
+        width, height = size
+        right = np.cross([0.0, 0.0, 1.0], view.direction)
+        right /= np.linalg.norm(right)
+        self.axes = np.stack([right, np.cross(view.direction, right), view.direction])
+        self.position = view.centre + view.distance(width / height) * view.direction
+        self.pixel = 2.0 * np.tan(np.radians(FIELD_OF_VIEW) / 2) / height
+        towards = view.direction + np.array([0.0, 0.0, 0.9]) - 0.5 * right
+        self.light = towards / np.linalg.norm(towards)
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Unit directions (n, 3) through points (n, 2) of the picture: columns and rows from its upper left."""
+        width, height = self.size
+        x = (pixels[:, 0] + 0.5 - width / 2) * self.pixel
+        y = (height / 2 - pixels[:, 1] - 0.5) * self.pixel
+        right, up, back = self.axes
+        directions = x[:, None] * right + y[:, None] * up - back
+        return np.asarray(directions / np.sqrt(1.0 + x * x + y * y)[:, None])
+
+
+class Picture:
+    """Pictures of a robot in any configuration.
+
+    Parameters
+    ----------
+    model, visuals : pin.Model, pin.GeometryModel
+        The robot.
+    drawn : sequence of Surface
+        What to draw.
+    camera : Camera
+        From where.
+    """
+
+    def __init__(self, model: Any, visuals: Any, drawn: Sequence[Surface], camera: Camera) -> None:
+        self._embree = _embree()
+        self._model, self._visuals, self._camera = model, visuals, camera
+        self._data, self._placed = model.createData(), pin.GeometryData(visuals)
+        self._drawn = drawn
+        self._colours = np.concatenate([surface.colours for surface in drawn])
+        columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in camera.size))
+        self._pixels = np.column_stack([columns.ravel(), rows.ravel()])
+        self._rays = camera.rays(self._pixels)
+
+    def of(self, q: Floats) -> NDArray[np.uint8]:
+        """The picture (height, width, 3) of configuration q (nq,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self._visuals, self._placed, q)
+        corners, normals = [], []
+        for surface in self._drawn:
+            pose = self._placed.oMg[surface.index]
+            corners.append(surface.triangles @ pose.rotation.T + pose.translation)
+            normals.append(surface.normals @ pose.rotation.T)
+        return self._cast(np.concatenate(corners), np.concatenate(normals))
+
+    def _cast(self, corners: Floats, normals: Floats) -> NDArray[np.uint8]:
+        """Every pixel once, and four times where neighbours differ."""
+        scene = self._embree.EmbreeScene()
+        # Relative to the camera's target: Embree's numbers have seven digits.
+        triangles = (corners - self._camera.view.centre).astype(np.float32)
+        mesh = _triangle_mesh(scene, triangles)
+        width, height = self._camera.size
+        image = self._shade(scene, self._pixels, self._rays, normals).reshape(height, width, 3)
+        across, down = (np.abs(np.diff(image, axis=axis)).max(axis=2) > EDGE for axis in (1, 0))
+        edges = np.zeros((height, width), bool)
+        edges[:, 1:] |= across
+        edges[:, :-1] |= across
+        edges[1:] |= down
+        edges[:-1] |= down
+        again = (self._pixels[edges.ravel()][:, None] + OFFSETS).reshape(-1, 2)
+        if len(again):
+            several = self._shade(scene, again, self._camera.rays(again), normals)
+            image[edges] = several.reshape(-1, len(OFFSETS), 3).mean(axis=1)
+        del mesh  # Embree's scene refers to it
+        return np.asarray(np.round(255.0 * np.clip(image, 0.0, 1.0)), np.uint8)
+
+    def _shade(self, scene: Any, pixels: Floats, rays: Floats, normals: Floats) -> Floats:
+        """Colours (n, 3) seen through points (n, 2) of the picture, along rays (n, 3)."""
+        camera = self._camera
+        start = camera.position - camera.view.centre
+        hits = scene.run(_singles(np.broadcast_to(start, rays.shape)), _singles(rays), query="INTERSECT", output=1)
+        share = np.clip(pixels[:, 1:] / camera.size[1], 0.0, 1.0)
+        colours: Floats = TOP + (BOTTOM - TOP) * share
+        body = hits["primID"] >= 0
+        self._floor(scene, colours, ~body, start, rays)
+        if not body.any():
+            return colours
+        triangle, weights = hits["primID"][body], np.column_stack([hits["u"], hits["v"]])[body]
+        weights = np.column_stack([1.0 - weights.sum(axis=1), weights])
+        normal, own = (np.einsum("nk,nkd->nd", weights, of[triangle]) for of in (normals, self._colours))
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+        towards = -rays[body]
+        normal *= np.sign(
+            (normal * towards).sum(axis=1, keepdims=True) + 1e-12
+        )  # published meshes have faces inside out
+        points = start + hits["tfar"][body, None] * rays[body]
+        lit = np.maximum(normal @ camera.light, 0.0)
+        clear = CLEAR * hits["tfar"][body, None] * normal  # off the surface, which else would shade itself
+        lit *= ~self._in_shadow(scene, points + clear)
+        half = towards + camera.light
+        half /= np.linalg.norm(half, axis=1, keepdims=True)
+        shine = SHINE * (lit > 0.0) * np.maximum((normal * half).sum(axis=1), 0.0) ** SHININESS
+        # A light at the camera shapes what is in shadow.
+        ambient = AMBIENT * (0.65 + 0.35 * np.maximum((normal * towards).sum(axis=1), 0.0))
+        colours[body] = own * (ambient + DIFFUSE * lit)[:, None] + shine[:, None]
+        return colours
+
+    def _floor(self, scene: Any, colours: Floats, where: NDArray[np.bool_], start: Floats, rays: Floats) -> None:
+        """Draw the floor with its grid and shadows into the colours of the rays that hit no body."""
+        view = self._camera.view
+        height = start[2] + view.centre[2] - view.floor
+        down = where & (rays[:, 2] < -1e-6) & (height > 0.0)
+        if not down.any():
+            return
+        distance = height / -rays[down, 2]
+        points = start + distance[:, None] * rays[down]
+        place = (points + view.centre)[:, :2]
+        reach = 2.0 * float(np.max(np.abs(view.seen)))
+        fade = np.clip(1.5 - np.linalg.norm(points[:, :2], axis=1) / reach, 0.0, 1.0)
+        # What a pixel covers of the floor along x and y, so that a line is about a pixel wide in any direction.
+        right, up, _ = self._camera.axes
+        covered = np.abs(right[:2]) + np.abs(up[:2] - rays[down, :2] * (up[2] / rays[down, 2:]))
+        covered *= self._camera.pixel * distance[:, None]
+        away = np.abs(place - view.cell * np.round(place / view.cell))
+        line = np.clip(1.2 - away / (0.8 * covered + 1e-12), 0.0, 1.0).max(axis=1) * fade
+        seen = colours[down] * (1.0 - line[:, None]) + LINE * line[:, None]
+        shadow = self._in_shadow(scene, points + np.array([0.0, 0.0, 1e-5 * reach]))
+        colours[down] = seen * np.where(shadow, 1.0 - (1.0 - SHADOW) * fade, 1.0)[:, None]
+
+    def _in_shadow(self, scene: Any, points: Floats) -> NDArray[np.bool_]:
+        """Whether a body lies between points (n, 3) and the light."""
+        light = np.broadcast_to(self._camera.light, points.shape)
+        return np.asarray(scene.run(_singles(points), _singles(light), query="OCCLUDED") >= 0)
+
+
+def _singles(values: Floats) -> NDArray[np.float32]:
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def _embree() -> Any:
+    try:
+        from embreex import rtcore_scene
+    except ImportError:
+        remedy = "pip install embreex (there is none for this kind of machine if that fails); .playback() needs none"
+        raise ShowError("embreex is not installed", where="video", remedy=remedy, code="embree-missing") from None
+    return rtcore_scene
+
+
+def _triangle_mesh(scene: Any, triangles: NDArray[np.float32]) -> Any:
+    from embreex.mesh_construction import TriangleMesh
+
+    return TriangleMesh(scene, triangles)

@@ -1,0 +1,217 @@
+"""A motion as a film (.mp4, .webm, .gif), or a moment of it as a picture (.png), without a display."""
+
+import itertools
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twolink.errors import ShowError, import_extra
+from twolink.io.atomic import write_atomic
+from twolink.io.tables import require_format
+from twolink.show.figure import COLOURS, new_figure, plain
+from twolink.show.meshcat_scene import poses
+from twolink.show.meshcat_view import look_at
+from twolink.show.motion_samples import check_motion, resample
+from twolink.show.raycasting import Camera, Picture
+from twolink.show.surfaces import Floats, surfaces
+
+FORMATS = (".mp4", ".webm", ".gif", ".png")
+CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}
+SMALLEST, LARGEST = 64, 4096  # pixels of a side
+CURVES = 0.75  # width of the curves beside the picture, of its height
+WHOLE = 600  # configurations that decide from where the camera sees the whole motion
+GIF_RATE = 25.0  # pictures a second; a .gif counts in hundredths of a second
+Image = NDArray[np.uint8]
+Report = Callable[[int, int], None]
+
+
+def write_video(
+    model: Any,
+    visuals: Any,
+    t: ArrayLike,
+    q: ArrayLike,
+    path: str | Path,
+    *,
+    size: tuple[int, int] = (960, 720),
+    rate: float = 30.0,
+    speed: float = 1.0,
+    at: float | None = None,
+    direction: ArrayLike | None = None,
+    curves: Mapping[str, Floats] | None = None,
+    progress: Report | None = None,
+    on_skipped: Callable[[list[str]], None] | None = None,
+) -> Path:
+    """Write the motion q(t) of a robot as a film, or one moment of it as a picture.
+
+    Parameters
+    ----------
+    model, visuals : pin.Model, pin.GeometryModel
+        The robot.
+    t : array_like (n,)
+        Times in s, increasing.
+    q : array_like (n, nq)
+        Configurations.
+    path : str or Path
+        .mp4 and .webm need the package imageio-ffmpeg (pip install twolink[video]), .gif and .png nothing more.
+    size : (width, height)
+        Pixels of the robot's picture, even numbers.
+    rate : float
+        Pictures a second; 25 at most for a .gif.
+    speed : float
+        Simulated seconds a second of playing.
+    at : float, optional
+        The time of a .png, s; by default the first.
+    direction : array_like (3,), optional
+        From the robot to the camera; by default as the playback looks.
+    curves : mapping of name to array (n,), optional
+        Quantities to draw over time beside the picture.
+    progress : callable, optional
+        Called with the number of pictures made and of all.
+    on_skipped : callable, optional
+        Called with the names of pieces that cannot be drawn, if any.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ShowError
+        For a motion or a size that cannot be shown, another ending, or a package that is not installed.
+    """
+    path = Path(path)
+    kind = require_format(path, FORMATS, ShowError)
+    _check(size, rate)
+    times, configurations = check_motion(model, t, q, speed)
+    encoder = import_extra("imageio_ffmpeg", "video") if kind in CODECS else None
+    drawn, skipped = surfaces(visuals)
+    if skipped and on_skipped is not None:
+        on_skipped(skipped)
+    if not drawn:
+        remedy = "give its links <visual> elements"
+        raise ShowError("the robot has nothing to draw", where="video", remedy=remedy, code="nothing-to-draw")
+    rate = min(rate, GIF_RATE) if kind == ".gif" else rate
+    shown = _moments(times, speed, rate, at, kind)
+    along = resample(model, times, configurations, np.unique(np.concatenate([shown, times[:: len(times) // 300 + 1]])))
+    picture = Picture(
+        model, visuals, drawn, Camera(look_at(drawn, poses(model, visuals, along, drawn), direction), size)
+    )
+    beside = _curves(times, curves, size[1]) if curves else None
+
+    def made() -> Iterator[Image]:
+        for k, (moment, configuration) in enumerate(
+            zip(shown.tolist(), resample(model, times, configurations, shown), strict=True)
+        ):
+            image = _labelled(picture.of(configuration), f"t = {moment:.{_digits(shown)}f} s")
+            yield np.hstack([image, beside(moment)]) if beside else image
+            if progress is not None:
+                progress(k + 1, len(shown))
+
+    if encoder is not None:
+        return _encode(encoder, made(), path, rate, kind)
+    return write_atomic(path, lambda file: _save(made(), file, rate, kind), error=ShowError)
+
+
+def _check(size: tuple[int, int], rate: float) -> None:
+    if len(size) != 2 or not all(SMALLEST <= side <= LARGEST and side % 2 == 0 for side in size):
+        what = f"size is {'x'.join(map(str, size))}, expected even numbers from {SMALLEST} to {LARGEST}"
+        raise ShowError(what, where="video", remedy="such as 960x720", argument="size")
+    if not 0.0 < rate <= 240.0:
+        what = f"rate is {rate:g}, expected a number above 0, and up to 240"
+        raise ShowError(what, where="video", remedy="30 pictures a second are usual", argument="rate")
+
+
+def _moments(t: Floats, speed: float, rate: float, at: float | None, kind: str) -> Floats:
+    """The times of the pictures, s."""
+    if kind == ".png":
+        moment = float(t[0]) if at is None else at
+        if not t[0] <= moment <= t[-1]:
+            what = f"at is {moment:g} s, expected a time from {t[0]:g} to {t[-1]:g} s"
+            raise ShowError(what, where="video", remedy="choose a time of the run", argument="at")
+        return np.array([moment])
+    if at is not None:
+        raise ShowError("at is the time of one picture", where="video", remedy="write a .png", argument="at")
+    count = 1 + max(1, round(float(t[-1] - t[0]) / speed * rate))
+    return np.asarray(np.minimum(t[0] + np.arange(count) * speed / rate, t[-1]))
+
+
+def _digits(shown: Floats) -> int:
+    """Digits after the point that tell the pictures' times apart."""
+    span = float(np.ptp(shown)) or abs(float(shown[0])) or 1.0
+    return int(np.clip(2 - np.floor(np.log10(span)), 2, 9))
+
+
+def _labelled(image: Image, text: str) -> Image:
+    """The picture with a text in its lower left corner."""
+    from matplotlib import font_manager
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
+    height = max(12, len(image) // 32)
+    font = ImageFont.truetype(font_manager.findfont("DejaVu Sans"), height)
+    drawn = Pillow.fromarray(image)
+    ImageDraw.Draw(drawn).text((height, len(image) - 2 * height), text, fill=(60, 66, 74), font=font)
+    return np.asarray(drawn)
+
+
+def _curves(t: Floats, curves: Mapping[str, Floats], height: int) -> Callable[[float], Image]:
+    """A function of time that gives the picture of all curves with a line at that time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    width = 2 * round(CURVES * height / 2)
+    figure, axes = new_figure(len(curves), size=(width / 100, height / 100), sharex=True)
+    figure.set_dpi(100)
+    for k, (axis, (name, values)) in enumerate(zip(axes[:, 0], curves.items(), strict=True)):
+        axis.plot(t, values, color=COLOURS[k % len(COLOURS)], linewidth=1.4)
+        axis.set_title(plain(name), fontsize=9, loc="left")
+        axis.tick_params(labelsize=8)
+    axes[-1, 0].set_xlabel("t (s)", fontsize=9)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    base = np.asarray(canvas.buffer_rgba())[:height, :width, :3]
+    boxes = [axis.get_window_extent() for axis in axes[:, 0]]
+    place = axes[0, 0].transData
+
+    def at(moment: float) -> Image:
+        image = base.copy()
+        column = int(np.clip(place.transform((moment, 0.0))[0], 0, width - 1))
+        for box in boxes:
+            image[int(height - box.y1) : int(height - box.y0), column] = (110, 116, 124)
+        return image
+
+    return at
+
+
+def _save(images: Iterable[Image], file: BinaryIO, rate: float, kind: str) -> None:
+    """Write a .png or .gif."""
+    from PIL import Image as Pillow
+
+    first, *rest = (Pillow.fromarray(image) for image in images)
+    if kind == ".png":
+        first.save(file, "PNG")
+        return
+    palette = first.quantize(256)  # one for all: colours that differ from picture to picture flicker
+    frames = [image.quantize(palette=palette, dither=Pillow.Dither.NONE) for image in (first, *rest)]
+    frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / rate), loop=0)
+
+
+def _encode(ffmpeg: Any, images: Iterator[Image], path: Path, rate: float, kind: str) -> Path:
+    """Write a .mp4 or .webm."""
+    first = next(images)
+    height, width = first.shape[:2]
+    with tempfile.TemporaryDirectory() as folder:
+        part = Path(folder, f"film{kind}")
+        options = {"fps": rate, "codec": CODECS[kind], "macro_block_size": 2, "ffmpeg_log_level": "error"}
+        writer = ffmpeg.write_frames(str(part), (width, height), **options)
+        writer.send(None)
+        try:
+            for image in itertools.chain([first], images):
+                writer.send(image.tobytes())
+        finally:
+            writer.close()
+        return write_atomic(path, lambda file: file.write(part.read_bytes()), error=ShowError)
