@@ -1,5 +1,7 @@
 """Trajectories: saving keeps every digit, loading is strict, figures are drawn."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +156,16 @@ def test_playback_is_written(run: tl.Trajectory, tmp_path: Path) -> None:
     page = run.playback(tmp_path / "x.html").read_text()
     assert "two-link arm" in page  # the title of its scene
     assert "http://" not in page.split("<script")[0]
+
+
+def test_a_short_motion_is_played_slowly_with_the_digits_of_its_times(run: tl.Trajectory) -> None:
+    short = tl.Trajectory(run.robot, run.t / 16, run.q, run.v, None, None)  # 31 ms
+    page = short.playback().page.decode()
+    facts = json.loads(re.search(r"const facts = (.*);", page).group(1))  # type: ignore[union-attr]
+    assert "speed 0.01×" in page
+    assert 2 <= facts["duration"] == pytest.approx(3.125)
+    assert facts["digits"] == 4
+    assert "speed" not in run.playback(speed=1.0).page.decode().partition('id="notes"')[2].partition("</div>")[0]
 
 
 @pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])

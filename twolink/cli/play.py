@@ -14,7 +14,9 @@ from twolink.errors import QueryError
 
 def play(
     file: Annotated[Path, Argument(metavar="FILE", help="A saved trajectory: .npz, .parquet or .csv.")],
-    speed: Annotated[float, Option(help="Factor on true speed: 2 is twice as fast.")] = 1.0,
+    speed: Annotated[
+        float | None, Option(help="Factor on true speed: 2 is twice as fast.", show_default="1; below 1 s, less")
+    ] = None,
     html: Annotated[Path | None, Option(help="Write a standalone page instead of opening a browser.")] = None,
     no_browser: Annotated[bool, Option("--no-browser", help="Print the address; open no browser.")] = False,
     robot: Annotated[str | None, Option(help=f"Of a file that does not name it (.csv). {ROBOT_HELP}")] = None,
@@ -34,7 +36,8 @@ def play(
     from twolink.simulation.trajectory import Trajectory
 
     require_writable([] if html is None else [html], (".html",))
-    positive(speed, "speed", QueryError, "1 is true speed")
+    if speed is not None:
+        positive(speed, "speed", QueryError, "1 is true speed")
     loaded = None if robot is None else robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     run = Trajectory.load(file, loaded)
     if html is None:

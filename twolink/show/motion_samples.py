@@ -1,5 +1,6 @@
 """The samples of a motion: checked, and interpolated at other times."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,17 @@ def check_motion(model: Any, t: ArrayLike, q: ArrayLike, speed: float) -> tuple[
         what = f"speed is {speed}, expected a number above 0"
         raise ShowError(what, where="playback", remedy="1 is true speed", argument="speed")
     return times, configurations
+
+
+def usual_speed(seconds: float) -> float:
+    """The speed at which to play a motion of so many seconds: 1, and for one below 1 s less, so that it takes 2 to 5 s.
+
+    That is 1, 2 or 5 times a power of ten.
+    """
+    if not 0.0 < seconds < 1.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(seconds / 2.0))
+    return max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= seconds / 2.0)
 
 
 def resample(model: Any, t: Floats, q: Floats, at: Floats) -> Floats:

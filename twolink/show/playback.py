@@ -5,6 +5,7 @@ import functools
 import html
 import importlib.metadata
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -126,6 +127,7 @@ def playback_page(
         "start": float(shown[0]),
         "duration": float(shown[-1] - shown[0]) / speed,
         "speed": speed,
+        "digits": max(2, math.ceil(2.0 - math.log10(shown[-1] - shown[0]))) if len(shown) > 1 else 2,
         "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
         "direction": to_three(view.direction),
         "live": live,

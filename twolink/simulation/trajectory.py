@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from twolink.show.playback import InlinePage
 
 log = logging.getLogger("twolink")
+Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
 SMOOTH = 400  # times that make a smooth curve
 
@@ -287,19 +288,23 @@ class Trajectory:
             return self.t, self.q, self.v
 
     @overload
-    def playback(self, *, speed: float = ..., on_skipped: Callable[[list[str]], None] | None = ...) -> InlinePage: ...
+    def playback(self, *, speed: float | None = ..., on_skipped: Skipped = ...) -> InlinePage: ...
 
     @overload
     def playback(
-        self, path: str | os.PathLike[str], *, speed: float = ..., on_skipped: Callable[[list[str]], None] | None = ...
+        self,
+        path: str | os.PathLike[str],
+        *,
+        speed: float | None = ...,
+        on_skipped: Skipped = ...,
     ) -> Path: ...
 
     def playback(
         self,
         path: str | os.PathLike[str] | None = None,
         *,
-        speed: float = 1.0,
-        on_skipped: Callable[[list[str]], None] | None = None,
+        speed: float | None = None,
+        on_skipped: Skipped = None,
     ) -> Path | InlinePage:
         """Make a standalone page that plays the motion in 3D in any browser, offline.
 
@@ -307,8 +312,8 @@ class Trajectory:
         ----------
         path : str or path, optional
             A .html file.
-        speed : float
-            Simulated seconds per second of playing.
+        speed : float, optional
+            Simulated seconds per second of playing; by default 1, and less for a motion below 1 s.
         on_skipped : callable, optional
             Called with the names of the shapes that cannot be drawn, if any; the page names them too.
 
@@ -325,7 +330,7 @@ class Trajectory:
         from twolink.show.playback import InlinePage, playback_page, write_playback
 
         model, visuals, title = self.robot.model, self.robot.visual_model(), self.title or self.robot.name
-        motion = model, visuals, self.t, self.q
+        motion, speed = (model, visuals, self.t, self.q), self._speed(speed)
         if path is None:
             return InlinePage(playback_page(*motion, title=title, speed=speed, on_skipped=on_skipped))
         return write_playback(*motion, Path(path), title=title, speed=speed, on_skipped=on_skipped)
@@ -345,12 +350,14 @@ class Trajectory:
     def play(
         self,
         *,
-        speed: float = 1.0,
+        speed: float | None = None,
         open_browser: bool = True,
         on_url: Callable[[str], None] | None = None,
-        on_skipped: Callable[[list[str]], None] | None = None,
+        on_skipped: Skipped = None,
     ) -> None:
         """Play the motion live in the browser, at true speed times `speed`; returns when it has ended.
+
+        speed: by default 1, and less for a motion below 1 s.
 
         on_url, on_skipped: called with the page's address, and with the names of the shapes that cannot be drawn, if
         any; both are logged (logger "twolink") unless given.
@@ -363,11 +370,16 @@ class Trajectory:
             self.t,
             self.q,
             title=self.title or self.robot.name,
-            speed=speed,
+            speed=self._speed(speed),
             open_browser=open_browser,
             on_url=on_url or _log_url,
             on_skipped=on_skipped or _log_skipped,
         )
+
+    def _speed(self, speed: float | None) -> float:
+        from twolink.show.motion_samples import usual_speed
+
+        return usual_speed(float(self.t[-1] - self.t[0])) if speed is None else speed
 
     def __repr__(self) -> str:
         error = "not verified" if self.error is None else f"error <= {self.error.max():.1e}"
