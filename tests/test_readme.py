@@ -55,5 +55,5 @@ def test_code(code: str, tmp_path: Path) -> None:
 def test_scripts_and_pictures_exist() -> None:
     for name in re.findall(r"scripts/(?:demo|test)\b", TEXT):
         assert shutil.which(str(TOP / name)), name
-    for name in re.findall(r"!\[.*?\]\((.*?)\)", TEXT):
+    for name in re.findall(r"\]\((?!http)(.*?)\)", TEXT):
         assert (TOP / name).is_file(), name
