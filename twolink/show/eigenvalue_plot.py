@@ -25,7 +25,7 @@ def plot_eigenvalues(
         axis.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color="0.45", linewidth=1.0))
     else:
         axis.axvline(0.0, color="0.45", linewidth=1.0)
-    axis.axhline(0.0, color="0.8", linewidth=0.8)
+    axis.axhline(0.0, color="0.8", linewidth=0.8, zorder=1)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
     axis.set_ylabel("imaginary part" if unit_circle else "imaginary part, 1/s")
