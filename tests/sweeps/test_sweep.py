@@ -1,5 +1,7 @@
 """tl.sweep: what the store holds is what `simulate` gives, whatever computes it."""
 
+import importlib
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import pytest
 
 import twolink as tl
 from twolink import effects
-from twolink.errors import SceneError
+from twolink.errors import SceneError, TwolinkError
 from twolink.sweeps import open_sweep
 
 pytest.importorskip("heyoka")
@@ -138,6 +140,46 @@ def test_robots_differ_under_the_same_effects(tmp_path: Path) -> None:
     for outputs, vary in ((["final"], {"robot": ["arm"]}), (["cost"], {"robot": ["arm"], "q.elbow": [0.1]})):
         with pytest.raises(SceneError, match="robot"):
             swept(tmp_path / "y.zarr", vary, outputs=outputs)
+
+
+class Job:
+    """As submitit's: no future of concurrent.futures."""
+
+    def __init__(self, function: Callable[..., object], task: object) -> None:
+        self._function, self._task = function, task
+
+    def done(self) -> bool:
+        return True
+
+    def result(self) -> object:
+        return self._function(self._task)
+
+    def cancel(self) -> None:
+        """Nothing is left to do."""
+
+
+class Cluster:
+    """As submitit's executor."""
+
+    def submit(self, function: Callable[..., object], task: object) -> Job:
+        return Job(function, task)
+
+
+class Stranger(Cluster):
+    """A cluster whose workers have no twolink."""
+
+    def submit(self, _function: Callable[..., object], task: object) -> Job:
+        return Job(lambda _: importlib.import_module("no_such_module"), task)
+
+
+def test_an_executor_of_another_kind(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", executor=Cluster(), chunk=2)
+    assert data.equals(swept(tmp_path / "y.zarr"))
+    with pytest.raises(TwolinkError, match="workers cannot import") as caught:
+        swept(tmp_path / "z.zarr", executor=Stranger())
+    assert caught.value.code == "workers-differ"
+    with pytest.raises(SceneError, match="an address or an executor"):
+        swept(tmp_path / "z.zarr", executor=3)
 
 
 def test_no_store_is_refused(tmp_path: Path) -> None:

@@ -90,6 +90,8 @@ def _kept(name: Any, make: Callable[[], Scene]) -> Scene:
 
 def _compute(scene: Scene, task: Task) -> Columns:
     request, quantities, values = task.request, task.quantities, task.values
+    for name in request.functions:
+        function_of(name)  # a worker that lacks it fails, and not the runs
     kinds = {v.name: v for v in variables(scene.robot, request)}
     out = {name: kind.empty(task.runs) for name, kind in kinds.items()}
     for of, rows in _groups(request, quantities, values):

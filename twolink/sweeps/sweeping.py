@@ -97,7 +97,7 @@ def sweep(
         An argument does not fit; or the store belongs to another sweep (code "another-sweep", with the difference).
     TwolinkError
         The store cannot be written (code "not-writable") or is in use (code "in-use"), or the cluster is gone (code
-        "cluster-lost"). What was finished is kept.
+        "cluster-lost"), or workers lack what they need (code "workers-differ"). What was finished is kept.
     MissingExtraError
         xarray or zarr is not installed.
 

@@ -2,9 +2,10 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -50,14 +51,14 @@ class _Work:
         self.plan: Plan = store.plan
         self.done, self.begun, self.begin = done, done, time.monotonic()
         self.again: deque[_Part] = deque()  # to be tried again, one after the other
-        self.under_way: dict[Future[Columns], _Part] = {}
+        self.under_way: dict[Any, _Part] = {}
 
     def all(self) -> None:
         """Compute and write all that is pending."""
         parts = self._parts()
         try:
             while self._fill(parts) or self.under_way:
-                finished, _ = wait(self.under_way, LOOK, FIRST_COMPLETED)
+                finished = _finished(self.under_way)
                 self.engine.check()
                 self._take(finished)
         finally:
@@ -93,18 +94,25 @@ class _Work:
             self.engine.restart()
             self.under_way[self.engine.submit(some)] = part
 
-    def _take(self, finished: set[Future[Columns]]) -> None:
+    def _take(self, finished: set[Any]) -> None:
         failed = list[tuple[_Part, BaseException]]()
-        if any(isinstance(future.exception(), BrokenExecutor) for future in finished if not future.cancelled()):
-            finished, _ = wait(self.under_way, LOOK)  # a pool that broke ends them all
-        for future in finished:
+        waiting = list(finished)
+        while waiting:
+            future = waiting.pop()
             part = self.under_way.pop(future)
             try:
                 self._put(part, future.result())
-            except TwolinkError:  # of the store: nothing can be kept
+            except TwolinkError:  # of the store, or of all runs alike: nothing can be kept
                 raise
+            except ImportError as error:
+                remedy = "install twolink and your own modules there"
+                raise TwolinkError(f"workers cannot import what they need: {error}", where="sweep", remedy=remedy,
+                                   argument="executor", code="workers-differ") from None  # fmt: skip
             except CancelledError:
                 raise cluster_lost() from None
+            except BrokenExecutor as error:  # a pool that broke ends all that it has
+                failed.append((part, error))
+                waiting += [other for other in wait(self.under_way, LOOK)[0] if other not in waiting]
             except Exception as error:  # the worker died, or has no memory
                 failed.append((part, error))
         if failed:
@@ -146,6 +154,16 @@ class _Work:
         total = self.plan.design.runs
         rate = (self.done - self.begun) / max(1e-9, time.monotonic() - self.begin)
         self.report(self.done, total, f"{rate:.4g} runs/s, {(total - self.done) / rate:.0f} s left")
+
+
+def _finished(futures: Collection[Any]) -> set[Any]:
+    """The futures that are done, after one is or after a moment. Jobs of submitit are no futures, and are asked."""
+    if all(isinstance(future, Future) for future in futures):
+        return set(wait(futures, LOOK, FIRST_COMPLETED).done)
+    done = {future for future in futures if future.done()}
+    if not done:
+        time.sleep(LOOK)
+    return done
 
 
 def work(store: Store, engine: Engine, report: Report) -> None:
