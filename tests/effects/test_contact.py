@@ -64,6 +64,35 @@ def test_a_pushed_block_slides_or_tips(height: float, answer: str) -> None:
         assert np.abs(run.q[run.t < when, 2]).max() < 1e-12
 
 
+def test_a_free_cube_that_lands_flat_keeps_its_symmetry() -> None:
+    """The four corners give mu times the normal impulse together; it slides on as a point would, and does not turn."""
+    mu, height, v0 = 0.5, 1e-4, 1.0
+    effects = [E.Gravity(), E.Contact("ground", friction=mu, shapes={"cube": (E.Box((0.2, 0.2, 0.2)),)})]
+    robot = free_bodies("cube")
+    run = tl.simulate(tl.Scene(robot, [0, 0, 0.1 + height, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects), 0.5, 1e-9,
+                      samples=20)  # fmt: skip
+    fall = math.sqrt(2 * height / G)
+    speed = v0 - mu * G * fall
+    assert kinds(run) == ["impact", "slide", "roll"]
+    assert run.events[0].energy == pytest.approx((v0**2 - speed**2) / 2 + G * height, abs=1e-9)
+    assert run.q[-1, 0] == pytest.approx(v0 * fall + speed**2 / (2 * mu * G), abs=1e-9)
+    assert np.abs(run.q[:, 1]).max() < 1e-11
+    assert np.abs(run.q[:, 3:6]).max() < 1e-10
+    assert repr(run.contact_forces) == "cube - ground  11 x 3, up to 10.97 N"
+
+
+def test_static_friction_holds_longer_than_kinetic_friction_brakes() -> None:
+    """Pushed by k t it slides from static m g / k on, with the acceleration (k t - mu m g) / m."""
+    mu, static, k = 0.3, 0.5, 10.0
+    push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, -0.1))
+    effects = [E.Gravity(), push, E.Contact([("body", "ground")], mu, static=static, shapes=BLOCK)]
+    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], effects=effects), 0.8, 1e-9, samples=20)
+    when = static * G / k
+    assert [(event.kind, event.t) for event in run.events] == [("slide", pytest.approx(when, abs=1e-9))]
+    late = np.fmax(run.t - when, 0.0)
+    assert np.abs(run.q[:, 0] - (k * late**3 / 6 + (static - mu) * G * late**2 / 2)).max() < 1e-9
+
+
 @pytest.mark.parametrize("share", [0.95, 1.05])
 def test_a_ball_rolls_down_an_incline(share: float) -> None:
     """With 5/7 g sin if friction allows it."""

@@ -55,7 +55,7 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
     random, mass, rows = bodies(seed, 2)
     inverse, free = np.linalg.inv(mass), random.normal(size=6)
     slips = [None, np.array([0.6, 0.8]) if seed % 2 else None]
-    contacts = [Rows(own, random.normal(size=3), 0.2, slip) for own, slip in zip(rows, slips, strict=True)]
+    contacts = [Rows(own, random.normal(size=3), 0.2, 0.2, slip) for own, slip in zip(rows, slips, strict=True)]
     solved = solve_contacts(free, inverse, contacts)
     assert solved is not None
     a, decisions = solved

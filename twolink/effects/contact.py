@@ -11,6 +11,7 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.switching import ContactPoint, SwitchingEffect
 from twolink.effects.touching import contact_point
+from twolink.errors import SceneError
 from twolink.robots.shapes import AnyShape
 
 SHOWN = 8  # names of pairs in a line
@@ -25,15 +26,17 @@ class Contact(SwitchingEffect, frozen=True):
 
     Parameters
     ----------
-    pairs : tuple of str or pair
+    pairs : str, or tuple of str or pair
         Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
         ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
         against each other, without those that a joint connects and those that overlap in the neutral configuration;
         bodies that only a free joint connects count as separate.
     friction : float
-        mu, not negative.
+        mu of sliding bodies, not negative.
     restitution : float
         e, from 0 to 1.
+    static : float, optional
+        mu of bodies that do not slide, not below the friction, which it is by default.
     shapes : mapping of link to shapes
         In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
 
@@ -43,19 +46,25 @@ class Contact(SwitchingEffect, frozen=True):
     determine their forces, only the sums of the forces of a pair are determined.
     """
 
-    pairs: tuple[str | tuple[Body, Body], ...] = ("self", "ground")
+    pairs: str | tuple[str | tuple[Body, Body], ...] = ("self", "ground")
     friction: NotNegative = 0.0
     restitution: NotNegative = 0.0
+    static: NotNegative | None = None
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
         check_restitution(self.restitution)
+        if self.static is not None and self.static < self.friction:
+            raise SceneError(f"it is {self.static:g}, below the friction {self.friction:g}", where="static",
+                             remedy="static friction is the larger one")  # fmt: skip
         self.selected(robot)
 
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""
-        return select_pairs(robot, solids_of(robot, self.shapes), self.pairs)
+        return select_pairs(
+            robot, solids_of(robot, self.shapes), (self.pairs,) if isinstance(self.pairs, str) else self.pairs
+        )
 
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, and which of "self" are not."""
@@ -69,7 +78,8 @@ class Contact(SwitchingEffect, frozen=True):
     def modes(self, robot: Robot) -> list[ContactPoint]:
         """A gap for each point at which a pair may touch."""
         friction, restitution = float(self.friction), float(self.restitution)
-        return [contact_point(pair.name, gap, friction, restitution)
+        static = None if self.static is None else float(self.static)
+        return [contact_point(pair.name, gap, friction, restitution, static)
                 for pair in self.selected(robot).chosen for gap in gaps_of(pair)]  # fmt: skip
 
 

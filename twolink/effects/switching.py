@@ -78,13 +78,15 @@ class Stop:
 class ContactPoint:
     """A gap g(q) >= 0 with restitution and Coulomb's friction.
 
-    gap: g, m. velocity: (g', slip along two tangents), m/s. constraint: from whether it rolls, and the direction of
-    sliding when that began, the rows in force while the gap is 0. content: what gap and velocity are made of, as text.
+    friction, static: mu while the bodies slide and while they do not. gap: g, m. velocity: (g', slip along two
+    tangents), m/s. constraint: from whether it rolls, and the direction of sliding when that began, the rows in force
+    while the gap is 0. content: what gap and velocity are made of, as text.
     """
 
     name: str
     restitution: float
     friction: float
+    static: float
     gap: Callable[[Motion], Scalar]
     velocity: Callable[[Motion], tuple[Scalar, Scalar, Scalar]]
     constraint: Callable[[bool, tuple[Slot, Slot]], Loop]

@@ -21,13 +21,24 @@ from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 
-STILL = 1e-11  # m/s: a slip whose direction is rounding
+STILL = 1e-10  # m/s: a slip whose direction is rounding
 
 
-def contact_point(name: str, gap: AnyGap, friction: float, restitution: float) -> ContactPoint:
+def contact_point(
+    name: str, gap: AnyGap, friction: float, restitution: float, static: float | None = None
+) -> ContactPoint:
     """A contact of the engine from a gap and the numbers of its law."""
     constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
-    return ContactPoint(name, restitution, friction, gap.value, gap.velocity, constraint, content)
+    return ContactPoint(
+        name,
+        restitution,
+        friction,
+        friction if static is None else static,
+        gap.value,
+        gap.velocity,
+        constraint,
+        content,
+    )
 
 
 class Touching(Loop, frozen=True):

@@ -15,6 +15,7 @@ RANK = 1e-9  # relative: singular values below it belong to redundant rows
 ASSEMBLED = 1e-12  # m or rad
 TRIALS = 50  # of Newton's method
 SPREADS = (1e-3, 1e-2, 0.3, 0.3)  # of random configurations near the start at which the rank is taken
+SAME_SHARE = 1e-8  # a difference of shares at two positions below it is rounding
 PLACES, STRIDE = 8, 0.35  # closed positions on each side of the start, rad or m apart
 BETTER = 1.01  # how much larger the smallest singular value must become for an exchange of rows
 
@@ -56,7 +57,22 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
                  for x, j in zip(places, jacobians, strict=True)]  # fmt: skip
     # Powers of two are exact, and equal for other starts, so that compiled steps serve them too.
     scales = 2.0 ** np.round(-0.5 * np.log2(np.max(diagonals, axis=0)[kept]))
-    return replace(constraints, kept=tuple(kept), scales=tuple(scales.tolist()))
+    shares = _shares(jacobians, kept) if rank < len(used) else None
+    return replace(constraints, kept=tuple(kept), scales=tuple(scales.tolist()), shares=shares)
+
+
+def _shares(jacobians: Sequence[np.ndarray], kept: list[int]) -> tuple[tuple[float, ...], ...] | None:
+    """What each row takes of the kept multipliers, as the smallest ones; None where that depends on the position.
+
+    With J = C J_kept they are S = C (C^T C)^-1: then J^T S = J_kept^T.
+    """
+    ways = [np.linalg.lstsq(j[kept].T, j.T, rcond=None)[0].T for j in jacobians]
+    if any(np.abs(way - ways[0]).max() > SAME_SHARE for way in ways):
+        return None
+    exact = np.where(np.abs(ways[0]) < SAME_SHARE, 0.0, ways[0])
+    shares = np.linalg.solve(exact.T @ exact, exact.T).T
+    # Rounded, they are equal for other starts, so that compiled steps serve them too.
+    return tuple(tuple(float(x) for x in row) for row in np.round(shares, 12))
 
 
 def _chosen(jacobians: Sequence[np.ndarray], rank: int, used: np.ndarray) -> list[int]:

@@ -25,7 +25,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.sparse_factors import ldlt
-from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, times
+from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.integrate.row_solver import RowSolver
@@ -42,7 +42,8 @@ class Constraints:
 
     counts: how many rows each loop has. kept: the rows that are not redundant. scales: a factor for each kept row that
     makes the diagonal of A about 1 away from singular positions. supports: of each row, redundant ones too, the degrees
-    of freedom that it depends on.
+    of freedom that it depends on. shares: the part of each kept multiplier that each row takes, redundant ones too,
+    where it is the same everywhere: the smallest multipliers with the same effect. None: the kept rows take all.
     """
 
     space: StateSpace
@@ -52,6 +53,7 @@ class Constraints:
     kept: tuple[int, ...]
     scales: tuple[float, ...]
     supports: tuple[frozenset[int], ...]
+    shares: tuple[tuple[float, ...], ...] | None = None
 
     @property
     def model(self) -> pin.Model:
@@ -113,13 +115,26 @@ class Constraints:
         if all(type(loop).forces is Loop.forces for loop in loops):
             return jacobian
         motion = Motion(self.model, mech, list(q), list(v), 0.0, xp)
+        numbers: Sequence[int] = self.kept
+        if self.shares is not None:
+            numbers, jacobian = self.all_rows, self.jacobian(mech, q, xp, self.all_rows)
         columns: list[list[Scalar | None]] = []
         for unit in self._units(q):
             along = Motion(self.model, mech, list(q), list(unit), 0.0, xp)
             columns.append([power for loop, count in zip(loops, self.counts, strict=True)
                             for power in loop.forces(motion, along) or [None] * count])  # fmt: skip
-        return [[own if column[i] is None else column[i] for own, column in zip(row, columns, strict=True)]
-                for i, row in zip(self.kept, jacobian, strict=True)]  # fmt: skip
+        every = [[own if column[i] is None else column[i] for own, column in zip(row, columns, strict=True)]
+                 for i, row in zip(numbers, jacobian, strict=True)]  # fmt: skip
+        if self.shares is None:
+            return every
+        return [[plus(*(times(share[k], row[dof]) for share, row in zip(self.shares, every, strict=True)))
+                 for dof in range(self.space.nv)] for k in range(len(self.kept))]  # fmt: skip
+
+    def all_multipliers(self, kept: np.ndarray) -> np.ndarray:
+        """The multipliers of all rows (rows, n) from those of the kept ones; 0 for redundant rows without shares."""
+        every = np.zeros((len(self.all_rows), kept.shape[1]))
+        every[list(self.kept)] = kept
+        return every if self.shares is None else np.array(self.shares) @ kept
 
     def accelerations(
         self,

@@ -50,8 +50,7 @@ def contact_forces(equations: Equations, t: Array, x: Array) -> dict[str, Array]
     if constraints is None:
         return forces
     states = _full(equations, x)
-    every = np.zeros((len(constraints.all_rows), len(t)))
-    every[list(constraints.kept)] = Evaluator(equations).by_numpy(t, states).multipliers
+    every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):

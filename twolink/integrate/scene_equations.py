@@ -166,7 +166,7 @@ def _content(equations: Equations, model: pin.Model | None = None) -> str:
         + formula_fingerprint(e, equations.robot.model)
         for e in (*equations.effects, *(constraints.loops if constraints else ()))
     ]
-    rows = f"{constraints and (constraints.kept, constraints.scales)} {equations.layout.lockable}"
+    rows = f"{constraints and (constraints.kept, constraints.scales, constraints.shares)} {equations.layout.lockable}"
     return kernel_key(model or equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
 
 

@@ -173,8 +173,7 @@ def _multipliers(stretch: _Stretch) -> list[np.ndarray]:
     constraints = stretch.equations.constraints
     if constraints is None:
         return []
-    every = np.zeros((len(constraints.all_rows), len(stretch.t)))
-    every[list(constraints.kept)] = Evaluator(stretch.equations).by_numpy(stretch.t, stretch.x).multipliers
+    every = constraints.all_multipliers(Evaluator(stretch.equations).by_numpy(stretch.t, stretch.x).multipliers)
     return np.split(every, np.cumsum(constraints.counts)[:-1])
 
 

@@ -21,6 +21,7 @@ from twolink.integrate.event import Event
 from twolink.io.listing import facts_html
 from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
+from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ class Trajectory:
         """
         solution = self._solution("contact_forces")
         kept = np.searchsorted(solution.t, self.t)
-        return {pair: force[kept] for pair, force in solution.contact_forces().items()}
+        return ContactForces((pair, force[kept]) for pair, force in solution.contact_forces().items())
 
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
+SLOW = 1e-8  # m/s: a sliding contact so slow is tried at rest, which it would reach at once
 ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
@@ -107,7 +108,7 @@ def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key])
         direction = (float(slip[0] / speed), float(slip[1] / speed)) if speed > still else None
         if not contact.friction:
             mode = mode.with_contact(i, "sliding", (0.0, 0.0))
-        elif speed <= still and ("roll", i) not in opened:
+        elif speed <= (SLOW if mode.contacts[i] == "sliding" else still) and ("roll", i) not in opened:
             mode = mode.with_contact(i, "rolling")
         else:
             mode = mode.with_contact(i, "sliding", direction)
@@ -145,7 +146,7 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
         least, greatest = system.torque_range(k, x)
         breaches.append((max(torque - greatest, least - torque) - allowed, ("joint", k)))
     if own.redundant:
-        margin = float(ForceShare(own, mode, system.friction).best(snapshot).margin[0])
+        margin = float(ForceShare(own, mode, system.static).best(snapshot).margin[0])
         breaches.append((-margin - allowed, SHARE))
     forces = (
         {}
@@ -155,7 +156,7 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
     for i, force in forces.items():
         breaches.append((-force[0] - allowed, ("contact", i)))
         if mode.contacts[i] == "rolling":
-            friction = system.contacts[i].friction
+            friction = system.contacts[i].static
             breaches.append((math.hypot(*force[1:]) - friction * force[0] - allowed, ("roll", i)))
     # A contact that pulls is opened before one whose friction is too large: where several press, the share of each in
     # the friction is not determined.
@@ -178,7 +179,7 @@ def _determined(here: Situation) -> Situation:
     slides = any(kind == "sliding" and here.system.contacts[i].friction for i, kind in enumerate(mode.contacts))
     if not (own.redundant and slides):
         return here
-    columns, _ = ForceShare(own, mode, here.system.friction).columns(here.full_state())
+    columns, _ = ForceShare(own, mode, here.system.static).columns(here.full_state())
     sizes = np.linalg.svd(columns, compute_uv=False)
     kept = sum(row is not None for rows in own.rows.values() for row in rows)
     if (sizes > DIFFERENT * sizes[0]).sum() > kept:
@@ -213,17 +214,17 @@ def _by_contact_problem(here: Situation, still: float) -> Situation | None:
     inverse = inverse_under(mass_matrix(without), np.concatenate([loop_rows(without), locked]))
     look, contacts = without.look(), list[Rows]()
     for i in touching:
-        friction, slip = here.system.contacts[i].friction, look.contacts[i, 2:4, 0]
-        count, speed = 3 if friction else 1, float(np.linalg.norm(slip))
-        contacts.append(Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], friction,
-                             slip / speed if speed > still else None))  # fmt: skip
+        contact, slip = here.system.contacts[i], look.contacts[i, 2:4, 0]
+        count, speed = 3 if contact.friction else 1, float(np.linalg.norm(slip))
+        contacts.append(Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], contact.friction,
+                             contact.static, slip / speed if speed > still else None))  # fmt: skip
     solution = solve_contacts(look.a[:, 0], inverse, contacts)
     if solution is None:
         return None
     mode = without.mode
-    for i, contact in zip(touching, solution[1], strict=True):
-        if not contact.opens:
-            mode = mode.with_contact(i, "rolling" if contact.slides is None else "sliding", contact.slides)
+    for i, does in zip(touching, solution[1], strict=True):
+        if not does.opens:
+            mode = mode.with_contact(i, "rolling" if does.slides is None else "sliding", does.slides)
     here = here.in_mode(mode)
     difference = np.abs(here.look().a[:, 0] - solution[0]).max()
     return here if difference <= SAME * (1.0 + np.abs(solution[0]).max()) else None

@@ -29,12 +29,14 @@ MOVES = 1e-9  # relative to the largest acceleration: what begins to move
 class Rows:
     """A contact that touches. rows: J, the normal one and with friction two tangential ones (1 or 3, nv).
 
-    bias: J' v of each row. slip: the direction of sliding (2,); None where it does not slide.
+    bias: J' v of each row. friction, static: mu while it slides and while it does not. slip: the
+    direction of sliding (2,); None where it does not slide.
     """
 
     rows: Array
     bias: Array
     friction: float
+    static: float
     slip: Array | None
 
 
@@ -84,7 +86,10 @@ def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | N
     rates = rates + gain[:, 0] * (normal - before[0])
     out[0] = normal
     if len(out) > 1:
-        out[1:] = friction_force(gain[1:, 1:], gain[1:, 1:] @ before[1:] - rates[1:], contact.friction * normal)
+        wanted = gain[1:, 1:] @ before[1:] - rates[1:]
+        out[1:] = friction_force(gain[1:, 1:], wanted, contact.static * normal)
+        if contact.static > contact.friction and math.hypot(*out[1:]) >= contact.static * normal:
+            out[1:] = friction_force(gain[1:, 1:], wanted, contact.friction * normal)
     return out
 
 

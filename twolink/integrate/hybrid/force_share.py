@@ -39,11 +39,11 @@ class Share:
 class ForceShare:
     """The shares of the forces of a mode's closed contacts, which rigid bodies do not determine."""
 
-    def __init__(self, own: ModeEquations, mode: Mode, friction: Array) -> None:
+    def __init__(self, own: ModeEquations, mode: Mode, static: Array) -> None:
         self.own = own
         self.contacts = tuple(own.rows)
         self.sticks = np.array([mode.contacts[i] == "rolling" for i in self.contacts])
-        self.friction = np.where(self.sticks, friction[list(self.contacts)], 1.0)
+        self.friction = np.where(self.sticks, static[list(self.contacts)], 1.0)
         self._ways: tuple[Array, Array] | None = None  # q, and Z there
 
     def best(self, snapshot: Snapshot) -> Share:
@@ -80,7 +80,7 @@ class ForceShare:
             return np.empty((equations.space.nv, 0)), []
         counts = constraints.counts[len(constraints.counts) - len(self.contacts) :]
         rows = range(len(constraints.all_rows) - sum(counts), len(constraints.all_rows))
-        every = replace(constraints, kept=tuple(constraints.all_rows))
+        every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
         q, v = x[: equations.space.nq], x[equations.space.nq : equations.moving]
         jacobian = every.jacobian(equations.mechanism, q, Numbers)
         numbers = list(x[equations.moving :])

@@ -102,6 +102,19 @@ def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impa
     return new, [impact for impact, now in zip(every, were_hit, strict=True) if now]
 
 
+def whole(impacts: Sequence[Impact]) -> list[Impact]:
+    """One impact for each pair of bodies: the fastest of those of its points, with the energy of all."""
+    pairs: dict[tuple[str, bool], Impact] = {}
+    for impact in impacts:
+        key = impact.touch.name, impact.touch.contact is None
+        before = pairs.get(key, impact)
+        energy = impact.energy + (before.energy if key in pairs else 0.0)
+        fastest = impact if impact.speed > before.speed else before
+        rest = max((each.rest for each in (impact, before) if each.rest is not None), default=None)
+        pairs[key] = replace(fastest, energy=energy, rest=rest)
+    return list(pairs.values())
+
+
 def onto_contact(here: Situation, i: int) -> Array:
     """q moved by the rounding that contact i's gap is off 0, in the direction of least kinetic energy."""
     gap, row = float(here.look().contacts[i, 0, 0]), contact_touch(here, i).rows[0]

@@ -107,7 +107,7 @@ class System:
         self.lockable = equations.layout.lockable
         self.stops = self.switching.stops
         self.contacts = tuple(contact for _, contact in self.switching.contacts)
-        self.friction = np.array([contact.friction for contact in self.contacts])
+        self.static = np.array([contact.static for contact in self.contacts])
         limits = [(-1, Trigger("limit", name)) for _, name in equations.effort_limits]
         self.triggers = (*self.switching.triggers, *limits)
         self.conditions = [trigger.condition for _, trigger in self.triggers if trigger.condition is not None]

@@ -7,7 +7,7 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
 from twolink.integrate.hybrid.consistency import consistent
 from twolink.integrate.hybrid.guard import Key
-from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact
+from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact, whole
 from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
@@ -55,12 +55,13 @@ class RunState:
             if last != now:  # the guard of another direction of sliding is another one: it has not fired
                 self.fired.discard(("roll", i))
         kinds = {"free": "leave", "sliding": "slide", "rolling": "roll"}
+        noted = dict[tuple[str, str], None]()  # a pair that touches at several points is noted once
         for contact, old, new in zip(self.system.contacts, before.contacts, self.mode.contacts, strict=True):
-            if old == new:
-                continue
             rests = new == "sliding" and not contact.friction
-            if not (rests and contact.name in self._rest_noted):
-                self.note("rest" if rests else kinds[new], contact.name)
+            if old != new and not (rests and contact.name in self._rest_noted):
+                noted["rest" if rests else kinds[new], contact.name] = None
+        for kind, name in noted:
+            self.note(kind, name)
         self._rest_noted.clear()
 
     def _note_joint(self, k: int) -> None:
@@ -78,7 +79,7 @@ class RunState:
         if result is None:
             return
         self.x[self.system.nq :], impacts = result
-        for impact in impacts:
+        for impact in whole(impacts):
             name = impact.touch.name
             self.note(kind if impact.touch is touch else "impact", name, f"at {impact.speed:.6g} {impact.touch.unit}",
                       impact.energy)  # fmt: skip

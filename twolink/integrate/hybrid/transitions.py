@@ -78,9 +78,9 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
         forces = partial(run.here.own.contact_forces, i=i)
         yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, is_force=True)
         if mode.contacts[i] == "rolling":
-            yield Guard(("slide", i), partial(_cone, forces, contact.friction), partial(_slide, i), t, is_force=True)
+            yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, is_force=True)
     if run.here.own.redundant:
-        share = ForceShare(run.here.own, mode, system.friction)
+        share = ForceShare(run.here.own, mode, system.static)
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
 
 
