@@ -16,6 +16,9 @@ from twolink.integrate.variational_steps import METHOD, VariationalSteps
 ROUNDS, MOST_PARTS = 10, 64  # of dividing steps
 MOST_STEPS = 1_000  # more than 8 times as many as at first: dividing does not help then
 SMOOTH = 3  # times that a step is divided as its error estimate says; beyond that it is beside a corner, as of a limit
+NODES = 8  # of an interpolation, which is of order 16
+UNEVEN = 8.0  # the largest ratio of steps between them
+NEAR = 0.2  # of a step
 NEARLY = 0.9  # of a step that the estimate admits
 
 
@@ -51,17 +54,52 @@ class Leg:
             before = after[-1]
         return out
 
-    def at(self, times: Array, s: Array) -> Array:
-        """S (n, 2 nv, k) at times (n,) within the leg, from S (m, 2 nv + p, k) at its own times."""
+    def at(self, times: Array, s: Array, *, interpolating: bool = False) -> Array:
+        """S (n, 2 nv, k) at times (n,) within the leg, from S (m, 2 nv + p, k) at its own times.
+
+        interpolating: between nodes, where the space is flat and there are enough, else by steps from those before.
+        """
         step = np.searchsorted(self.t, times, side="right") - 1
         out = s[step, : self.steps.states]
+        first, even = _nodes(self.t, step)
         late = times > self.t[step]
-        if late.any():
-            begin = step[late]
+        among = late & even & (interpolating and not self.steps.space.curved)
+        beside = late & ~among
+        if among.any():
+            slopes = self.steps.rates(self.t, self.x, np.ascontiguousarray(s.transpose(2, 1, 0))).transpose(2, 1, 0)
+            out[among] = _interpolated(self.t, s[:, : self.steps.states], slopes, first[among], times[among])
+        if beside.any():
+            begin = step[beside]
             seeds = np.ascontiguousarray(s[begin].transpose(2, 1, 0))
-            found, _ = self.steps.derivatives(self.t[begin], self.x[:, begin], times[late], seeds)
-            out[late] = found.transpose(2, 1, 0)
+            found, _ = self.steps.derivatives(self.t[begin], self.x[:, begin], times[beside], seeds)
+            out[beside] = found.transpose(2, 1, 0)
         return out
+
+
+def _nodes(t: Array, step: Array) -> tuple[Array, Array]:
+    """The first of the nodes (n,) around steps, and whether the nodes are about evenly spaced."""
+    if len(t) < NODES:
+        return np.zeros(len(step), dtype=int), np.zeros(len(step), dtype=bool)
+    lengths = np.lib.stride_tricks.sliding_window_view(np.diff(t), NODES - 1)
+    even = UNEVEN * lengths.min(axis=1) >= lengths.max(axis=1)
+    first = np.clip(step - (NODES // 2 - 1), 0, len(t) - NODES)
+    return first, even[first]
+
+
+def _interpolated(t: Array, values: Array, slopes: Array, first: Array, times: Array) -> Array:
+    """Hermite's interpolation at times (n,) from values and slopes (m, ...) at t (m,), on NODES of them from `first`."""
+    nodes = np.lib.stride_tricks.sliding_window_view(t, NODES)
+    inverse = 1.0 / (nodes[:, :, None] - nodes[:, None, :] + np.eye(NODES))  # 1 on the diagonal
+    since = times[:, None] - nodes[first]
+    lagrange = inverse.prod(axis=2)[first] * (since.prod(axis=1)[:, None] / since)
+    square = lagrange * lagrange
+    by_value = (1.0 - 2.0 * since * (inverse.sum(axis=2) - 1.0)[first]) * square
+    by_slope, shape = since * square, (len(t), -1)
+    flat, flat_slopes = values.reshape(shape), np.ascontiguousarray(slopes).reshape(shape)
+    out = np.zeros((len(times), flat.shape[1]))
+    for j in range(NODES):
+        out += by_value[:, j : j + 1] * flat[first + j] + by_slope[:, j : j + 1] * flat_slopes[first + j]
+    return out.reshape(len(times), *values.shape[1:])
 
 
 def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: Array, tolerance: float) -> Leg:
@@ -83,7 +121,7 @@ def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: A
             break
         before = np.repeat(np.arange(len(parts)), parts)
         share = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)
-        t = np.append(t[before] + share * (np.diff(t) / parts)[before], t[-1])
+        t = _at_stored(np.append(t[before] + share * (np.diff(t) / parts)[before], t[-1]), share, solution.t)
         x = np.concatenate([x[:, before], x[:, -1:]], axis=1)
         inner = np.flatnonzero(share)
         x[:, inner] = solution.states_of(number, t[inner])
@@ -95,17 +133,29 @@ def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: A
                         t=where)  # fmt: skip
 
 
+def _at_stored(t: Array, share: Array, stored: Array) -> Array:
+    """Times t (m,), where those within a step are moved to stored ones near by, whose states are known."""
+    inner, out = np.flatnonzero(share), t.copy()
+    before = np.clip(np.searchsorted(stored, t[inner]), 1, len(stored) - 1)
+    nearest = np.where(t[inner] - stored[before - 1] < stored[before] - t[inner], stored[before - 1], stored[before])
+    near = np.abs(nearest - t[inner]) <= NEAR * np.minimum(np.diff(t)[inner], np.diff(t)[inner - 1])
+    out[inner[near]] = nearest[near]
+    return out
+
+
 def halved(leg: Leg, solution: DenseOutput, number: int, times: Array) -> Leg:
     """The leg of another solution with every step halved, at the times of the first (m,), of which the ends may differ.
 
     Of order 8, half the step has a 256th of the error.
     """
-    middle = 0.5 * (times[:-1] + times[1:])
-    every = np.empty(2 * len(times) - 1)
-    every[::2], every[1::2] = times, middle
+    every = with_middles(times)
     x = solution.states_of(number, every)
     fine, _ = leg.steps.matrices(every[:-1], x[:, :-1], every[1:], np.inf)
-    states = leg.steps.states
-    matrices = fine[1::2, :, :states] @ fine[::2]
-    matrices[:, :, states:] += fine[1::2, :, states:]
-    return Leg(leg.steps, times, x[:, ::2], matrices)
+    return Leg(leg.steps, every, x, fine)
+
+
+def with_middles(times: Array) -> Array:
+    """Times (m,) and their middles, (2 m - 1,)."""
+    every = np.empty(2 * len(times) - 1)
+    every[::2], every[1::2] = times, 0.5 * (times[:-1] + times[1:])
+    return every

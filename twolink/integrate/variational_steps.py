@@ -99,21 +99,20 @@ class VariationalSteps:
                     square[part] = np.fmax(square[part], high * high / (high + 0.01 * low + 1e-300))
         return out, square
 
+    def rates(self, t: Array, x: Array, seeds: Array) -> Array:
+        """The rates (m, 2 nv, n) of derivatives (m, 2 nv + p, n) at states x (nq + nv, n), in a space that is flat."""
+        out = np.empty((len(seeds), self.states, len(t)))
+        for group in range(0, len(seeds), self.width):
+            own = seeds[group : group + self.width]
+            before, rows = self._rows(x, own)
+            rows[0] = t
+            out[group : group + self.width] = np.asarray(self._rate(rows)).reshape(before.shape)[1 : 1 + len(own)]
+        return out
+
     def _stages(self, t: Array, x: Array, end: Array, seeds: Array) -> tuple[Array, Array]:
         """(x and its derivatives (1 + width, nq + nv, n), the rates of all stages (s, rows, n))."""
-        space, moving, nv = self.space, self.equations.moving, self.space.nv
-        count, n, h = len(seeds), len(t), end - t
-        before = np.zeros((1 + self.width, moving, n))
-        before[0] = x
-        before[1 : 1 + count, : space.nq] = _from_tangent(space, x[: space.nq], seeds[:, :nv])
-        before[1 : 1 + count, space.nq :] = seeds[:, nv : 2 * nv]
-        directions = np.zeros((self.width, len(self.gains), n))
-        if directions.size:
-            directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, 2 * nv :])
-        numbers = self.equations.start[moving:, None]
-        fixed = [np.broadcast_to(rows, (len(rows), n)) for rows in (numbers, self._values, directions.reshape(-1, n))]
-        flat = before.reshape(-1, n)
-        rows = np.concatenate([np.empty((1, n)), *fixed, flat])
+        before, rows = self._rows(x, seeds)
+        n, h, flat = len(t), end - t, before.reshape(-1, len(t))
         state, stages = rows[len(rows) - len(flat) :], np.empty((len(TABLEAU.b), *flat.shape))
         parallel = pays_threads(n, int(self.equations.operations * (1 + DERIVATIVE * self.width)))
         for i, (weights, c) in enumerate(zip(TABLEAU.a, TABLEAU.c, strict=True)):
@@ -123,6 +122,21 @@ class VariationalSteps:
                 state += flat
             self._rate(rows, stages[i], batch_parallel=parallel)
         return before, stages
+
+    def _rows(self, x: Array, seeds: Array) -> tuple[Array, Array]:
+        """(x and its derivatives (1 + width, nq + nv, n), the rows of the rate, without the time)."""
+        space, moving, nv = self.space, self.equations.moving, self.space.nv
+        count, n = len(seeds), x.shape[1]
+        before = np.zeros((1 + self.width, moving, n))
+        before[0] = x
+        before[1 : 1 + count, : space.nq] = _from_tangent(space, x[: space.nq], seeds[:, :nv])
+        before[1 : 1 + count, space.nq :] = seeds[:, nv : 2 * nv]
+        directions = np.zeros((self.width, len(self.gains), n))
+        if directions.size:
+            directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, 2 * nv :])
+        numbers = self.equations.start[moving:, None]
+        fixed = [np.broadcast_to(rows, (len(rows), n)) for rows in (numbers, self._values, directions.reshape(-1, n))]
+        return before, np.concatenate([np.empty((1, n)), *fixed, before.reshape(-1, n)])
 
     def _tangents(self, after: Array, count: int) -> Array:
         """Derivatives (count, 2 nv, n) in the tangent space of states and derivatives (1 + width, nq + nv, n)."""

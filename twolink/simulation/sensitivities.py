@@ -19,7 +19,7 @@ from twolink.simulation.sensitivity_runs import SensitivityRun
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
-MARGIN = 10.0  # times smaller than the accuracy the first tolerance is
+MARGIN, SMOOTH_MARGIN = 10.0, 2.0  # times smaller than the accuracy the first tolerance is, with events and without
 TRIALS = 5  # of smaller tolerances
 
 
@@ -98,7 +98,8 @@ def sensitivities(
     Notes
     -----
     Their error bar comes from a second solution, as that of the motion does: a more accurate motion, perturbed, with
-    half the steps of the variational equations.
+    half the steps of the variational equations. Without events the derivatives are those along that one, interpolated
+    between its steps; with events, those along the motion.
     """
     times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
     return sensitivities_at(scene, wrt, times, accuracy, progress)
@@ -125,6 +126,7 @@ def sensitivities_at(
     if any_numbers:
         equations = replace(equations, any_numbers=True)
     sought, excess, run = accuracy, 0.0, None
+    margin = MARGIN if equations.has_events else SMOOTH_MARGIN
     for _ in range(TRIALS):
         choice = choose(equations, sought, end - begin, "auto")
         if any_numbers and choice.method.kind == "taylor":  # whose optimized code is for one scene
@@ -135,7 +137,7 @@ def sensitivities_at(
             if not excess:
                 raise
             break
-        result = _with_bars(SensitivityRun(run, equations, wanted, sought, sought / MARGIN), accuracy)
+        result = _with_bars(SensitivityRun(run, equations, wanted, sought, sought / margin), accuracy)
         excess = max(float((bar / (accuracy * _scale(result, name))).max()) for name, bar in result.error.items())
         if excess <= 1.0:
             return result

@@ -24,6 +24,10 @@ from twolink.simulation.refinement import finer, rounding_tolerance
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
+INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 65536 by its order
+# Of the distance, where the derivatives are those along the second solution: their steps are halved, of order 8, and
+# its motion is 10 times or more as accurate, so that a tenth of the distance would do.
+OF_FINER = 0.25
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
 
 
@@ -56,9 +60,12 @@ class SensitivityRun:
         if equations.has_events:
             course = self._solved(self._choice, dense.t, NO_PERTURBATION)
         self._course = course
-        self.s, legs, states = self._along(course, run.t, tolerance)
+        self.s, legs, states = self._along(course, run.t if course.jumps else run.t[:0], tolerance)
         self.t = np.concatenate([leg.t for leg in legs])
+        self._fine: list[tuple[Leg, np.ndarray]] = []
         self.distance = self._distance(legs, states)
+        if not course.jumps:
+            self.s = self._interpolated(run.t)
 
     def _solved(self, choice: MethodChoice, times: np.ndarray, perturbation: Perturbation) -> Course:
         """A solution, with its jumps."""
@@ -88,7 +95,7 @@ class SensitivityRun:
     def _along(
         self, course: Course, samples: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
-        """S at sample times (n,), the legs, and S (., 2 nv, k) at their times."""
+        """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
         run, rows, start = self.run, 2 * self.equations.space.nv, self._start(course)
         every = max(1, len(course.dense.t) // max(1, run.cost.steps if run.cost else 1))
         times = course.dense.t[::every]
@@ -102,7 +109,7 @@ class SensitivityRun:
             here = piece == number
             out[here] = leg.at(samples[here], s)
             legs.append(leg)
-            states.append(s[:, :rows])
+            states.append(s)
             start = self._after(course, number, s[-1])
         return out, legs, states
 
@@ -125,7 +132,10 @@ class SensitivityRun:
         if fine.precision == "double" and self.tolerance < rounding_tolerance(fine.method):
             perturbations.append(first.opposite)
         distances = [self._distance_to(legs, states, fine, one) for one in perturbations]
-        return np.asarray((SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL) * np.max(distances, axis=0))
+        safety = SAFETY_OF_SEVERAL
+        if len(distances) == 1:
+            safety = SAFETY if self._course.jumps else OF_FINER * SAFETY
+        return np.asarray(safety * np.max(distances, axis=0))
 
     def _distance_to(
         self, legs: Sequence[Leg], states: Sequence[np.ndarray], choice: MethodChoice, perturbation: Perturbation
@@ -140,12 +150,24 @@ class SensitivityRun:
             own = leg.t
             if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
                 own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
-            s = halved(leg, course.dense, number, own).along(start)
-            out.append(np.abs(s[:, :rows] - coarse).max(axis=1))
+            fine = halved(leg, course.dense, number, own)
+            s = fine.along(start)
+            out.append(np.abs(s[::2, :rows] - coarse[:, :rows]).max(axis=1))
+            if not course.jumps:
+                between = np.abs(s[1::2, :rows] - leg.at(fine.t[1::2], coarse, interpolating=True)).max(axis=1)
+                out[-1][1:] = np.maximum(out[-1][1:], INTERPOLATED * between)
+                self._fine.append((fine, s))
             start = self._after(course, number, s[-1])
         if paired < len(legs):
             out.append(self._distance_in_time(legs[paired:], states[paired:], course))
         return np.concatenate(out)
+
+    def _interpolated(self, samples: np.ndarray) -> np.ndarray:
+        """S (n, 2 nv, k) at sample times, from that along the first of the second solutions, at twice as many times."""
+        fine = self._fine[: len(self._course.edges)]
+        piece = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
+        return np.concatenate([leg.at(samples[piece == number], s, interpolating=True)
+                               for number, (leg, s) in enumerate(fine)])  # fmt: skip
 
     def _distance_in_time(self, legs: Sequence[Leg], states: Sequence[np.ndarray], course: Course) -> np.ndarray:
         """The distance to a second solution that follows bounces farther, at the times of the legs.
@@ -154,7 +176,7 @@ class SensitivityRun:
         """
         times = np.concatenate([leg.t for leg in legs])
         other, _, _ = self._along(course, times, self.tolerance / SMALLER)
-        distance = np.abs(other - np.concatenate(states)).max(axis=1)
+        distance = np.abs(other - np.concatenate(states)[:, : other.shape[1]]).max(axis=1)
         for jump in (*self._course.jumps[:-1], *course.jumps[:-1]):
             distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
         return np.asarray(distance)

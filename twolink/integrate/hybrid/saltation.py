@@ -171,6 +171,8 @@ class Saltation:
                 return self._derivative(jump.before, lambda run: self._state_after(jump, run), direction, delay,
                                         share=share)  # fmt: skip
             except AccuracyError as error:
+                if error.code == "no-impact":
+                    raise _undefined(jump, "beside it an impact would create energy") from None
                 if error.code != "sensitivity-undefined" or share == SHARES[-1]:
                     raise
         raise AssertionError

@@ -1,0 +1,219 @@
+"""Do the error bars of sensitivities hold? Random scenes, each differentiated and compared with differences of runs.
+
+    python scripts/honest_sensitivities.py [--scenes 100] [--seed 0] [--first 0]
+
+Scenes: those of `honest_scenes` that are smooth, have joints of all kinds, are unstable, have loops or events in closed
+form, and arms with stops, dry friction, releases, detents and planes. By what: the start, and constants drawn at random
+from those of the robot and of the effects.
+
+Truth: differences of order 8 and 6 of tight runs beside the scene, in quad precision where the scene is smooth.
+Their distance is the truth's own doubt; samples where it is above a tenth of the bar do not count, such as those beside
+an event. A bar fails where one entry of a sample is farther from the truth than it says. Ends 0 if none does.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from honest_scenes import Case, events, joints, loops, smooth, unstable
+
+import twolink as tl
+from twolink import effects as fx
+from twolink.accuracy.time_limit import OverBudget, TimeLimit
+from twolink.algorithms.mechanism import nominal, parameter_names
+from twolink.effects.conditions import JointReaches
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.effect_numbers import all_effect_numbers
+from twolink.integrate.scene_equations import equations_of
+from twolink.simulation.world_scenes import world_scene
+
+SAMPLES, LONGEST, PATIENCE = 40, 4.0, 20.0  # of a scene; s of motion; s of a run
+COLUMNS = 4  # compared of a scene, drawn at random
+KNOWN = 0.1  # of the bar: where the truth's own doubt is larger, it does not judge
+SIXTH = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
+EIGHTH = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+STEP, SMOOTH_STEP = 1e-3, 2e-3  # of differences through events, and without any
+NOISE, PRECISE_NOISE = 1e-13, 1e-17  # of the runs
+LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
+
+
+@dataclass
+class Row:
+    """A scene and what came of it. worst: the largest error over its bar. tightness: bars over errors at the end."""
+
+    kind: str
+    what: str
+    outcome: str = "compared"
+    columns: int = 0
+    samples: int = 0
+    failed: int = 0
+    worst: float = 0.0
+    tightness: list[float] = field(default_factory=list)
+
+
+def arm(random: np.random.Generator) -> Case:
+    """The paper's arm with one thing that switches."""
+    low, high = -random.uniform(0.2, 0.8), random.uniform(0.6, 1.2)
+    things: dict[str, tl.effects.Effect] = {
+        "stops": fx.JointStops({"elbow": (low, high)}, random.uniform(0.0, 0.8)),
+        "friction": fx.DryFriction({"elbow": random.uniform(0.5, 3.0), "shoulder": random.uniform(0.1, 1.0)}),
+        "static": fx.DryFriction({"elbow": 2.0}, {"elbow": random.uniform(2.2, 3.0)}),
+        "release": fx.Release(LOAD, at=random.uniform(0.2, 0.9)),
+        "release at": fx.Release(fx.Torque({"elbow": fx.Sine(2.0, 5.0)}), when=JointReaches("shoulder", -0.5)),
+        "detent": fx.Detent("elbow", random.uniform(20.0, 99.0), (float(low),), 9.0),
+        "effort": fx.JointPD({"elbow": 0.5}, {"elbow": 9.0}, effort={"elbow": random.uniform(2.0, 5.0)}),
+        "plane": fx.PlaneContact("forearm", (1.0, 0.0, 0.0), 0.05, height=-0.9, restitution=random.uniform(0.3, 0.9),
+                                 friction=random.uniform(0.0, 0.3)),
+    }  # fmt: skip
+    what = str(random.choice(list(things)))
+    q, v = random.uniform(0.1, 0.5, 2), random.uniform(-1.5, 0.5, 2)
+    scene = tl.Scene(tl.load_robot("two_link"), q, v, [fx.Gravity(), things[what]])
+    return Case(f"arm, {what}", scene, float(random.uniform(0.6, 1.4)), lambda t: (t, t))
+
+
+KINDS: dict[str, Callable[[np.random.Generator, np.random.Generator], Case]] = {
+    "smooth": smooth, "joints": joints, "unstable": unstable, "loops": loops, "events": events,
+    "arms": lambda _, random: arm(random), "arms ": lambda _, random: arm(random),
+}  # fmt: skip
+
+
+def named(scene: tl.Scene, random: np.random.Generator) -> list[str]:
+    """By what a scene is differentiated."""
+    switching, has_loops = equations_of(scene).has_events, equations_of(scene).constraints is not None
+    constants = [name for name in parameter_names(scene.robot.model)
+                 if nominal(scene.robot.model, name) and not (has_loops and ".origin." in name)
+                 and not name.endswith(".damping")]  # fmt: skip
+    numbers = [name for name, value in all_effect_numbers(scene).items() if np.isfinite(value) and value
+               and not any(part in name for part in ("normal", "point", "inertia", "direction"))]  # fmt: skip
+    chosen = list(random.choice(constants, 1))
+    if numbers:
+        chosen += list(random.choice(numbers, min(len(numbers), 3 if switching else 1), replace=False))
+    return ["q", "v", *dict.fromkeys(map(str, chosen))]
+
+
+def beside(scene: tl.Scene, name: str, column: int, shift: float) -> tl.Scene:
+    """The scene with one number moved."""
+    if name not in ("q", "v"):
+        own = all_effect_numbers(scene)
+        value = own[name] if name in own else nominal(scene.robot.model, name)
+        return world_scene(scene, {name: value + shift})
+    change = np.zeros(scene.robot.nv)
+    change[column] = shift
+    q = scene.robot.integrate(scene.q, change) if name == "q" else scene.q
+    return tl.Scene(scene.base, q, scene.v + change * (name == "v"), scene.effects, scene.duration)
+
+
+def truth(scene: tl.Scene, name: str, column: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """d(q, v)/dp (n, 2 nv) at the samples, and its doubt (n,)."""
+    equations = equations_of(scene)
+    precise = equations.analytic
+    step = SMOOTH_STEP if precise or not equations.has_events else STEP
+    samples, limit = SAMPLES / duration, TimeLimit(PATIENCE)
+
+    def state(k: int) -> np.ndarray:
+        moved = beside(scene, name, column, k * step)
+        kept = {"method": "taylor", "precision": "quad"} if precise else {"method": "dop853"}
+        run = tl.simulate(moved, duration, 1e-18 if precise else 1e-13, samples=samples, verify=False, progress=limit,
+                          **kept)  # type: ignore[arg-type]  # fmt: skip
+        x = run.precise if precise and run.precise is not None else np.concatenate([run.q, run.v], axis=1)
+        return np.asarray(x)
+
+    states = {k: state(k) for k in range(-4, 5)}
+    nq, length = scene.robot.nq, min(map(len, states.values()))
+    own = states[0][:length]
+
+    def differences(weights: tuple[tuple[int, float], ...]) -> np.ndarray:
+        change = sum(w * (states[k][:length] - states[-k][:length]).astype(float) for k, w in weights) / step
+        dq = change[:, :nq]
+        base = own[:, :nq].astype(float)
+        if nq != scene.robot.nv:  # from entries to the tangent space: q + h dq for a small h
+            h = 1e-6
+            dq = (scene.robot.difference(base, scene.robot.normalize(base + h * dq))
+                  - scene.robot.difference(base, scene.robot.normalize(base - h * dq))) / (2 * h)  # fmt: skip
+        return np.concatenate([dq, change[:, nq:]], axis=1)
+
+    best = differences(EIGHTH)
+    size = 1.0 + np.abs(own.astype(float)).max(axis=1)
+    noise = (PRECISE_NOISE if precise else NOISE) * size / step + (1e-9 if nq != scene.robot.nv else 0.0)
+    doubt = np.abs(best - differences(SIXTH)).max(axis=1) + noise * (1.0 + np.abs(best).max(axis=1))
+    return best, np.nan_to_num(doubt, nan=np.inf)
+
+
+def check(number: int, seed: int) -> Row:
+    """Differentiate one scene, and compare."""
+    kind = list(KINDS)[number % len(KINDS)]
+    random = np.random.default_rng([seed, number])
+    one = KINDS[kind](np.random.default_rng([seed, number // 48, 7]), random)
+    scene, duration = one.scene, min(one.duration, LONGEST)
+    row = Row(kind.strip(), one.what)
+    names = named(scene, random)
+    accuracy = float(10 ** random.uniform(-7, -3))
+    while True:
+        try:
+            s = tl.sensitivities(scene, names, duration, accuracy, samples=SAMPLES / duration)
+            break
+        except (AccuracyError, SceneError) as error:
+            refused = error.code or "refused"
+            if "held there" in error.what and len(names) > 1:
+                names = names[2:] if names[0] == "q" else names[1:]
+                continue
+            if refused == "sensitivity-undefined" and isinstance(error, AccuracyError):
+                t = float(getattr(error, "t", 0.0))
+                if t > 0.2 * duration:
+                    duration = 0.95 * t
+                    continue
+            row.outcome = refused
+            return row
+    columns = [(name, k) for name in names for k in range(s.q[name].shape[2])]
+    for i in random.permutation(len(columns))[:COLUMNS]:
+        compare(row, scene, s, *columns[i], duration)
+    return row
+
+
+def compare(row: Row, scene: tl.Scene, s: tl.Sensitivities, name: str, column: int, duration: float) -> None:
+    """Count how one column compares with its truth."""
+    try:
+        exact, doubt = truth(scene, name, column, duration)
+    except (AccuracyError, SceneError, OverBudget) as error:
+        row.outcome = f"no truth: {error}"[:60]
+        return
+    ours = np.concatenate([s.q[name], s.v[name]], axis=1)[: len(exact), :, column]
+    bar, errors = s.error[name][: len(exact)], np.abs(ours - exact).max(axis=1)
+    sure = doubt <= KNOWN * bar
+    row.columns += 1
+    row.samples += int(sure.sum())
+    row.failed += int(((errors > bar + doubt) & sure).sum())
+    row.worst = max(row.worst, float((errors[sure] / bar[sure]).max(initial=0.0)))
+    if sure[-1] and errors.max():
+        row.tightness.append(float(bar[-1] / errors[sure].max()))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
+    options = parser.parse_args()
+    rows = []
+    for number in range(options.first, options.first + options.scenes):
+        start = time.perf_counter()
+        row = check(number, options.seed)
+        rows.append(row)
+        print(f"{number:4d}  {row.kind:<9}{row.what:<28.28}{row.outcome:<24}columns {row.columns:3d}  samples "
+              f"{row.samples:5d}  beyond {row.failed:3d}  worst {row.worst:8.2g}  {time.perf_counter() - start:6.1f} s",
+              flush=True)  # fmt: skip
+    compared = [row for row in rows if row.samples]
+    failing = sum(row.failed > 0 for row in rows)
+    tight = [ratio for row in rows for ratio in row.tightness]
+    print(
+        f"\n{len(rows)} scenes, {len(compared)} compared in {sum(row.columns for row in rows)} columns and "
+        f"{sum(row.samples for row in rows)} samples; median bar over error {np.median(tight or [np.nan]):.1f}"
+    )
+    print(f"{'met   ' if not failing else 'MISSED'}  scenes with an error beyond its bar: {failing} (bar: none)")
+    return 1 if failing else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
