@@ -87,7 +87,7 @@ def _nodes(t: Array, step: Array) -> tuple[Array, Array]:
 
 
 def _interpolated(t: Array, values: Array, slopes: Array, first: Array, times: Array) -> Array:
-    """Hermite's interpolation at times (n,) from values and slopes (m, ...) at t (m,), on NODES of them from `first`."""
+    """Hermite's interpolation at times (n,): values and slopes (m, ...) at t (m,), on NODES from `first`."""
     nodes = np.lib.stride_tricks.sliding_window_view(t, NODES)
     inverse = 1.0 / (nodes[:, :, None] - nodes[:, None, :] + np.eye(NODES))  # 1 on the diagonal
     since = times[:, None] - nodes[first]
