@@ -43,9 +43,9 @@ class VariationalSteps:
         self._values = parameter_values(equations)
 
     def starting(self, equations: Equations, gains: Array) -> "VariationalSteps":
-        """The same for the numbers of another piece of these equations."""
+        """The same for another piece of these equations, with the values that it has."""
         other = copy.copy(self)
-        other.equations, other.gains = equations, gains
+        other.equations, other.gains, other._values = equations, gains, parameter_values(equations)
         return other
 
     def matrices(self, t: Array, x: Array, end: Array, tolerance: float) -> tuple[Array, Array]:
