@@ -56,6 +56,21 @@ def test_true_values_are_inside_the_intervals_as_often_as_stated() -> None:
     assert np.mean(hits) >= 0.87  # 75 intervals of 95 %: 0.95 - 3 standard deviations
 
 
+def test_dry_friction_is_found_through_its_events() -> None:
+    scene = tl.load_scene("pendulum-friction")
+    name = "effects.1.kinetic.axle"
+    true = scene.effects[1].kinetic["axle"]
+    times = np.linspace(0.0, 2.0, 101)
+    q, _ = motion_of(scene, times)
+    found = tl.fit(world_scene(scene, {name: 0.9 * true}), {"t": times, "q": noisy(q)}, [name])
+    low, high = found.intervals[name]
+    assert low <= true <= high
+    assert found.values[name] == pytest.approx(true, rel=0.01)
+    with pytest.raises(QueryError, match="events or closed loops") as caught:
+        tl.fit(scene, {"t": times, "q": q}, [name], segments=3)
+    assert caught.value.code == "one-segment"
+
+
 def test_one_joint_alone_and_a_start_that_is_not_known() -> None:
     names = ["forearm.mass", "q.shoulder", "v"]
     found = tl.fit(world_scene(SCENE, {"effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4}),

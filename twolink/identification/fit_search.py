@@ -1,5 +1,6 @@
 """The search for parameters by simulation: least squares over z and the starts of later segments."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -8,7 +9,7 @@ import scipy.linalg
 from scipy.optimize import least_squares
 
 from twolink.dynamics import Robot
-from twolink.errors import QueryError, TwolinkError
+from twolink.errors import AccuracyError, QueryError, TwolinkError
 from twolink.identification import regression
 from twolink.identification.base_parameters import BaseParameters, independent
 from twolink.identification.measured_motion import MeasuredMotion
@@ -107,8 +108,9 @@ class Search:
     """The search for one measured motion: by least squares in z and the starts of later segments."""
 
     def __init__(
-        self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float
-    ) -> None:
+        self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float, *,
+        in_segments: bool = True,
+    ) -> None:  # fmt: skip
         values, count = len(data.t) * len(data.channels), len(unknowns.names)
         if values <= count:
             raise QueryError(f"{values} measured values are too few for {count} parameters", argument="measurements",
@@ -116,7 +118,13 @@ class Search:
         self.unknowns, self.data, self.known, self.accuracy = unknowns, data, known, accuracy
         self.robust = method == "robust"
         self.simulations = 1
-        self.first = Shooting(unknowns, data, [], accuracy)(np.zeros(len(unknowns.names)), [])
+        self.first: Shot | None = None
+        try:
+            self.first = Shooting(unknowns, data, [], accuracy)(np.zeros(len(unknowns.names)), [])
+        except AccuracyError:  # errors grow too fast for one piece; segments can start where all joints were measured
+            if not in_segments or len(data.of_q) < data.robot.nv:
+                raise
+            return
         q, v = (np.concatenate([getattr(one, name) for one in self.first.segments]) for name in "qv")
         data.require_units(q, v)
 
@@ -126,7 +134,8 @@ class Search:
         shooting = Shooting(self.unknowns, self.data, ends, self.accuracy)
         z, starts = np.zeros(len(self.unknowns.names)), later_starts(ends, self.data, self.first)
         noise = GUESS * self.spread if self.known is None else self.known
-        point = Point(shooting, z, starts, shooting(z, starts) if ends else self.first, noise)
+        first = shooting(z, starts) if ends or self.first is None else self.first
+        point = Point(shooting, z, starts, first, noise)
         for number in range(ROUNDS):
             before, rank = point.noise, 0
             for gap in GAPS if starts and not number else GAPS[-1:]:
@@ -143,8 +152,8 @@ class Search:
 
     @property
     def growth(self) -> float:
-        """How errors of the start grow along the scene's own motion."""
-        return float(np.abs(self.first.segments[0].end_by_start).max(initial=1.0))
+        """How errors of the start grow along the scene's own motion; infinite where it could not be simulated."""
+        return math.inf if self.first is None else float(np.abs(self.first.segments[0].end_by_start).max(initial=1.0))
 
     def at(self, point: Point) -> Linearized:
         """The condensed problem there."""

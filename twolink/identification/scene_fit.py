@@ -13,7 +13,7 @@ from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
 from twolink.identification.fit_search import METHODS, Linearized, Point, Search
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
-from twolink.identification.segments import segment_counts
+from twolink.identification.segments import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -95,7 +95,8 @@ def fit(
     if not isinstance(scene, Scene):
         raise QueryError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
     data = measured_motion(scene.robot, measurements)
-    search = Search(unknowns_of(scene, parameters), data, _noise_of(sigma, data), method, accuracy_of(accuracy))
+    search = Search(unknowns_of(scene, parameters), data, _noise_of(sigma, data), method, accuracy_of(accuracy),
+                    in_segments=segments != 1 and can_be_cut(scene))  # fmt: skip
     points: list[Point] = []
     for count in segment_counts(segments, search.growth, data, scene):
         points.append(search.point_with(count))

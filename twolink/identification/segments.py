@@ -14,7 +14,14 @@ from twolink.scenes import Scene
 
 GROWTH = 30.0  # of errors of a start within a segment
 FEWEST = 4  # samples in a segment
+UNKNOWN = 50  # samples in a segment, where the growth is not known
 TRIED = (1, 4, 16)  # times as many segments, one after the other, until the motion is found
+
+
+def can_be_cut(scene: Scene) -> bool:
+    """Whether a motion may be simulated in segments."""
+    equations = equations_of(scene)
+    return equations.constraints is None and not equations.has_events
 
 
 def segment_counts(asked: int | None, growth: float, data: MeasuredMotion, scene: Scene) -> list[int]:
@@ -23,8 +30,7 @@ def segment_counts(asked: int | None, growth: float, data: MeasuredMotion, scene
     Raises QueryError for a number that cannot be.
     """
     most = max(1, len(data.t) // FEWEST)
-    equations = equations_of(scene)
-    smooth_motion = equations.constraints is None and not equations.has_events
+    smooth_motion = can_be_cut(scene)
     if asked is not None:
         if isinstance(asked, bool) or not isinstance(asked, int) or not 1 <= asked <= most:
             raise QueryError(f"expected a whole number from 1 to {most}, got {asked!r}", argument="segments",
@@ -35,7 +41,10 @@ def segment_counts(asked: int | None, growth: float, data: MeasuredMotion, scene
         return [asked]
     if not smooth_motion:
         return [1]
-    first = 1 if growth < GROWTH**2 else math.ceil(math.log(growth) / math.log(GROWTH))
+    if math.isinf(growth):
+        first = max(2, len(data.t) // UNKNOWN)
+    else:
+        first = 1 if growth < GROWTH**2 else math.ceil(math.log(growth) / math.log(GROWTH))
     return list(dict.fromkeys(min(most, first * factor) for factor in TRIED))
 
 
@@ -46,13 +55,13 @@ def segment_ends(count: int, data: MeasuredMotion) -> list[int]:
     return [int(number) for number in found if FEWEST - 1 <= number < len(data.t) - FEWEST]
 
 
-def later_starts(ends: Sequence[int], data: MeasuredMotion, shot: Shot) -> list[State]:
-    """States at the ends of segments: measured, filtered and differentiated; of the first guess where they were not."""
+def later_starts(ends: Sequence[int], data: MeasuredMotion, shot: Shot | None) -> list[State]:
+    """States at the ends of segments: measured, filtered and differentiated; else of the first guess."""
     if not ends:
         return []
-    q = np.concatenate([segment.q for segment in shot.segments])
-    v = np.concatenate([segment.v for segment in shot.segments])
-    robot = data.robot
+    robot, q, v = data.robot, data.q, data.v
+    if shot is not None:
+        q, v = (np.concatenate([getattr(segment, name) for segment in shot.segments]) for name in "qv")
     change = robot.difference(q, data.q)
     change[:, np.setdiff1d(np.arange(robot.nv), data.of_q)] = 0.0
     q = np.asarray(robot.integrate(q, change))

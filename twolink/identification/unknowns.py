@@ -15,10 +15,10 @@ from scipy.linalg import block_diag
 
 from twolink.algorithms.mechanism import body_names, nominal, parameter_names
 from twolink.dynamics.regressors import BODY_PARAMETERS
-from twolink.effects import JointDamping
+from twolink.effects import Constants, JointDamping
 from twolink.errors import QueryError, SceneError, nearest
 from twolink.identification.pseudo_inertia import central, from_central, log_cholesky_chart, size_of
-from twolink.integrate.effect_numbers import PREFIX, effect_numbers
+from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
 from twolink.robots.physical_checks import is_impossible
 from twolink.scenes import Scene
 from twolink.simulation.world_scenes import world_scene
@@ -107,7 +107,9 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
         what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "q.elbow"]'
         raise QueryError(what, argument="parameters", remedy=remedy)
-    model, numbers = scene.robot.model, effect_numbers(scene)
+    model, constants = scene.robot.model, [i for i, e in enumerate(scene.effects) if isinstance(e, Constants)]
+    numbers = {name: value for name, value in all_effect_numbers(scene).items()
+               if np.isfinite(value) and int(name.split(".")[1]) not in constants}  # fmt: skip
     links = body_names(model)[1:]
     of_bodies = {f"{link}.{part}": link for link in links for part in (*BODY_PARAMETERS, *_CENTRAL)}
     patterned = [f"{link}.{part}" for link in links for part in BODY_PARAMETERS]
@@ -148,7 +150,7 @@ def _named(scene: Scene, text: str, known: Sequence[str], patterned: Sequence[st
 def _of_an_effect(scene: Scene, joint: str, kind: str) -> str:
     """How the damping or friction of a joint is looked for."""
     if kind == "friction":
-        return f"look for a number of a friction effect, such as effects.1.torque.{joint}"
+        return f"look for a number of a friction effect, such as effects.1.kinetic.{joint}"
     place = next((i for i, e in enumerate(scene.effects) if isinstance(e, JointDamping)), None)
     if place is not None:
         return f"look for effects.{place}.damping.{joint}"
