@@ -69,3 +69,15 @@ def test_without_equilibria() -> None:
     with pytest.raises(SceneError) as caught:
         tl.equilibria(tl.Scene(ARM, effects=[E.Torque({"shoulder": E.Sine(1.0, 2.0)})]))
     assert caught.value.code == "depends-on-time"
+
+
+def test_damping_of_one_of_two_uncoupled_sliders_is_stable() -> None:
+    """The other one oscillates for ever: its eigenvalues are imaginary."""
+    link = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
+    bodies = "".join(link.format(name) + "</inertial></link>" for name in ("a", "b"))
+    joints = joint.format("x", "base", "a", "1 0 0") + joint.format("y", "a", "b", "0 1 0")
+    robot = tl.load_robot(f'<robot name="gantry"><link name="base"/>{bodies}{joints}</robot>')
+    effects = [E.JointSpring({"x": 3.0, "y": 2.0}), E.JointDamping({"x": 0.5})]
+    assert tl.equilibria(tl.Scene(robot, effects=effects), [0.1, 0.2])[0].stability == "stable"
