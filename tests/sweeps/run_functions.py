@@ -5,6 +5,8 @@ import signal
 import time
 from pathlib import Path
 
+from twolink.dynamics.threads import thread_count
+from twolink.integrate.compile_time import is_reproducible
 from twolink.simulation.trajectory import Trajectory
 
 
@@ -14,6 +16,11 @@ def _record(run: Trajectory) -> float:
     with Path(os.environ["TWOLINK_TEST_LOG"]).open("a") as file:
         file.write(f"{elbow!r}\n")
     return elbow
+
+
+def reproducible(_run: Trajectory) -> float:
+    """1 where runs have the same bits from the first one on, on one thread."""
+    return float(is_reproducible() and thread_count() == 1)
 
 
 def start(run: Trajectory) -> float:

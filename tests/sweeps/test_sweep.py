@@ -1,6 +1,7 @@
 """tl.sweep: what the store holds is what `simulate` gives, whatever computes it."""
 
 import importlib
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -123,6 +124,14 @@ def test_a_function_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (np.abs(data.change) < 1e-5).all()
     with pytest.raises(SceneError, match="cannot be imported"):
         swept(tmp_path / "y.zarr", outputs=["no_such:thing"])
+    with pytest.raises(SceneError, match="cannot be imported"):
+        swept(tmp_path / "z.zarr", outputs=["own_module:change"], executor=Elsewhere())
+    assert (open_sweep(tmp_path / "z.zarr").status == 0).all()
+
+
+def test_runs_are_reproducible_from_the_first_one_on(tmp_path: Path) -> None:
+    data = swept(tmp_path / "x.zarr", {"q.elbow": [0.1]}, outputs=["tests.sweeps.run_functions:reproducible"])
+    assert data.reproducible.values.tolist() == [1.0]
 
 
 def test_robots_differ_under_the_same_effects(tmp_path: Path) -> None:
@@ -163,6 +172,21 @@ class Cluster:
 
     def submit(self, function: Callable[..., object], task: object) -> Job:
         return Job(function, task)
+
+
+class Elsewhere(Cluster):
+    """A cluster whose workers have twolink, and no module of the caller's own."""
+
+    def submit(self, function: Callable[..., object], task: object) -> Job:
+        def there(task: object) -> object:
+            sys.modules.pop("own_module", None)
+            own, sys.path[:] = sys.path.copy(), [place for place in sys.path if "pytest-" not in place]
+            try:
+                return function(task)
+            finally:
+                sys.path[:] = own
+
+        return Job(there, task)
 
 
 class Stranger(Cluster):
