@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,17 +40,16 @@ def throw(
 ) -> None:
     """Find the best time to release a ball.
 
-    The arm of a bundled scene swings by its torques. The time of the release decides the ball's speed and elevation.
-    Some 20 to 40 throws are simulated: arm, flight and landing. First the release time is scanned; then SciPy's bounded
-    optimizer varies it, and for a pitch also the time at which the elbow begins to extend. The best throw is solved
-    once more for its error bar.
+    The arm of a bundled scene swings by its torques. The time of the release decides the ball's speed and elevation;
+    for a pitch, the time at which the elbow begins to extend is found too. Each of some ten runs of arm, flight and
+    landing gives the slopes by all times. The answer says what a millisecond costs.
 
     \b
     twolink throw pitch --out pitch.png
     twolink throw bowl --json
     twolink run pitch --out pitch.html                  the best throw, which the scene holds, in 3D
     """
-    from twolink.paper.throw import search  # imports SciPy's optimizers
+    from twolink.paper.throw import search  # imports SciPy's optimizer
     from twolink.paper.throw_plot import plot_search
 
     paths = [] if out is None else [out]
@@ -59,40 +59,59 @@ def throw(
     written, failures = write(paths, partial(plot_search, result))
     record = _record(result) | {"written": written[0] if written else None}
     show(record, "\n".join([_text(result), *(f"wrote {path}" for path in written)]), as_json)
-    finish(failures, result.interrupted)
+    finish(failures, result.found.interrupted)
 
 
 def _record(search: SearchResult) -> dict[str, Any]:
     """A search as plain data."""
-    best, shown = search.best, ("times", "speed", "elevation", "end")
-    return {
+    best, found = search.best, search.found
+    by_time = {what: {"slope": slope, "error": error, "curvature": curvature} | {"unit": f"{search.aim.unit}/s"}
+               for what, (slope, error, curvature) in search.by_time.items()}  # fmt: skip
+    record = {
         "scene": search.name,
         "aim": f"{search.aim.what} ({search.aim.unit})",
         "accuracy": search.accuracy,
         "times": best.times,
         "times_error": search.resolution,
+        "by_time": by_time,
         "best": {name: {"value": getattr(best, name), "error": error} for name, error in best.errors.items()},
         "error": None if best.run.error is None else float(best.run.error.max()),
-        "throws": [{name: getattr(one, name) for name in shown} for one in search.tried],
+        "history": found.history.to_records(),
+        "simulations": found.simulations,
         "seconds": search.seconds,
-        "interrupted": search.interrupted,
+        "interrupted": found.interrupted,
     }
+    return {name: _without_nan(value) for name, value in record.items()}
+
+
+def _without_nan(value: Any) -> Any:
+    """Plain data with None in place of numbers that are not known."""
+    if isinstance(value, Mapping):
+        return {key: _without_nan(item) for key, item in value.items()}
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _text(search: SearchResult) -> str:
-    """A search for people: the best times, and what the best throw reaches."""
-    best, aim, degree = search.best, search.aim, np.degrees(1.0)
-    lines = [f"{search.name}: the best of {len(search.tried)} throws, each simulated to {search.accuracy:g} rad or m"]
-    lines += [_line(f"{what} let go", 1e3 * at, 1e3 * search.resolution, "ms") for what, at in best.times.items()]
+    """A search for people: the best times, what the best throw reaches, and what a millisecond costs."""
+    best, aim, found, degree = search.best, search.aim, search.found, np.degrees(1.0)
+    lines = [f"{search.name}: the best throw, after {len(found.history)} throws with derivatives "
+             f"({found.simulations} runs), each to {search.accuracy:g} rad or m"]  # fmt: skip
+    lines += [_line(f"{what} let go", 1e3 * at, 1e3 * search.resolution[what], "ms") for what, at in best.times.items()]
     labels = {"shoulder": "shoulder then", "elbow": "elbow then", "end": aim.what}
     for name, error in best.errors.items():
         factor, unit = {"speed": (1.0, "m/s"), "end": (1.0, aim.unit)}.get(name, (degree, "degrees"))
         lines.append(_line(labels.get(name, name), factor * getattr(best, name), factor * error, unit))
-    note = "(± of times: resolution of the search; of the others: error bar of this throw)"
+    for what, (slope, error, curvature) in search.by_time.items():
+        lines.append(_line(f"by {what}'s time", 1e-3 * slope, 1e-3 * error, f"{aim.unit} per ms"))
+        if not math.isnan(curvature):
+            lines.append(f"    1 ms early or late: {0.5e-6 * curvature:+.2g} {aim.unit}")
+    note = "(± of times: what the error of the aim leaves open; of the others: error bars)"
     return "\n".join([*lines, f"  {note}  {search.seconds:.1f} s"])
 
 
 def _line(label: str, value: float, error: float, unit: str) -> str:
     """A value with as many digits as its error allows."""
+    if math.isnan(error):
+        return f"  {label:<18}{value:>10.3f} (error not known) {unit}"
     digits = max(0, 1 - math.floor(math.log10(error)))
     return f"  {label:<18}{value:>{7 + digits}.{digits}f} ± {error:.1e} {unit}"

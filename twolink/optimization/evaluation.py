@@ -25,6 +25,7 @@ from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.trajectory import Trajectory
 
 STEP = 1e-4  # of the distance of the bounds: of differences of runs
+FAILURES = 3  # motions without derivatives, after which these are not tried any more
 SHARPER = 1e-3  # of the accuracy: of a second try to tell the events of a motion apart
 BY_SENSITIVITIES = "sensitivities"
 _NUMBERS = (float, int, np.number, np.ndarray)
@@ -50,7 +51,8 @@ class Evaluation:
 class Evaluator:
     """Evaluates functions of the runs of a scene, by name: the objective, then the constraints.
 
-    simulations: runs so far. by_runs: variables whose derivatives are differences of runs, with the reason.
+    derivatives: "auto", or "runs" for differences of runs. simulations: runs so far. failures: motions without
+    derivatives so far. by_runs: variables whose derivatives are differences of runs, with the reason.
     """
 
     variables: Variables
@@ -58,11 +60,15 @@ class Evaluator:
     duration: float | None
     accuracy: float
     samples: float
+    derivatives: str = "auto"
     simulations: int = 0
+    failures: int = 0
     by_runs: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in self.variables.names:
+        if self.derivatives == "runs":
+            self.by_runs = dict.fromkeys(self.variables.names, "asked for")
+        for name in self.variables.names if not self.by_runs else ():
             try:
                 neighbours = wanted_of(self.variables.scene, [derivative_of(name)[0]]).neighbours
                 if set(neighbours.constants) - {name} or neighbours.has_friction:
@@ -83,6 +89,9 @@ class Evaluator:
             self.by_runs.update(dict.fromkeys(followed, error.what))
         except (AccuracyError, MissingExtraError, SceneError) as error:
             by = error.what  # of this motion; the next one may have derivatives
+            self.failures += 1
+            if self.failures == FAILURES:
+                self.by_runs.update(dict.fromkeys(followed, error.what))
         values = self.values_of(self.run(scene) if run is None else run)
         if len(columns) < len(names):
             columns |= {name: self._difference(x, k) for k, name in enumerate(names) if name not in columns}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from twolink.dynamics.arguments import positive
-from twolink.errors import SceneError, TwolinkError
+from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.taylor import few_solutions
 from twolink.io.listing import Table
@@ -32,6 +32,7 @@ def optimize(
     scene: Scene, wrt: Mapping[str, Sequence[float]], objective: Objective | str, *, maximize: bool = False,
     constraints: Mapping[str, Objective] | None = None, starts: int = 3, seed: int = 0, duration: float | None = None,
     accuracy: float = 1e-6, samples: float = 200.0, evaluations: int = 200, curvature: bool = True,
+    derivatives: str = "auto",
     out: str | os.PathLike[str] | None = None, progress: Progress | None = None,
 ) -> Optimum:  # fmt: skip
     """Find the values of numbers of a scene, within bounds, for which a function of its run is least.
@@ -59,6 +60,9 @@ def optimize(
         Of the runs, as in `simulate`.
     evaluations : int
         At most, of all starts together.
+    derivatives : {"auto", "runs"}
+        From sensitivities where there are some, or always as differences of runs, which are cheaper for few variables
+        of a motion with many contacts.
     curvature : bool
         Compute second derivatives at the best point: as many more evaluations as there are variables.
     out : path-like, optional
@@ -100,7 +104,8 @@ def optimize(
                              remedy="such as lambda run: run.q[-1, 0]", code="objective")  # fmt: skip
     for name, count in (("starts", starts), ("evaluations", evaluations)):
         positive(count, name, SceneError, "such as 3")
-    evaluator = Evaluator(variables, functions, duration, accuracy_of(accuracy), samples)
+    require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
+    evaluator = Evaluator(variables, functions, duration, accuracy_of(accuracy), samples, derivatives)
     problem = {
         "objective": _name_of(function), "maximize": maximize,
         "wrt": {name: [float(bound) for bound in pair] for name, pair in wrt.items()},

@@ -23,29 +23,25 @@ def plot_search(result: SearchResult, path: Path) -> Path:
     figure, axes = new_figure(2, 2, size=(11, 6.8), height_ratios=[1.15, 1])
     axes[0, 1].remove()
     axes[0, 0].set_subplotspec(axes[0, 0].get_gridspec()[0, :])  # the paths take the whole row
-    _draw_paths(figure, axes[0, 0], result)
-    _draw_speeds(axes[1, 0], result)
-    _draw_aim(axes[1, 1], result)
+    release = result.best.times["ball"]
+    others = [one for one in result.others() if abs(one.times["ball"] - release) > SAME_RELEASE]
+    _draw_paths(figure, axes[0, 0], result, others)
+    _draw_speeds(axes[1, 0], result, others)
+    _draw_aim(axes[1, 1], result, others)
     best, aim = result.best, result.aim
     reached = f"{aim.what} {best.end:.4g} {aim.unit}, released after {1e3 * best.times['ball']:.2f} ms"
-    ended = ", interrupted" if result.interrupted else ""
+    ended = ", interrupted" if result.found.interrupted else ""
     figure.suptitle(f"{result.name}: {reached} at {best.speed:.4g} m/s and {np.degrees(best.elevation):.1f}°{ended}")
     return save_figure(figure, path)
 
 
-def _others(result: SearchResult) -> list[Throw]:
-    """The scanned throws whose release differs visibly from the best one's."""
-    release = result.best.times["ball"]
-    return [one for one in result.scanned if abs(one.times["ball"] - release) > SAME_RELEASE]
-
-
-def _draw_paths(figure: Any, axis: Any, result: SearchResult) -> None:
+def _draw_paths(figure: Any, axis: Any, result: SearchResult, others: Sequence[Throw]) -> None:
     """The paths, labelled by their release times, and the arm at the best release."""
     lines: dict[str, tuple[Any, Any]] = {}
     styles: dict[str, dict[str, Any]] = {}
     far = result.aim.unit == "m"
     top = 0.0
-    for throw in (*_others(result), result.best):
+    for throw in (*others, result.best):
         is_best, milliseconds = throw is result.best, 1e3 * throw.times["ball"]
         x, _, z = throw.flight[1].T
         top = max(top, float(z.max()))
@@ -72,29 +68,28 @@ def _draw_paths(figure: Any, axis: Any, result: SearchResult) -> None:
     label_ends(figure, axis, lines, styles, size=8)
 
 
-def _draw_speeds(axis: Any, result: SearchResult) -> None:
-    for throw in (*_others(result), result.best):
+def _draw_speeds(axis: Any, result: SearchResult, others: Sequence[Throw]) -> None:
+    for throw in (*others, result.best):
         _, positions, velocities = throw.flight
         axis.plot(positions[:, 0], velocities[:, 0], **(BEST_LINE if throw is result.best else OTHER_LINE))
     axis.set(xlabel="x (m)", ylabel="forward speed of the ball (m/s)")
     axis.set_ylim(bottom=0.0)
 
 
-def _draw_aim(axis: Any, result: SearchResult) -> None:
-    """The quantity aimed at over the elevation: of the scan, of the optimizer, and the best."""
+def _draw_aim(axis: Any, result: SearchResult, others: Sequence[Throw]) -> None:
+    """The quantity aimed at over the elevation."""
 
     def points(throws: Sequence[Throw], **style: Any) -> None:
         elevations = [float(np.degrees(throw.elevation)) for throw in throws]
         axis.plot(elevations, [throw.end for throw in throws], linestyle="none", **style)
 
-    points(result.tried[len(result.scanned) :], marker="o", markersize=3, color="0.6")
-    points(_others(result), marker="o", markersize=5, color=OTHERS)
+    points(others, marker="o", markersize=5, color=OTHERS)
     points([result.best], marker="*", markersize=15, color=BEST, zorder=4)
     above: dict[str, Any] = {"xytext": (0, 6), "textcoords": "offset points", "ha": "center"}
-    for throw in _others(result):
+    for throw in others:
         at = np.degrees(throw.elevation), throw.end
         axis.annotate(f"{1e3 * throw.times['ball']:.0f}", at, fontsize=8, color="0.35", **above)
     axis.set_xlabel("elevation of the ball's velocity at the release (degrees)")
     axis.set_ylabel(f"{result.aim.what} ({result.aim.unit})")
     axis.set_ylim(bottom=0.0, top=result.best.end * 1.15)
-    axis.set_title("by release time in ms; small dots: the optimizer's throws", loc="left", fontsize=10)
+    axis.set_title("by release time in ms", loc="left", fontsize=10)
