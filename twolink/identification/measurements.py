@@ -177,7 +177,11 @@ def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
     QueryError
         A column is missing (code "column-missing").
     """
-    content, _ = read_table(path)
+    return measurements_of(robot, read_table(path)[0], str(path))
+
+
+def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str) -> dict[str, Any]:
+    """The same from columns by name; `where` they are from, for messages."""
     out: dict[str, Any] = {"t": content.get("t"), "v": None, "a": None}
     for name in ("q", "v", "a", "tau"):
         if name in content:
@@ -190,13 +194,13 @@ def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
         if not missing:
             out[name] = np.column_stack([content[column] for column in wanted])
         elif name in ("q", "tau") or len(missing) < len(wanted):
-            raise _missing(path, missing[0], list(content))
+            raise _missing(where, missing[0], list(content))
     if out["t"] is None:
-        raise _missing(path, "t", list(content))
+        raise _missing(where, "t", list(content))
     return out
 
 
-def _missing(path: Path, column: str, there: list[str]) -> QueryError:
+def _missing(where: str, column: str, there: list[str]) -> QueryError:
     what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
     remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
-    return QueryError(what, where=str(path), remedy=remedy, code="column-missing")
+    return QueryError(what, where=where, remedy=remedy, code="column-missing")

@@ -1,4 +1,4 @@
-"""/v1/simulations and /v1/studies: run, watch, cancel, and take the results."""
+"""/v1/simulations, studies, sensitivities and identifications: run, watch, cancel, and take the results."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -45,8 +45,22 @@ async def study(request: Request[Any, Any, Any], service: Shared) -> Response[di
     return _answered(await service.jobs.submit("study", asked), "studies")
 
 
+@post("/v1/sensitivities", tags=["sensitivities"], summary="Derivatives of a simulated motion", status_code=200)
+async def sensitivity(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
+    asked = await service.prepare("sensitivity", await request.body())
+    return _answered(await service.jobs.submit("sensitivity", asked), "sensitivities")
+
+
+@post("/v1/identifications", tags=["identifications"], summary="Parameters from measurements", status_code=200)
+async def identification(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
+    asked = await service.prepare("identification", await request.body())
+    return _answered(await service.jobs.submit("identification", asked), "identifications")
+
+
 def _shared(path: str, kind: str) -> list[Any]:
-    """The handlers of jobs, for simulations and for studies."""
+    """The handlers of all jobs of a kind."""
     tags = [path]
 
     @get(f"/v1/{path}", tags=tags, summary=f"List {path}")
@@ -142,4 +156,6 @@ HANDLERS = [
     simulate, study, motion, playback,
     *_shared("simulations", "simulation"), *_shared("studies", "study"),
     *_results("simulations", "simulation"), *_results("studies", "study"),
+    sensitivity, identification,
+    *_shared("sensitivities", "sensitivity"), *_shared("identifications", "identification"),
 ]  # fmt: skip

@@ -52,4 +52,10 @@ async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[
     return Response(content, media_type=MediaType.JSON)
 
 
-HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain]
+@post("/v1/scenes/linearize", tags=["scenes"], summary="A scene's equations near a state", status_code=200)
+async def linearize(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
+    """dx/dt = A x + B u about the state: A, B, names, the bound on their entries' error, eigenvalues, stability."""
+    return Response(await service.read("linearize", body=await request.body()), media_type=MediaType.JSON)
+
+
+HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain, linearize]

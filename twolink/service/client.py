@@ -3,6 +3,7 @@
 import json
 import time
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -27,6 +28,7 @@ class _Job(msgspec.Struct):
     id: str
     state: str
     problem: Problem | None = None
+    result: dict[str, Any] | None = None
 
 
 class Client:
@@ -123,23 +125,48 @@ class Client:
             As of `tl.simulate`, without the run.
         """
         local = scene if isinstance(scene, Scene) else load_scene(scene)
-        wait = min(_WAIT, self._transport.timeout / 2)
-        body = {"scene": self._content(local), "accuracy": accuracy, "wait": wait, **options}
+        body = {"scene": self._content(local), "accuracy": accuracy, **options}
         if duration is not None:
             body["duration"] = duration
-        job = self._json("POST", "/v1/simulations", body, _Job)
-        path = f"/v1/simulations/{quote(job.id, safe='')}"
+        path, _ = self._job("/v1/simulations", body)
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "result.npz"
+            file.write_bytes(self.request("GET", f"{path}/result?format=npz")[1])
+            return Trajectory.load(file, local.robot)
+
+    def linearize(self, scene: str | Scene, **state: Any) -> dict[str, Any]:
+        """As `tl.linearize`: A, B, names, eigenvalues and more, as the service answers them. state: q, v."""
+        body = {"scene": self._content(scene if isinstance(scene, Scene) else load_scene(scene)), **state}
+        return self._json("POST", "/v1/scenes/linearize", body, dict[str, Any])
+
+    def sensitivities(self, scene: str | Scene, wrt: Sequence[str], **options: Any) -> dict[str, Any]:
+        """As `tl.sensitivities`: t, the run's record, and by name q (n, nv, k), v and error, as lists.
+
+        options: accuracy, duration, samples.
+        """
+        local = scene if isinstance(scene, Scene) else load_scene(scene)
+        return self._job("/v1/sensitivities", {"scene": self._content(local), "wrt": list(wrt), **options})[1]
+
+    def identify(self, robot: str, data: str, **options: Any) -> dict[str, Any]:
+        """As `twolink identify --json`. robot: an id. data: the text of a CSV file.
+
+        options: parameters, method, confidence.
+        """
+        return self._job("/v1/identifications", {"robot": robot, "data": data, **options})[1]
+
+    def _job(self, path: str, body: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Wait for the end of a job. Returns its path and its result. Raises what it ended with."""
+        body.setdefault("wait", min(_WAIT, self._transport.timeout / 2))
+        job = self._json("POST", path, body, _Job)
+        path = f"{path}/{quote(job.id, safe='')}"
         while job.state in ("queued", "running"):
             time.sleep(_POLL)
             job = self._json("GET", path, None, _Job)
         if job.problem:
             raise error_from(job.problem)
         if job.state != "done":
-            raise TwolinkError(f"the simulation was {job.state}", where=self.url, code=job.state)
-        with TemporaryDirectory() as folder:
-            file = Path(folder) / "result.npz"
-            file.write_bytes(self.request("GET", f"{path}/result?format=npz")[1])
-            return Trajectory.load(file, local.robot)
+            raise TwolinkError(f"the job was {job.state}", where=self.url, code=job.state)
+        return path, job.result or {}
 
     def _content(self, scene: Scene) -> dict[str, Any]:
         """A scene as the service takes it, its robot uploaded unless it is of the catalogue."""

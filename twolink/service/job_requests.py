@@ -38,6 +38,34 @@ class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True)
     wait: Wait = 2.0
 
 
+class LinearizationRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.linearize`: the state, the scene's own where it is left out."""
+
+    q: list[float] | None = None
+    v: list[float] | None = None
+
+
+class SensitivityRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.sensitivities`. wait: as of simulations."""
+
+    wrt: Annotated[list[str], msgspec.Meta(min_length=1, max_length=50)]
+    accuracy: Positive = 1e-6
+    duration: Positive | None = None
+    samples: Positive = 50.0
+    wait: Wait = 2.0
+
+
+class IdentificationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """As `tl.identify`. robot: an id. data: the text of a CSV file, as `twolink identify` takes it. wait: as above."""
+
+    robot: str
+    data: str
+    parameters: Annotated[list[str], msgspec.Meta(max_length=500)] | None = None
+    method: Literal["weighted", "ordinary", "robust", "total"] = "weighted"
+    confidence: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.95
+    wait: Wait = 2.0
+
+
 class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     """As `tl.accuracy_study`. wait: as of simulations."""
 
@@ -50,9 +78,12 @@ class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     wait: Wait = 0.0
 
 
-REQUESTS: dict[str, type[SimulationRequest | StudyRequest]] = {
+Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest
+REQUESTS: dict[str, type[Request]] = {
     "simulation": SimulationRequest,
     "study": StudyRequest,
+    "sensitivity": SensitivityRequest,
+    "identification": IdentificationRequest,
 }  # by the kind of the job
 
 

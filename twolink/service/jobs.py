@@ -27,7 +27,7 @@ from twolink.service.turns import Turns
 from twolink.service.worker_pool import Workers
 
 View = dict[str, Any]
-_TASKS = {"simulation": "simulate", "study": "study"}
+_TASKS = {"simulation": "simulate", "study": "study", "sensitivity": "sense", "identification": "identify"}
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
 _RETRY = 2.0  # seconds between attempts to store how a job ended

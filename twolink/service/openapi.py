@@ -8,7 +8,15 @@ from litestar import Litestar
 
 from twolink.service import npz
 from twolink.service.http_io import JSON
-from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
+from twolink.service.job_requests import (
+    ExplainRequest,
+    IdentificationRequest,
+    LinearizationRequest,
+    SceneRequest,
+    SensitivityRequest,
+    SimulationRequest,
+    StudyRequest,
+)
 from twolink.service.problems import MEDIA_TYPE, Problem
 from twolink.service.queries import PREFIX
 from twolink.service.query_answers import QUERIES, body_of
@@ -21,8 +29,11 @@ _OBJECT = {"schema": {"type": "object"}}
 _BODIES = {
     "/v1/scenes/validate": SceneRequest,
     "/v1/scenes/explain": ExplainRequest,
+    "/v1/scenes/linearize": LinearizationRequest,
     "/v1/simulations": SimulationRequest,
     "/v1/studies": StudyRequest,
+    "/v1/sensitivities": SensitivityRequest,
+    "/v1/identifications": IdentificationRequest,
 }
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "

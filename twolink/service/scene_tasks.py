@@ -12,7 +12,13 @@ from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import SceneError
 from twolink.scenes import Scene
-from twolink.service.job_requests import ExplainRequest, SceneRequest, SimulationRequest, StudyRequest
+from twolink.service.job_requests import (
+    ExplainRequest,
+    SceneRequest,
+    SensitivityRequest,
+    SimulationRequest,
+    StudyRequest,
+)
 from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
 from twolink.service.problems import Refusal
@@ -48,14 +54,14 @@ def validate(*, body: bytes, robots: str) -> bytes:
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
     request = decode_unique(body, ExplainRequest)
-    scene, duration = _allowed_scene(request, 1.0, robots, quotas)
+    scene, duration = allowed_scene(request, 1.0, robots, quotas)
     explanation = explain_scene(scene, request.accuracy, duration, method=request.method)
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
     return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 
-def _allowed_scene(
-    request: ExplainRequest | StudyRequest, samples: float, robots: str, quotas: Quotas
+def allowed_scene(
+    request: ExplainRequest | StudyRequest | SensitivityRequest, samples: float, robots: str, quotas: Quotas
 ) -> tuple[Scene, float]:
     """The scene and its duration [s]. Raises SceneError for a run that is longer, or has more samples, than allowed."""
     scene = scene_of(request.scene, robots)
@@ -75,11 +81,11 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     body: a SimulationRequest.
     """
     request = msgspec.json.decode(body, type=SimulationRequest)
-    scene, duration = _allowed_scene(request, request.samples, robots, quotas)
+    scene, duration = allowed_scene(request, request.samples, robots, quotas)
     run = simulate_scene(
         scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
         precision=request.precision, tolerance=request.tolerance, step=request.step,
-        progress=_Progress(duration, 2 if request.verify else 1, report),
+        progress=ProgressOf(duration, 2 if request.verify else 1, report),
     )  # fmt: skip
     path = Path(folder) / SAMPLES
     run.save(path)
@@ -91,7 +97,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     return {"title": scene.title, **run_record(run)}
 
 
-class _Progress:
+class ProgressOf:
     """Reports how far a run is: it is solved once, again for the error bar, and more often where that is needed."""
 
     def __init__(self, duration: float, passes: int, report: Report) -> None:
@@ -112,7 +118,7 @@ class _Progress:
 def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
     request = msgspec.json.decode(body, type=StudyRequest)
-    scene, duration = _allowed_scene(request, request.samples, robots, quotas)
+    scene, duration = allowed_scene(request, request.samples, robots, quotas)
 
     def progress(done: int, total: int, label: str) -> None:
         report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})

@@ -1,0 +1,66 @@
+"""Tasks of worker processes whose answers are about a robot: linearization, sensitivities, identification."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.control.linearization import linearize as linearize_scene
+from twolink.errors import QueryError, SceneError
+from twolink.identification.identify import identify as identify_robot
+from twolink.identification.measurements import measurements_of
+from twolink.io.csv_text import parse_csv
+from twolink.service.job_requests import IdentificationRequest, LinearizationRequest, SensitivityRequest
+from twolink.service.json_keys import decode_unique
+from twolink.service.robot_tasks import robot_by_id
+from twolink.service.scene_body import scene_of
+from twolink.service.scene_tasks import ProgressOf, allowed_scene
+from twolink.service.settings import Quotas
+from twolink.service.worker import Report
+from twolink.simulation.records import run_record
+from twolink.simulation.sensitivities import sensitivities
+
+_NUMBER_BYTES = 20  # of a number as JSON
+
+
+def linearize(*, body: bytes, robots: str) -> bytes:
+    """A scene's equations near a state, as JSON. body: a LinearizationRequest."""
+    request = decode_unique(body, LinearizationRequest)
+    found = linearize_scene(scene_of(request.scene, robots), request.q, request.v)
+    content = {
+        "A": found.A.tolist(), "B": found.B.tolist(), "names": found.names, "inputs": found.inputs,
+        "error": found.error, "equilibrium": found.is_equilibrium,
+        "stability": found.stability if found.is_equilibrium else None,
+        "eigenvalues": [[z.real, z.imag] for z in found.eigenvalues.tolist()],
+        "eigenvalue_errors": found.eigenvalue_errors.tolist(),
+        "controllable": found.controllability.rank if found.inputs else 0,
+    }  # fmt: skip
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Derivatives of a motion, as a record. body: a SensitivityRequest. Its result is all in the record."""
+    del folder
+    request = msgspec.json.decode(body, type=SensitivityRequest)
+    scene, duration = allowed_scene(request, request.samples, robots, quotas)
+    found = sensitivities(scene, request.wrt, duration, request.accuracy, samples=request.samples,
+                          progress=ProgressOf(duration, 2, report))  # fmt: skip
+    if sum(q.size + v.size for q, v in zip(found.q.values(), found.v.values(), strict=True)) * _NUMBER_BYTES > (
+        quotas.answer_mb * 2**20
+    ):
+        what = f"the derivatives take more than {quotas.answer_mb:g} MB"
+        raise SceneError(what, argument="samples", remedy="ask for fewer samples, or fewer names")
+    names = {name: {"q": found.q[name].tolist(), "v": found.v[name].tolist(), "error": found.error[name].tolist()}
+             for name in found.q}  # fmt: skip
+    return {"title": scene.title, **run_record(found.run), "t": found.run.t.tolist(), "sensitivities": names}
+
+
+def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Parameters from measurements, as a record. body: an IdentificationRequest."""
+    del quotas, folder, report
+    request = msgspec.json.decode(body, type=IdentificationRequest)
+    robot = robot_by_id(request.robot, robots)
+    samples = measurements_of(robot, parse_csv(request.data, "data", QueryError), "data")
+    found = identify_robot(robot, **samples, parameters=request.parameters, method=request.method,
+                           confidence=request.confidence)  # fmt: skip
+    return {"title": f"{robot.name}: identification", **found.to_dict()}
