@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from twolink.dynamics import Robot
+from twolink.effects.contact_law import contact_point
 from twolink.effects.contact_pairs import Body, Pairs, select_pairs, solids_of
 from twolink.effects.contact_points import gaps_of
 from twolink.effects.effect import NotNegative
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.switching import ContactPoint, SwitchingEffect
-from twolink.effects.touching import contact_point
 from twolink.errors import SceneError
 from twolink.robots.shapes import AnyShape
 

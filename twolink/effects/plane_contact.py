@@ -2,13 +2,13 @@
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import unit
+from twolink.effects.contact_law import contact_point
 from twolink.effects.effect import NotNegative
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.gaps import Ball, PlaneGap
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.motion import GROUND
 from twolink.effects.switching import ContactPoint, SwitchingEffect
-from twolink.effects.touching import contact_point
 
 
 class PlaneContact(SwitchingEffect, frozen=True):
