@@ -42,8 +42,9 @@ def test_run_writes_into_new_folders_whatever_the_case(tmp_path: Path) -> None:
 
 def test_run_refuses_what_cannot_be_written_before_it_simulates(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    path = tmp_path / "file" / "x.npz"
-    one_line(call("run", "arm-swing", "--duration", "1e4", "--out", str(path)), 2, f"{path}: cannot be written")
+    for path in (tmp_path / "file" / "x.npz", tmp_path / "no" / "folder" / "x.npz"):
+        one_line(call("run", "arm-swing", "--duration", "1e4", "--out", str(path)), 2, f"{path}: cannot be written")
+    assert not (tmp_path / "no").exists()
 
 
 def test_a_file_that_cannot_be_written_loses_nothing_else(

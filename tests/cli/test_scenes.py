@@ -53,6 +53,7 @@ def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
     file = tmp_path / "new" / "mine.toml"
     assert twolink("new", robot, file, "--root", root)[0] == 0
     scene = tl.load_scene(file)
+    assert "between" not in file.read_text().partition("[v]")[2].partition("[[effects]]")[0]
     assert [type(effect).__name__ for effect in scene.effects] == ["Gravity"]
     lower, upper = scene.robot.model.lowerPositionLimit, scene.robot.model.upperPositionLimit
     assert np.all((scene.q >= lower - 1e-3) & (scene.q <= upper + 1e-3))

@@ -43,10 +43,14 @@ def print_not_drawn(names: Sequence[str]) -> None:
 
 
 def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
-    """Refuse files with other endings, or that cannot be written, before the work begins. Raises Misuse."""
+    """Refuse files with other endings, or that cannot be written, before the work begins. Raises Misuse.
+
+    The folder of a file may be new, but not the folder that it is in.
+    """
     for path in paths:
         require_format(path, endings, Misuse)
-        folder = next(parent for parent in path.absolute().parents if parent.exists())
+        folder = path.absolute().parent
+        folder = folder if folder.exists() else folder.parent
         if not folder.is_dir() or not os.access(folder, os.W_OK):
             raise Misuse("cannot be written", where=str(path), remedy="give a file in a folder of yours")
 

@@ -70,7 +70,7 @@ def scene_template(robot: Robot, entry: RobotEntry) -> str:
     named: Any = entry if entry.root != "fixed" or entry.lock else entry.source
     scalars = {"title": f"{robot.name} under gravity", "duration": 10.0}
     head = msgspec.toml.encode({**scalars, "robot": named}).decode()
-    q = "".join(_line(joint, starts[joint["name"]]) for joint in joints if joint["name"] in starts)
+    q = "".join(_line(joint, starts[joint["name"]], _limits_of(joint)) for joint in joints if joint["name"] in starts)
     v = "".join(f"# {_line(joint, [0.0] * (joint['v'][1] - joint['v'][0]))}" for joint in joints)
     return _HEAD + head + _STATE.format(q=q, v=v) + _commented(_effects(joints, starts))
 
@@ -101,12 +101,18 @@ def _limits(joint: dict[str, Any]) -> tuple[float, float] | None:
     return None if lower is None or upper is None else (lower, upper)
 
 
-def _line(joint: dict[str, Any], values: list[float]) -> str:
-    """A joint's numbers as a line of TOML, with its limits as a comment."""
-    shown = str(values[0] if len(values) == 1 else values)
+def _limits_of(joint: dict[str, Any]) -> str:
+    """The unit of a joint with one coordinate and its limits, as a comment."""
+    if joint["layout"] not in ("vector", "cos-sin"):
+        return ""
     limits = _limits(joint) if joint["layout"] == "vector" else None
-    note = f"  # between {limits[0]:.4g} and {limits[1]:.4g}" if limits else ""
-    return f"{_key(joint['name'])} = {shown}{note}\n"
+    between = f", between {limits[0]:.4g} and {limits[1]:.4g}" if limits else ""
+    return f"  # {'m' if joint['kind'].startswith('P') else 'rad'}{between}"
+
+
+def _line(joint: dict[str, Any], values: list[float], note: str = "") -> str:
+    """A joint's numbers as a line of TOML."""
+    return f"{_key(joint['name'])} = {values[0] if len(values) == 1 else values}{note}\n"
 
 
 def _key(name: str) -> str:
