@@ -11,6 +11,7 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError, ShowError
 from twolink.sweeps import load_study, open_sweep, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
+from twolink.sweeps.plot import _edges
 from twolink.sweeps.studies import SweepStudy, bundled_studies
 from twolink.sweeps.tables import column, turns_of
 
@@ -67,6 +68,17 @@ def test_figures_of_one_and_two_quantities(store: Path, tmp_path: Path) -> None:
                                 ({"data": few, "variable": "erro"}, SceneError, "did you mean 'error'")):  # fmt: skip
         with pytest.raises(kind, match=part):
             plot_sweep(**{"path": tmp_path / "no.svg", **options})
+
+
+def test_names_and_decades_keep_their_places_on_the_axes(tmp_path: Path) -> None:
+    vary = {"robot": ["two_link", "double_pendulum"], "accuracy": [1e-2, 1e-4, 1e-6]}
+    data = tl.sweep(ARM, vary, tmp_path / "r.zarr", duration=0.1, executor=HERE, outputs=["cost"])
+    page = plot_sweep(data, tmp_path / "map.svg", "seconds").read_text()
+    assert "two_link" in page
+    assert "double_pendulum" in page
+    edges = _edges(np.array([1e-6, 1e-4, 1e-2]))
+    np.testing.assert_allclose(edges, [1e-7, 1e-5, 1e-3, 1e-1], rtol=1e-12)
+    np.testing.assert_allclose(_edges(np.array([0.0, 1.0, 2.0])), [-0.5, 0.5, 1.5, 2.5])
 
 
 def test_turns_that_the_error_bar_does_not_decide_are_left_out(store: Path, tmp_path: Path) -> None:

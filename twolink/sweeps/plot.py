@@ -91,7 +91,9 @@ def _curve(
                       color=COLOURS[5], label=text)  # fmt: skip
     if axis.get_legend_handles_labels()[0]:
         axis.legend(frameon=False)
-    axis.set(xlabel=name, ylabel=label, xscale=_scale(x))
+    axis.set(xlabel=name, ylabel=label)
+    if _scale(x) == "log":  # to set "linear" again would take the names from the ticks
+        axis.set_xscale("log")
     return save_figure(figure, path)
 
 
@@ -108,6 +110,16 @@ def _scale(x: np.ndarray) -> str:
     return "log" if x.min() > 0.0 and x.max() >= 100.0 * x.min() else "linear"
 
 
+def _edges(x: np.ndarray) -> np.ndarray:
+    """The edges (n + 1,) of cells round increasing values (n,): half way, in ratios on a logarithmic axis."""
+    if len(x) == 1:
+        return x[0] + np.array([-0.5, 0.5])
+    at = np.log(x) if _scale(x) == "log" else x
+    middle = (at[1:] + at[:-1]) / 2
+    edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
+    return np.exp(edges) if _scale(x) == "log" else edges
+
+
 def _map(
     path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, shown: np.ndarray, status: np.ndarray,
     label: str,
@@ -122,7 +134,7 @@ def _map(
         x, y = np.sort(x), np.sort(y)
         axis.set_facecolor(GREY)
         norm = _scale(kept[np.isfinite(kept)]) if np.isfinite(kept).any() else None
-        image = axis.pcolormesh(x, y, kept, shading="nearest", rasterized=True, norm=norm)
+        image = axis.pcolormesh(_edges(x), _edges(y), kept, rasterized=True, norm=norm)
         rows, columns = np.nonzero(np.isin(status, (FAILED, ABANDONED)))
         axis.plot(x[columns], y[rows], "x", color=COLOURS[5], markersize=3)
     else:
@@ -133,6 +145,9 @@ def _map(
     axis.grid(False)
     share = float((~shown).mean())
     note = f"; grey: {share:.1%} without a number that can be trusted" if share else ""
-    axis.set(xlabel=across, ylabel=down, xscale=_scale(x), yscale=_scale(y))
+    axis.set(xlabel=across, ylabel=down)
+    for values_of, set_scale in ((x, axis.set_xscale), (y, axis.set_yscale)):
+        if _scale(values_of) == "log":
+            set_scale("log")
     axis.set_title(f"{shown.size:,} runs{note}", fontsize=9)
     return save_figure(figure, path)
