@@ -30,7 +30,7 @@ def test_a_block_slides_to_rest_on_its_corners() -> None:
     assert force[:, 0] == pytest.approx(np.where(run.t < end, -mu * G, 0.0), abs=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.95, 1.05])
+@pytest.mark.parametrize("share", [pytest.param(0.95, marks=pytest.mark.slow), 1.05])
 def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_friction(share: float) -> None:
     angle = 0.4
     n, mu = (-math.sin(angle), 0.0, math.cos(angle)), share * math.tan(angle)

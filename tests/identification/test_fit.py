@@ -137,6 +137,7 @@ def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
         assert np.linalg.eigvalsh(pseudo_inertia(np.asarray(inertia.toDynamicParameters()))).min() > 0
 
 
+@pytest.mark.slow
 def test_a_motion_that_a_plain_fit_loses_is_found_in_segments() -> None:
     """A double pendulum over its top. SciPy's fit says it converged, at a mass that is far off; one piece of ours too,
     but it says that the motion is another one."""

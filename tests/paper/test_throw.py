@@ -145,6 +145,7 @@ def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(stop.value.code or 0)
 
 
+@pytest.mark.slow
 def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
     """The search finds the scene's times again, from the middle of their windows, and says what a millisecond costs."""
     figure = tmp_path / "pitch.png"

@@ -37,7 +37,10 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SCENES)
+SLOW = {"crank-spring": pytest.mark.slow}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW.get(name, ())) for name in SCENES])
 def test_the_book_closes(name: str) -> None:
     scene = SCENES[name]()
     book = tl.energy_book(scene)
