@@ -113,11 +113,11 @@ def _scale(x: np.ndarray) -> str:
 def _edges(x: np.ndarray) -> np.ndarray:
     """The edges (n + 1,) of cells round increasing values (n,): half way, in ratios on a logarithmic axis."""
     if len(x) == 1:
-        return x[0] + np.array([-0.5, 0.5])
+        return np.array([x[0] - 0.5, x[0] + 0.5])
     at = np.log(x) if _scale(x) == "log" else x
     middle = (at[1:] + at[:-1]) / 2
     edges = np.concatenate([[2 * at[0] - middle[0]], middle, [2 * at[-1] - middle[-1]]])
-    return np.exp(edges) if _scale(x) == "log" else edges
+    return np.asarray(np.exp(edges) if _scale(x) == "log" else edges)
 
 
 def _map(
