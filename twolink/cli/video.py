@@ -16,7 +16,9 @@ def video(
     out: Annotated[Path, Argument(metavar="OUT", help="The film (.mp4 .webm .gif), or a picture (.png).")],
     size: Annotated[str, Option(metavar="WxH", help="Pixels of the robot's picture, even numbers.")] = "960x720",
     rate: Annotated[float, Option(help="Pictures a second.")] = 30.0,
-    speed: Annotated[float, Option(help="Factor on true speed: 2 is twice as fast.")] = 1.0,
+    speed: Annotated[
+        float | None, Option(help="Factor on true speed: 2 is twice as fast.", show_default="1, less below 1 s")
+    ] = None,
     at: Annotated[float | None, Option(help="The time of a picture, s.", show_default="the first")] = None,
     camera: Annotated[
         str | None, Option(metavar='"X Y Z"', help="Direction from the robot to the camera.", show_default="by itself")

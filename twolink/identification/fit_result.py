@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.io.listing import Table
+from twolink.identification.estimate import Estimate
 from twolink.scenes import Scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SceneFit:
+class SceneFit(Estimate):
     """Parameters of a scene from a measured motion.
 
     Attributes
@@ -109,22 +109,6 @@ class SceneFit:
         return self.scene.robot
 
     @property
-    def values(self) -> dict[str, float]:
-        """The estimate by combination."""
-        return dict(zip(self.combinations, self.estimate.tolist(), strict=True))
-
-    @property
-    def intervals(self) -> dict[str, tuple[float, float]]:
-        """The intervals by combination."""
-        low, high = self.estimate - self.half_width, self.estimate + self.half_width
-        return dict(zip(self.combinations, zip(low.tolist(), high.tolist(), strict=True), strict=True))
-
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """The standard deviations by combination, from the noise of the measurements alone."""
-        return dict(zip(self.combinations, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against trusting the values, in words; empty where nothing does."""
         texts = []
@@ -137,13 +121,6 @@ class SceneFit:
         if not self.converged:
             texts.append("the search ended before it converged")
         return tuple(texts)
-
-    def table(self) -> Table:
-        """Value, standard error, numerical error and interval of each combination."""
-        errors, spans = self.standard_errors.values(), self.intervals.values()
-        rows = zip(self.combinations, self.estimate.tolist(), errors, self.numerical_error.tolist(), spans, strict=True)
-        columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
-        return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""

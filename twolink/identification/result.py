@@ -8,12 +8,12 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.identification.consistency import Consistency, consistent
+from twolink.identification.estimate import Estimate
 from twolink.identification.selection import Selection
-from twolink.io.listing import Table
 
 
 @dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(Estimate):
     """Parameters from measurements.
 
     Attributes
@@ -77,22 +77,6 @@ class Identification:
         """What was looked for, k names."""
         return self.selection.names
 
-    @property
-    def values(self) -> dict[str, float]:
-        """The estimate by combination."""
-        return dict(zip(self.combinations, self.estimate.tolist(), strict=True))
-
-    @property
-    def intervals(self) -> dict[str, tuple[float, float]]:
-        """The intervals by combination."""
-        low, high = self.estimate - self.half_width, self.estimate + self.half_width
-        return dict(zip(self.combinations, zip(low.tolist(), high.tolist(), strict=True), strict=True))
-
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """The standard deviations by combination, from the noise of the measured torques alone."""
-        return dict(zip(self.combinations, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
     @cached_property
     def consistency(self) -> Consistency:
         """Whether bodies with such parameters can exist, and the nearest that can."""
@@ -103,14 +87,6 @@ class Identification:
     def found(self) -> Robot:
         """The robot with what was found: the consistent parameters nearest to its own that fit the estimate."""
         return self.consistency.robot_of(self.robot)
-
-    def table(self) -> Table:
-        """Value, standard error, numerical error and interval of each combination."""
-        errors = self.standard_errors.values()
-        spans = self.intervals.values()
-        rows = zip(self.combinations, self.estimate.tolist(), errors, self.numerical_error.tolist(), spans, strict=True)
-        columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
-        return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""

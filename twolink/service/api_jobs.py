@@ -28,35 +28,19 @@ def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:
     return Response(view, status_code=status, headers={"Location": f"/v1/{path}/{view['id']}"})
 
 
-@post("/v1/simulations", tags=["simulations"], summary="Simulate a scene", status_code=200)
-async def simulate(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
-    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
+def _begun(path: str, kind: str, summary: str) -> Any:
+    """The handler that takes requests for jobs of a kind."""
 
-    The same request is answered from the store.
-    """
-    asked = await service.prepare("simulation", await request.body())
-    return _answered(await service.jobs.submit("simulation", asked), "simulations")
+    @post(f"/v1/{path}", tags=[path], summary=summary, status_code=200)
+    async def begin(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
+        """200 with the job and its result when it is done within `wait` seconds, else 202 with the job.
 
+        The same request is answered from the store.
+        """
+        asked = await service.prepare(kind, await request.body())
+        return _answered(await service.jobs.submit(kind, asked), path)
 
-@post("/v1/studies", tags=["studies"], summary="Study what accuracy costs", status_code=200)
-async def study(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
-    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
-    asked = await service.prepare("study", await request.body())
-    return _answered(await service.jobs.submit("study", asked), "studies")
-
-
-@post("/v1/sensitivities", tags=["sensitivities"], summary="Derivatives of a simulated motion", status_code=200)
-async def sensitivity(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
-    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
-    asked = await service.prepare("sensitivity", await request.body())
-    return _answered(await service.jobs.submit("sensitivity", asked), "sensitivities")
-
-
-@post("/v1/identifications", tags=["identifications"], summary="Parameters from measurements", status_code=200)
-async def identification(request: Request[Any, Any, Any], service: Shared) -> Response[dict[str, Any]]:
-    """200 with the job and its result when it is done within `wait` seconds, else 202 with the job."""
-    asked = await service.prepare("identification", await request.body())
-    return _answered(await service.jobs.submit("identification", asked), "identifications")
+    return begin
 
 
 def _shared(path: str, kind: str) -> list[Any]:
@@ -152,10 +136,11 @@ async def playback(service: Shared, job: FromPath[str]) -> Response[bytes]:
     return Response(content, media_type=MediaType.HTML, headers={"Content-Security-Policy": PLAYBACK_POLICY})
 
 
-HANDLERS = [
-    simulate, study, motion, playback,
-    *_shared("simulations", "simulation"), *_shared("studies", "study"),
-    *_results("simulations", "simulation"), *_results("studies", "study"),
-    sensitivity, identification,
-    *_shared("sensitivities", "sensitivity"), *_shared("identifications", "identification"),
-]  # fmt: skip
+HANDLERS = [motion, playback, *_results("simulations", "simulation"), *_results("studies", "study")]
+for _path, _kind, _summary in (
+    ("simulations", "simulation", "Simulate a scene"),
+    ("studies", "study", "Study what accuracy costs"),
+    ("sensitivities", "sensitivity", "Derivatives of a simulated motion"),
+    ("identifications", "identification", "Parameters from measurements"),
+):
+    HANDLERS += [_begun(_path, _kind, _summary), *_shared(_path, _kind)]

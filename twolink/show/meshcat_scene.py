@@ -5,7 +5,7 @@ Pieces that cannot be drawn, for want of their file, are named.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 import pinocchio as pin
 
+from twolink.errors import ShowError
 from twolink.show.mesh_files import SUFFIXES, file_object
 from twolink.show.meshcat_shapes import SHAPES, Floats, Json, mesh, phong, triangle_geometry, triangles
 
@@ -56,6 +57,17 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
             continue
         nodes.append(Node(item.name, index, _path(item.name, taken), drawn, corners))
     return nodes, skipped
+
+
+def require_pieces(
+    pieces: Sequence[Piece], skipped: list[str], on_skipped: Callable[[list[str]], None] | None, where: str
+) -> None:
+    """Tell which pieces cannot be drawn. Raises ShowError (code "nothing-to-draw") when none can."""
+    if skipped and on_skipped is not None:
+        on_skipped(skipped)
+    if not pieces:
+        remedy = "give its links <visual> elements"
+        raise ShowError("the robot has nothing to draw", where=where, remedy=remedy, code="nothing-to-draw")
 
 
 def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Piece]) -> Floats:
@@ -131,6 +143,12 @@ def _corners(item: Any) -> Floats | None:
     sides = np.stack([box.min_, box.max_])
     if not np.all(np.isfinite(sides)) or np.any(np.abs(sides) > 1e6):
         return None
+    return box_corners(*sides)
+
+
+def box_corners(low: Floats, high: Floats) -> Floats:
+    """The corners (8, 3) of the box from the corner `low` to `high`, (3,) each."""
+    sides = np.stack([low, high])
     return np.array([sides[[i, j, k], [0, 1, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 

@@ -49,9 +49,7 @@ def look_at(nodes: Sequence[Piece], placed: Floats, towards: ArrayLike | None = 
     """
     points = _reached(nodes, placed[:: max(1, len(placed) // _SAMPLES)])
     direction = _direction(points) if towards is None else _given(towards)
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(direction, right), direction])
+    axes = picture_axes(direction)
     seen = points.reshape(-1, 3) @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     size = max(float(np.max(np.abs(seen - middle)[:, :2])), 1e-3)
@@ -59,6 +57,13 @@ def look_at(nodes: Sequence[Piece], placed: Floats, towards: ArrayLike | None = 
     floor = lowest.min() - (0.04 * size if np.ptp(lowest) > 1e-6 else 0.0)  # a gap below what goes up and down
     cells = 10.0 ** np.floor(np.log10(size / 2.5)) * np.array([1.0, 2.0, 5.0])
     return View(axes.T @ middle, direction, seen - middle, float(floor), float(cells[cells <= size / 2.5][-1]))
+
+
+def picture_axes(direction: Floats) -> Floats:
+    """The unit vectors (3, 3) to the right, up, and towards a camera in that direction (3,)."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(direction, right), direction])
 
 
 def opening_commands(nodes: Sequence[Node], placed: Floats, view: View) -> list[Json]:

@@ -56,6 +56,12 @@ def check_motion(model: Any, t: ArrayLike, q: ArrayLike, speed: float) -> tuple[
     return times, configurations
 
 
+def time_digits(shown: Floats) -> int:
+    """Digits after the point that tell apart the times shown (n,), s; at least 2."""
+    span = float(np.ptp(shown))
+    return max(2, math.ceil(2.0 - math.log10(span))) if span else 2
+
+
 def usual_speed(seconds: float) -> float:
     """The speed at which to play a motion of so many seconds: 1, and for one below 1 s less, so that it takes 2 to 5 s.
 

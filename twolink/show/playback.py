@@ -5,7 +5,6 @@ import functools
 import html
 import importlib.metadata
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +18,10 @@ from numpy.typing import ArrayLike
 from twolink.errors import ShowError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
-from twolink.show.meshcat_scene import Node, poses, scene_nodes
+from twolink.show.meshcat_scene import Node, poses, require_pieces, scene_nodes
 from twolink.show.meshcat_shapes import Floats, Json, packed
 from twolink.show.meshcat_view import look_at, opening_commands, to_three
-from twolink.show.motion_samples import check_motion, resample
+from twolink.show.motion_samples import check_motion, resample, time_digits
 
 _RATE = 60.0  # frames per second of playing
 _MIN_FRAMES = 30  # with fewer a motion cannot be recognized
@@ -105,11 +104,7 @@ def playback_page(
     """
     times, configurations = check_motion(model, t, q, speed)
     nodes, skipped = scene_nodes(visuals)
-    if skipped and on_skipped is not None:
-        on_skipped(skipped)
-    if not nodes:
-        remedy = "give its links <visual> elements"
-        raise ShowError("the robot has nothing to draw", where="playback", remedy=remedy, code="nothing-to-draw")
+    require_pieces(nodes, skipped, on_skipped, "playback")
     fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
     affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
     shown, note = choose_frames(times, speed, min(max_frames, max(affordable, _MIN_FRAMES)))
@@ -127,7 +122,7 @@ def playback_page(
         "start": float(shown[0]),
         "duration": float(shown[-1] - shown[0]) / speed,
         "speed": speed,
-        "digits": max(2, math.ceil(2.0 - math.log10(shown[-1] - shown[0]))) if len(shown) > 1 else 2,
+        "digits": time_digits(shown),
         "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
         "direction": to_three(view.direction),
         "live": live,

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from twolink.errors import ShowError
-from twolink.show.meshcat_view import FIELD_OF_VIEW, View
+from twolink.show.meshcat_view import FIELD_OF_VIEW, View, picture_axes
 from twolink.show.surfaces import Floats, Surface
 
 AMBIENT, DIFFUSE, SHINE = 0.5, 0.5, 0.12  # shares of light
@@ -38,12 +38,10 @@ class Camera:
     def __init__(self, view: View, size: tuple[int, int]) -> None:
         self.view, self.size = view, size
         width, height = size
-        right = np.cross([0.0, 0.0, 1.0], view.direction)
-        right /= np.linalg.norm(right)
-        self.axes = np.stack([right, np.cross(view.direction, right), view.direction])
+        self.axes = picture_axes(view.direction)
         self.position = view.centre + view.distance(width / height) * view.direction
         self.pixel = 2.0 * np.tan(np.radians(FIELD_OF_VIEW) / 2) / height
-        towards = view.direction + np.array([0.0, 0.0, 0.9]) - 0.5 * right
+        towards = view.direction + np.array([0.0, 0.0, 0.9]) - 0.5 * self.axes[0]
         self.light = towards / np.linalg.norm(towards)
 
     def rays(self, pixels: Floats) -> Floats:

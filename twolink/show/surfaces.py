@@ -14,6 +14,7 @@ from twolink.io.collada import Part, read_collada
 from twolink.io.confined import read_confined
 from twolink.io.mesh_triangles import SUFFIXES, read_triangles
 from twolink.robots.mesh_shapes import LARGEST
+from twolink.show.meshcat_scene import box_corners
 from twolink.show.meshcat_shapes import triangles
 
 Floats = NDArray[np.float64]
@@ -33,9 +34,7 @@ class Surface:
     @property
     def corners(self) -> Floats:
         """(8, 3) m, of the box round the piece."""
-        low, high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
-        sides = np.stack([low, high])
-        return np.array([sides[[i, j, k], [0, 1, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+        return box_corners(self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1)))
 
 
 def surfaces(visuals: Any) -> tuple[list[Surface], list[str]]:

@@ -13,9 +13,9 @@ from twolink.errors import ShowError, import_extra
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
 from twolink.show.figure import COLOURS, new_figure, plain
-from twolink.show.meshcat_scene import poses
+from twolink.show.meshcat_scene import poses, require_pieces
 from twolink.show.meshcat_view import look_at
-from twolink.show.motion_samples import check_motion, resample
+from twolink.show.motion_samples import check_motion, resample, time_digits
 from twolink.show.raycasting import Camera, Picture
 from twolink.show.surfaces import Floats, surfaces
 
@@ -90,11 +90,7 @@ def write_video(
     times, configurations = check_motion(model, t, q, speed)
     encoder = import_extra("imageio_ffmpeg", "video") if kind in CODECS else None
     drawn, skipped = surfaces(visuals)
-    if skipped and on_skipped is not None:
-        on_skipped(skipped)
-    if not drawn:
-        remedy = "give its links <visual> elements"
-        raise ShowError("the robot has nothing to draw", where="video", remedy=remedy, code="nothing-to-draw")
+    require_pieces(drawn, skipped, on_skipped, "video")
     rate = min(rate, GIF_RATE) if kind == ".gif" else rate
     shown = _moments(times, speed, rate, at, kind)
     along = resample(model, times, configurations, np.unique(np.concatenate([shown, times[:: len(times) // 300 + 1]])))
@@ -107,7 +103,7 @@ def write_video(
         for k, (moment, configuration) in enumerate(
             zip(shown.tolist(), resample(model, times, configurations, shown), strict=True)
         ):
-            image = _labelled(picture.of(configuration), f"t = {moment:.{_digits(shown)}f} s")
+            image = _labelled(picture.of(configuration), f"t = {moment:.{time_digits(shown)}f} s")
             yield np.hstack([image, beside(moment)]) if beside else image
             if progress is not None:
                 progress(k + 1, len(shown))
@@ -138,12 +134,6 @@ def _moments(t: Floats, speed: float, rate: float, at: float | None, kind: str) 
         raise ShowError("at is the time of one picture", where="video", remedy="write a .png", argument="at")
     count = 1 + max(1, round(float(t[-1] - t[0]) / speed * rate))
     return np.asarray(np.minimum(t[0] + np.arange(count) * speed / rate, t[-1]))
-
-
-def _digits(shown: Floats) -> int:
-    """Digits after the point that tell the pictures' times apart."""
-    span = float(np.ptp(shown)) or abs(float(shown[0])) or 1.0
-    return int(np.clip(2 - np.floor(np.log10(span)), 2, 9))
 
 
 def _labelled(image: Image, text: str) -> Image:

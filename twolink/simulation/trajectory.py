@@ -336,17 +336,21 @@ class Trajectory:
             return InlinePage(playback_page(*motion, title=title, speed=speed, on_skipped=on_skipped))
         return write_playback(*motion, Path(path), title=title, speed=speed, on_skipped=on_skipped)
 
-    def video(self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), **options: Any) -> Path:
+    def video(
+        self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any
+    ) -> Path:
         """Write a film (.mp4 .webm .gif), or a picture of a moment (.png), without a display. Returns the path.
 
-        curves: columns to draw beside it, such as "q.elbow" or "energy". options: `size`, `rate`, `speed`, `at`,
-        `direction`, `progress` and `on_skipped` of `show.video.write_video`.
+        curves: columns to draw beside it, such as "q.elbow" or "energy". speed: as of `playback`. options: `size`,
+        `rate`, `at`, `direction`, `progress` and `on_skipped` of `show.video.write_video`.
         """
         from twolink.show.video import write_video
 
         beside = tables.chosen_columns(self._samples, curves) if curves else None
         model, visuals = self.robot.model, self.robot.visual_model()
-        return write_video(model, visuals, self.t, self.q, Path(path), curves=beside, **options)
+        return write_video(
+            model, visuals, self.t, self.q, Path(path), curves=beside, speed=self._speed(speed), **options
+        )
 
     def play(
         self,
