@@ -1,6 +1,7 @@
 """The README's commands and code are run."""
 
 import contextlib
+import os
 import re
 import shlex
 import shutil
@@ -17,7 +18,7 @@ TEXT = (TOP / "README.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, re.DOTALL)
 COMMANDS = re.findall(r"^twolink .*$", "\n".join(block for kind, block in BLOCKS if kind == "sh"), re.MULTILINE)
 ADDRESS = "http://127.0.0.1:8000"
-ENVIRONMENT = {"PYTHONPATH": str(TOP), "PATH": "/usr/bin:/bin", "TWOLINK_CACHE": "off"}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(TOP)}
 
 
 def test_there_is_something_to_run() -> None:

@@ -49,7 +49,7 @@ for path in sys.argv[3:]:
 
 def environment(folder: Path) -> dict[str, str]:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return {**os.environ, "PATH": path, "PYTHONPATH": str(TOP), "TWOLINK_CACHE": str(folder / "cache"),
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(TOP),
             "IPYTHONDIR": str(folder / "ipython"), "MPLBACKEND": "agg"}  # fmt: skip
 
 

@@ -60,3 +60,17 @@ def test_a_first_answer_says_how_it_came() -> None:
     assert run.cost is not None
     assert run.cost.compiled == "parts"
     assert "compiled in parts" in str(run.cost)
+
+
+def test_a_compiled_rate_takes_over_from_scipy_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("method_choice", "step_map"):
+        monkeypatch.setattr(f"twolink.integrate.{module}.in_parts", lambda *_: True)
+    scene = arm()
+    runs = [tl.simulate(scene, 0.5)]
+    first_steps.count(first_steps.rate_name(equations_of(scene)), 1e3)
+    runs += [tl.simulate(scene, 0.5), tl.simulate(arm(), 0.5)]
+    monkeypatch.setattr(first_steps, "_spent", {})
+    runs.append(tl.simulate(scene, 0.5))  # at hand now
+    costs = [(run.cost.method, run.cost.compiled) for run in runs if run.cost is not None]
+    assert costs == [("scipy-dop853", ""), *[("dop853", "parts")] * 3]
+    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=0, atol=2e-6)

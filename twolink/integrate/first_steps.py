@@ -20,7 +20,22 @@ _spent: dict[str, float] = {}  # s, by the name of the steps, in this process
 def pays(equations: Equations, method: Method, name: str) -> bool:
     """Whether steps in parts are the quicker way to an answer. name: of the whole steps."""
     whole = step_seconds(equations, method)
-    return whole > max(QUICK, _spent.get(name, 0.0)) and parts_seconds(equations) < SHARE * whole
+    return whole > max(QUICK, spent(name)) and parts_seconds(equations) < SHARE * whole
+
+
+def rate_name(equations: Equations) -> str:
+    """The name of the compiled rate, by which runs without it are counted."""
+    return equations.key("rate", "whole")
+
+
+def count(name: str, seconds: float) -> None:
+    """Add what was spent on runs that code of this name would have shortened."""
+    _spent[name] = _spent.get(name, 0.0) + seconds
+
+
+def spent(name: str) -> float:
+    """Seconds spent in this process on runs that code of this name would have shortened."""
+    return _spent.get(name, 0.0)
 
 
 class FirstSteps:
@@ -32,10 +47,10 @@ class FirstSteps:
 
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
-        _spent[self._name] = _spent.get(self._name, 0.0) + self._evaluations * (EVALUATION + WORLD * state.shape[1])
+        count(self._name, self._evaluations * (EVALUATION + WORLD * state.shape[1]))
         self._steps(state, out)
 
     @property
     def used_up(self) -> bool:
         """Whether these steps have taken as long as compiling whole ones."""
-        return _spent.get(self._name, 0.0) > self._limit
+        return spent(self._name) > self._limit

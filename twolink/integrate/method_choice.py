@@ -16,7 +16,9 @@ from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor
 from twolink.integrate.compile_time import MAX_COMPILING, MAX_IN_PARTS, in_parts, is_reproducible, parts_seconds
+from twolink.integrate.compiled_functions import is_at_hand
 from twolink.integrate.equations import Equations
+from twolink.integrate.first_steps import rate_name, spent
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
@@ -108,10 +110,14 @@ def choose(
 def _without_whole_steps(equations: Equations, accuracy: float, why: str) -> MethodChoice:
     """DOP853 where whole steps are not compiled: ours in parts under constraints, if they can be, and for events.
 
-    Else SciPy's on Pinocchio's forward dynamics, which compiles nothing; it does not locate events.
+    Else SciPy's on Pinocchio's forward dynamics, which compiles nothing, until its runs have cost what compiling the
+    rate takes; it does not locate events.
     """
     seconds = math.inf if heyoka() is None else parts_seconds(equations)
     ours = equations.has_events or (equations.constraints is not None and seconds <= MAX_IN_PARTS)
+    if not ours and seconds <= MAX_COMPILING:
+        name = rate_name(equations)
+        ours = is_reproducible() or is_at_hand(name) or spent(name) > seconds
     method = METHODS["dop853" if ours else "scipy-dop853"]
     if ours and seconds <= MAX_IN_PARTS:
         why += f"; the rate alone takes about {seconds:.0f} s, once"
