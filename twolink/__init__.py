@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
     from twolink.identification.scene_fit import fit
+    from twolink.optimization.gradient import Gradient, gradient
     from twolink.optimization.optimize import optimize
     from twolink.optimization.optimum import Optimum
     from twolink.service.client import connect
@@ -39,6 +40,8 @@ _IMPORTED_WHEN_USED = {
     "fit": "twolink.identification.scene_fit",
     "SceneFit": "twolink.identification.fit_result",
     "identify": "twolink.identification.identify",
+    "Gradient": "twolink.optimization.gradient",
+    "gradient": "twolink.optimization.gradient",
     "Optimum": "twolink.optimization.optimum",
     "optimize": "twolink.optimization.optimize",
     "Book": "twolink.simulation.energy_balance",
@@ -70,6 +73,7 @@ __all__ = [
     "Equilibria",
     "Event",
     "Explanation",
+    "Gradient",
     "Linearization",
     "LoadReport",
     "Optimum",
@@ -90,6 +94,7 @@ __all__ = [
     "errors",
     "explain",
     "fit",
+    "gradient",
     "identify",
     "lagrange",
     "linearize",

@@ -12,7 +12,8 @@ from tests.command import TOP, call
 from twolink.cli.app import app
 
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
-            "hard-cases", "throw", "serve", "identify", "fit", "new", "optimize", "sweep", "video"]  # fmt: skip
+            "hard-cases", "throw", "serve", "identify", "fit", "new", "optimize", "sweep", "video",
+            "linearize"]  # fmt: skip
 README = (TOP / "README.md").read_text()
 
 

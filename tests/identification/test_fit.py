@@ -56,6 +56,26 @@ def test_true_values_are_inside_the_intervals_as_often_as_stated() -> None:
     assert np.mean(hits) >= 0.87  # 75 intervals of 95 %: 0.95 - 3 standard deviations
 
 
+def test_ctrl_c_keeps_the_best_so_far() -> None:
+    """It comes at the fifth simulation; what is kept is better than the first guess, and says it is not the end."""
+    labels = []
+
+    def interrupt(done: int, most: int, label: str) -> None:
+        assert done < most
+        labels.append(label)
+        if len(labels) == 5:
+            raise KeyboardInterrupt
+
+    start = world_scene(SCENE, {"forearm.mass": 1.2})
+    found = tl.fit(start, {"t": TIMES, "q": Q}, list(TRUE), progress=interrupt)
+    assert found.interrupted
+    assert not found.converged
+    assert any("best so far" in text for text in found.warnings)
+    assert "x the noise" in labels[-1]
+    guess = motion_of(start)[0] - Q
+    assert np.abs(found.residuals).max() < 0.5 * np.abs(guess).max()
+
+
 def test_dry_friction_is_found_through_its_events() -> None:
     scene = tl.load_scene("pendulum-friction")
     name = "effects.1.kinetic.axle"

@@ -12,6 +12,7 @@ from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.fit import fit
 from twolink.cli.hard_cases import hard_cases
 from twolink.cli.identify import identify
+from twolink.cli.linearize import linearize
 from twolink.cli.optimize import optimize
 from twolink.cli.paper import paper, throw
 from twolink.cli.play import play
@@ -31,7 +32,7 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = robots, inspect, query, check, identify, fit
+_QUESTIONS = robots, inspect, query, check, linearize, identify, fit
 _EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, video, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)

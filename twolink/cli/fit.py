@@ -7,6 +7,7 @@ from typer import Argument, Option
 
 from twolink.cli.options import Accuracy, Json, SceneName, scene_from
 from twolink.cli.output import finish, require_writable, show, write
+from twolink.show.progress import progress_bar
 
 ENDINGS = (".toml", ".urdf", ".png", ".svg", ".pdf")
 
@@ -35,7 +36,7 @@ def fit(
     """Find numbers of a scene that make its motion the measured one.
 
     The motion is simulated, with its sensitivities; no torques need to be measured. Each value comes with an interval;
-    what the measurements cannot show is named, not fitted.
+    what the measurements cannot show is named, not fitted. Ctrl-C keeps the best so far.
 
     \b
     twolink fit arm-human log.csv --parameters "forearm.mass,effects.1.damping.*" --out fit.png
@@ -55,8 +56,9 @@ def fit(
     require_writable(paths, ENDINGS)
     loaded = scene_from(scene)
     names = [name.strip() for text in parameters for name in text.split(",")]
-    found = find(loaded, data, names, sigma=sigma, method=method, segments=segments, accuracy=accuracy,
-                 confidence=confidence)  # fmt: skip
+    with progress_bar() as report:
+        found = find(loaded, data, names, sigma=sigma, method=method, segments=segments, accuracy=accuracy,
+                     confidence=confidence, progress=report)  # fmt: skip
 
     def write_one(path: Path) -> Path:
         if path.suffix.lower() == ".toml":
@@ -68,4 +70,4 @@ def fit(
     written, failures = write(paths, write_one)
     files = "".join(f"\nwrote {path}" for path in written)
     show(found.to_dict() | {"scene": scene, "files": written}, f"{found}{files}", as_json)
-    finish(failures, interrupted=False)
+    finish(failures, found.interrupted)

@@ -142,6 +142,17 @@ class Linearization(ShownAsText):
                          float(-z.real / size) if size > error else None))  # fmt: skip
         return Table(("real 1/s", "imaginary 1/s", "error", "frequency Hz", "damping ratio"), tuple(rows))
 
+    def to_dict(self) -> dict[str, Any]:
+        """A record for JSON."""
+        return {
+            "A": self.A.tolist(), "B": self.B.tolist(), "names": self.names, "inputs": self.inputs,
+            "error": self.error, "equilibrium": self.is_equilibrium,
+            "stability": self.stability if self.is_equilibrium else None,
+            "eigenvalues": [[z.real, z.imag] for z in self.eigenvalues.tolist()],
+            "eigenvalue_errors": self.eigenvalue_errors.tolist(),
+            "controllable": self.controllability.rank if self.inputs else 0,
+        }  # fmt: skip
+
     def plot(self, path: str | Path) -> Path:
         """Draw the eigenvalues in the complex plane into a .png, .svg or .pdf."""
         from twolink.show.eigenvalue_plot import plot_eigenvalues

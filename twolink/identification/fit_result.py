@@ -69,6 +69,8 @@ class SceneFit(Estimate):
         Whether residuals are small beside what was measured.
     simulations : int
         How many motions were simulated.
+    interrupted : bool
+        Ctrl-C ended the search; this is the best so far.
     """
 
     scene: Scene
@@ -97,6 +99,7 @@ class SceneFit(Estimate):
     converged: bool
     explained: bool
     simulations: int
+    interrupted: bool = False
 
     @property
     def robot(self) -> Robot:
@@ -119,7 +122,8 @@ class SceneFit(Estimate):
             texts.append("residuals are correlated in time: effects may be missing in the scene (friction?), or this "
                          "is not the best fit; the intervals allow for it")  # fmt: skip
         if not self.converged:
-            texts.append("the search ended before it converged")
+            texts.append("interrupted: this is the best so far" if self.interrupted else
+                         "the search ended before it converged")  # fmt: skip
         return tuple(texts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -142,6 +146,7 @@ class SceneFit(Estimate):
             "gap": self.gap,
             "simulations": self.simulations,
             "converged": self.converged,
+            "interrupted": self.interrupted,
             "explained": self.explained,
             "warnings": list(self.warnings),
         }

@@ -1,6 +1,7 @@
 """The search for parameters by simulation: least squares over z and the starts of later segments."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -25,6 +26,7 @@ GAPS = (1.0, 1e-3, 1e-6)  # what gaps may be, in noise, one after the other
 CLOSING = 3  # steps that close the gaps
 GUESS = 0.1  # of what is measured: the noise at first
 SIMULATIONS = 60  # of each solve, at most
+Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -105,18 +107,21 @@ def _diagonal(like: np.ndarray, bound: np.ndarray) -> np.ndarray:
 
 
 class Search:
-    """The search for one measured motion: by least squares in z and the starts of later segments."""
+    """The search for one measured motion: by least squares in z and the starts of later segments.
+
+    interrupted: Ctrl-C ended it; what it gives then is the best so far.
+    """
 
     def __init__(
         self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float, *,
-        in_segments: bool = True,
+        in_segments: bool = True, progress: Progress | None = None,
     ) -> None:  # fmt: skip
         values, count = len(data.t) * len(data.channels), len(unknowns.names)
         if values <= count:
             raise QueryError(f"{values} measured values are too few for {count} parameters", argument="measurements",
                              remedy="measure more, or look for fewer parameters", code="too-few-samples")  # fmt: skip
         self.unknowns, self.data, self.known, self.accuracy = unknowns, data, known, accuracy
-        self.robust = method == "robust"
+        self.robust, self.progress, self.interrupted = method == "robust", progress, False
         self.simulations = 1
         self.first: Shot | None = None
         try:
@@ -139,13 +144,14 @@ class Search:
         for number in range(ROUNDS):
             before, rank = point.noise, 0
             for gap in GAPS if starts and not number else GAPS[-1:]:
-                point, rank = self._solved(point, gap)
+                if not self.interrupted:
+                    point, rank = self._solved(point, gap)
             now = self.at(point)
             point = replace(point, noise=self.statistics(point, now).noise)
             same = np.allclose(before, point.noise, rtol=0.02, atol=0.0) and len(now.shown.members) == rank
-            if same and (number or not self.robust):
+            if self.interrupted or (same and (number or not self.robust)):
                 break
-        for _ in range(CLOSING if starts else 0):
+        for _ in range(CLOSING if starts and not self.interrupted else 0):
             point = self._closed(point)
         self.simulations += shooting.simulations
         return point
@@ -188,6 +194,7 @@ class Search:
         def shot(u: np.ndarray) -> Shot | None:
             key = u.tobytes()
             if key not in shots:
+                self._report(point, len(shots))
                 try:
                     shots[key] = point.shooting(*moved(u))
                 except TwolinkError:  # no such body, or no such motion: a step too far
@@ -205,11 +212,23 @@ class Search:
             rows = np.concatenate([-weights.ravel(), np.full(nx * later, per_gap)])
             return np.asarray(found.jacobian(basis) * rows[:, None])
 
-        found = least_squares(residuals, np.zeros(r + nx * later), jacobian, method="trf", x_scale=1.0, xtol=1e-10,
-                              ftol=1e-10, gtol=1e-14, max_nfev=SIMULATIONS)  # fmt: skip
-        z, starts = moved(found.x)
-        end = cast("Shot", shot(found.x))
-        return replace(point, z=z, starts=starts, shot=end, converged=found.status > 0), r
+        try:
+            found = least_squares(residuals, np.zeros(r + nx * later), jacobian, method="trf", x_scale=1.0, xtol=1e-10,
+                                  ftol=1e-10, gtol=1e-14, max_nfev=SIMULATIONS)  # fmt: skip
+            best, converged = found.x, found.status > 0
+        except KeyboardInterrupt:
+            self.interrupted = True
+            tried = [np.frombuffer(key) for key, one in shots.items() if one is not None]
+            best, converged = min(tried, key=lambda u: float((residuals(u) ** 2).sum())), False
+        z, starts = moved(best)
+        return replace(point, z=z, starts=starts, shot=cast("Shot", shot(best)), converged=converged), r
+
+    def _report(self, point: Point, done: int) -> None:
+        """Tell how far a solve from a point is."""
+        if self.progress is not None:
+            left = float(np.sqrt(np.mean((point.shot.residuals / point.noise) ** 2)))
+            pieces = len(point.starts) + 1
+            self.progress(done, SIMULATIONS, f"{pieces} segment{'s' * (pieces > 1)}, residuals {left:.3g} x the noise")
 
     def _closed(self, point: Point) -> Point:
         """A step of the condensed equations, which closes the gaps; the point itself where that fails."""

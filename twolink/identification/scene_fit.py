@@ -11,7 +11,7 @@ from twolink.dynamics.arguments import array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
-from twolink.identification.fit_search import METHODS, Linearized, Point, Search
+from twolink.identification.fit_search import METHODS, Linearized, Point, Progress, Search
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
 from twolink.identification.segments import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
@@ -33,6 +33,7 @@ def fit(
     segments: int | None = None,
     accuracy: float = 1e-6,
     confidence: float = 0.95,
+    progress: Progress | None = None,
 ) -> SceneFit:
     """Find parameters of a scene such that its motion is the measured one, with intervals; name what cannot be found.
 
@@ -61,11 +62,15 @@ def fit(
         Bound on the error of simulated positions, rad or m, and of derivatives relative to the largest, or 1.
     confidence : float
         The probability of the intervals.
+    progress : callable, optional
+        Called before each simulation of the motion: how many are done, the most that the present search may take, and a
+        label with what residuals are left.
 
     Returns
     -------
     SceneFit
-        `values`, `intervals`, `scene` (with what was found), `not_identifiable`, `residuals`, `plot`.
+        `values`, `intervals`, `scene` (with what was found), `not_identifiable`, `residuals`, `plot`. Ctrl-C ends the
+        search with the best so far, which is marked `interrupted`.
 
     Raises
     ------
@@ -96,11 +101,16 @@ def fit(
         raise QueryError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
     data = measured_motion(scene.robot, measurements)
     search = Search(unknowns_of(scene, parameters), data, _noise_of(sigma, data), method, accuracy_of(accuracy),
-                    in_segments=segments != 1 and can_be_cut(scene))  # fmt: skip
+                    in_segments=segments != 1 and can_be_cut(scene), progress=progress)  # fmt: skip
     points: list[Point] = []
     for count in segment_counts(segments, search.growth, data, scene):
-        points.append(search.point_with(count))
-        if _unexplained(search, points[-1]) < _EXPLAINED:
+        try:
+            points.append(search.point_with(count))
+        except KeyboardInterrupt:  # before there was anything to keep of this search
+            if not points:
+                raise
+            search.interrupted = True
+        if search.interrupted or _unexplained(search, points[-1]) < _EXPLAINED:
             break
     best = min(points, key=lambda point: _unexplained(search, point))
     return _result(search, best, method, confidence)
@@ -153,6 +163,7 @@ def _result(search: Search, point: Point, method: str, confidence: float) -> Sce
         converged=point.converged,
         explained=_unexplained(search, point) < _EXPLAINED,
         simulations=search.simulations,
+        interrupted=search.interrupted,
     )
 
 

@@ -126,6 +126,8 @@ class Shooting:
             wrt = [*unknowns.wrt[: unknowns.constants], "q", "v"]
         times = self.data.t[rows]
         s = sensitivities_at(own, wrt, np.union1d([begin], times), accuracy, any_numbers=True)
+        if s.run.interrupted:
+            raise KeyboardInterrupt
         if s.run.t[-1] < times[-1]:
             raise SceneError(f"the motion ends at t = {s.run.t[-1]:.6g} s, before the last measurement", where="scene",
                              remedy="leave out the effect that ends it, or later measurements")  # fmt: skip

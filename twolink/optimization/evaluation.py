@@ -7,7 +7,6 @@ stand in, and the evaluation says so.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.optimization.neighbours import Neighbours, NotFollowedError
-from twolink.optimization.objectives import Objective
+from twolink.optimization.objectives import Objective, value_of
 from twolink.optimization.variables import Variables, derivative_of
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
@@ -28,7 +27,6 @@ STEP = 1e-4  # of the distance of the bounds: of differences of runs
 FAILURES = 3  # motions without derivatives, after which these are not tried any more
 SHARPER = 1e-3  # of the accuracy: of a second try to tell the events of a motion apart
 BY_SENSITIVITIES = "sensitivities"
-_NUMBERS = (float, int, np.number, np.ndarray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,15 +127,7 @@ class Evaluator:
 
     def values_of(self, run: Trajectory) -> np.ndarray:
         """Objective and constraints of a run, (1 + m,). Raises SceneError where one is no finite number."""
-        found = []
-        for name, function in self.functions.items():
-            value = function(run)
-            if not (np.ndim(value) == 0 and isinstance(value, _NUMBERS) and math.isfinite(value)):
-                raise SceneError(f"expected a finite number, got {value!r}", argument=name.partition("[")[0],
-                                 where=name, remedy="return one number of the run, such as run.q[-1, 0]",
-                                 code="objective")  # fmt: skip
-            found.append(float(value))
-        return np.array(found)
+        return np.array([value_of(function, run, name) for name, function in self.functions.items()])
 
     def _samples(self, finer: float) -> float:
         return self.samples * (2.0 if finer > 1.0 else 1.0)

@@ -21,7 +21,7 @@ from twolink.dynamics import Robot
 from twolink.effects.motion import Motion
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError
-from twolink.integrate.effect_numbers import effect_numbers, nominal_value
+from twolink.integrate.effect_numbers import effect_numbers, nominal_value, physical
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.neighbours import shifted
 from twolink.optimization.objectives import Objective
@@ -38,7 +38,7 @@ class NotFollowedError(SceneError):
     """A function of a run asks for what is not known beside it; differences of runs tell its derivatives."""
 
 
-class _Unknown:
+class Unknown:
     """In place of what is not known beside a run: any use of it fails."""
 
     def __init__(self, what: str) -> None:
@@ -51,7 +51,7 @@ class _Unknown:
     __len__ = __iter__ = __getitem__ = __bool__ = __contains__ = __getattr__ = _fail
 
 
-class _Beside(_Unknown):
+class _Beside(Unknown):
     """The dense output of a run beside another: torques and accelerations at its samples."""
 
     def __init__(self, run: Trajectory, base: Trajectory, changes: dict[str, float]) -> None:
@@ -76,9 +76,8 @@ class Neighbours:
         of, column = derivative_of(name)
         self.run, self.scene, self.name = s.run, scene, name
         self.dq, self.dv = s.q[of][:, :, column], s.v[of][:, :, column]
-        self._physical = name in parameter_names(scene.robot.model)
-        self._constant = self._physical or name in effect_numbers(scene)
-        self.later, place = 0.0, _watch_at_end(scene, s.run)
+        self._constant = name in parameter_names(scene.robot.model) or name in effect_numbers(scene)
+        self.later, place = 0.0, watch_at_end(scene, s.run)
         if place is not None:
             v, a = s.run.v[-1], s.run.acceleration[-1]
             self.later = self._end_shift(place, v, a)
@@ -90,23 +89,12 @@ class Neighbours:
 
     def derivative(self, functions: Sequence[Objective]) -> np.ndarray:
         """The derivatives (m,) of functions of the run. Raises NotFollowedError."""
-        return np.asarray(_difference(lambda h: np.array([f(self.at(h)) for f in functions], dtype=float), self.step))
+        return np.asarray(fourth_order(lambda h: np.array([f(self.at(h)) for f in functions], dtype=float), self.step))
 
     def at(self, h: float) -> Trajectory:
         """The run where the variable is h more."""
-        run, change = self.run, {self.name: h} if self._constant else {}
-        t = np.append(run.t[:-1], run.t[-1] + h * self.later)
-        other = replace(run, t=t, q=run.robot.integrate(run.q, h * self.dq), v=run.v + h * self.dv,
-                        robot=self._moved(run.robot, h), error=None, cost=None, precise=None, recorded_energy=None,
-                        robots=[(self._moved(robot, h), count) for robot, count in run.robots],
-                        events=_Unknown("what happens"))  # type: ignore[arg-type]  # fmt: skip
-        return replace(other, solution=_Beside(other, run, change))  # type: ignore[arg-type]
-
-    def _moved(self, robot: Robot, h: float) -> Robot:
-        """A robot with the variable h more."""
-        if not self._physical:
-            return robot
-        return robot.changed(lambda model: with_nominal(model, self.name, nominal(model, self.name) + h))
+        changes = {self.name: h} if self._constant else {}
+        return beside(self.run, h * self.dq, h * self.dv, changes, h * self.later)
 
     def _end_shift(self, place: int, v: np.ndarray, a: np.ndarray) -> float:
         """How much later the run ends, per unit of the variable. place: of the effect that ends it."""
@@ -122,12 +110,31 @@ class Neighbours:
             value = watch.function if watch.when is None else watch.when.distance
             return float(np.squeeze(value(Motion(model, mechanism(model), q.tolist(), v.tolist(), t, Numbers))))
 
-        in_time = _difference(lambda h: guard(robot.integrate(q, h * v), v + h * a, t + h), rate)
-        across = _difference(lambda h: guard(robot.integrate(q, h * dq), v + h * dv, t, h), change)
+        in_time = fourth_order(lambda h: guard(robot.integrate(q, h * v), v + h * a, t + h), rate)
+        across = fourth_order(lambda h: guard(robot.integrate(q, h * dq), v + h * dv, t, h), change)
         return float(-across / in_time)
 
 
-def _watch_at_end(scene: Scene, run: Trajectory) -> int | None:
+def beside(
+    run: Trajectory, dq: np.ndarray, dv: np.ndarray, changes: dict[str, float], later: float = 0.0
+) -> Trajectory:
+    """The run moved by (dq, dv) (n, nv), with other constants by name, which ends so much later [s]."""
+
+    def moved(robot: Robot) -> Robot:
+        def change(model: Any) -> None:
+            for name, by in physical(changes).items():
+                with_nominal(model, name, nominal(model, name) + by)
+
+        return robot.changed(change) if physical(changes) else robot
+
+    other = replace(run, t=np.append(run.t[:-1], run.t[-1] + later), q=run.robot.integrate(run.q, dq), v=run.v + dv,
+                    robot=moved(run.robot), error=None, cost=None, precise=None, recorded_energy=None,
+                    robots=[(moved(robot), count) for robot, count in run.robots],
+                    events=Unknown("what happens"))  # type: ignore[arg-type]  # fmt: skip
+    return replace(other, solution=_Beside(other, run, changes))  # type: ignore[arg-type]
+
+
+def watch_at_end(scene: Scene, run: Trajectory) -> int | None:
     """The place of the effect whose condition ends the run; None where none does."""
     last = run.events[-1] if run.events else None
     if last is None or last.t != run.t[-1]:
@@ -136,7 +143,7 @@ def _watch_at_end(scene: Scene, run: Trajectory) -> int | None:
                  and effect.at is None and effect.name == last.what), None)  # fmt: skip
 
 
-def _difference(value: Callable[[float], Any], step: float) -> Any:
-    """The derivative at 0; its error is of the fourth order."""
+def fourth_order(value: Callable[[float], Any], step: float) -> Any:
+    """The derivative at 0 by differences, whose error is the fourth power of the step."""
     near, far = (value(k * step) - value(-k * step) for k in (1, 2))
     return (8.0 * near - far) / (12.0 * step)

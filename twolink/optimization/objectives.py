@@ -3,6 +3,7 @@
 Integrals are by Simpson's rule over the samples; the error that an `Optimum` states includes that of the rule.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,17 @@ from twolink.errors import SceneError, nearest, require_known
 from twolink.simulation.trajectory import Trajectory
 
 Objective = Callable[[Trajectory], float]
+_NUMBERS = (float, int, np.number, np.ndarray)
 _AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def value_of(function: Objective, run: Trajectory, name: str = "objective") -> float:
+    """The value of a function of a run. Raises SceneError where it is no finite number, code "objective"."""
+    value = function(run)
+    if not (np.ndim(value) == 0 and isinstance(value, _NUMBERS) and math.isfinite(value)):
+        raise SceneError(f"expected a finite number, got {value!r}", argument=name.partition("[")[0], where=name,
+                         remedy="return one number of the run, such as run.q[-1, 0]", code="objective")  # fmt: skip
+    return float(value)
 
 
 @dataclass(frozen=True)

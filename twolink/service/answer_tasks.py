@@ -27,15 +27,7 @@ def linearize(*, body: bytes, robots: str) -> bytes:
     """A scene's equations near a state, as JSON. body: a LinearizationRequest."""
     request = decode_unique(body, LinearizationRequest)
     found = linearize_scene(scene_of(request.scene, robots), request.q, request.v)
-    content = {
-        "A": found.A.tolist(), "B": found.B.tolist(), "names": found.names, "inputs": found.inputs,
-        "error": found.error, "equilibrium": found.is_equilibrium,
-        "stability": found.stability if found.is_equilibrium else None,
-        "eigenvalues": [[z.real, z.imag] for z in found.eigenvalues.tolist()],
-        "eigenvalue_errors": found.eigenvalue_errors.tolist(),
-        "controllable": found.controllability.rank if found.inputs else 0,
-    }  # fmt: skip
-    return msgspec.json.encode(content, enc_hook=np.generic.item)
+    return msgspec.json.encode(found.to_dict(), enc_hook=np.generic.item)
 
 
 def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:

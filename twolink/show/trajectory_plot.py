@@ -28,7 +28,7 @@ PANELS = {
 }
 
 
-class _Curve(NamedTuple):
+class Curve(NamedTuple):
     """A coordinate or velocity over time: the panel it belongs to, its joint, the name of the entry in it."""
 
     panel: str
@@ -73,15 +73,15 @@ def plot_trajectory(
         When the file cannot be written.
     """
     t, q, v = curves
-    drawn = list(_curves(robot, q, v))
-    joints = _those_that_move_most(drawn)
+    drawn = list(curves_of(robot, q, v))
+    joints = those_that_move_most(drawn)
     colours = dict(zip(joints, JOINT_COLOURS, strict=False))
     panels = [name for name in PANELS if any(c.panel == name and c.joint in colours for c in drawn)]
     heights = [2.2 if len(colours) > 3 else 1.6] * len(panels) + [1.2, 1.2]
     figure, axes = new_figure(len(heights), size=(9, 0.9 + sum(heights)), sharex=True, height_ratios=heights)
     for axis, name in zip(axes[:, 0], panels, strict=False):
         axis.set_ylabel(PANELS[name])
-        _draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
+        draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
     _draw_energy_and_error(axes[-2, 0], axes[-1, 0], *samples)
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
@@ -92,14 +92,14 @@ def plot_trajectory(
     return figure if path is None else save_figure(figure, path)
 
 
-def _curves(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[_Curve]:
+def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[Curve]:
     """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
     for joint in robot.joints:
         for panel, entry, values in (
             *_positions(robot, joint, q[:, joint.q]),
             *_velocities(robot, joint, v[:, joint.v]),
         ):
-            yield _Curve(panel, joint.name, entry, values)
+            yield Curve(panel, joint.name, entry, values)
 
 
 def _positions(robot: RobotModel, joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
@@ -124,7 +124,7 @@ def _velocities(robot: RobotModel, joint: JointLayout, v: np.ndarray) -> list[tu
     return [*slide, *(("turn", name, v[:, first + i]) for i, name in enumerate(turning))]
 
 
-def _those_that_move_most(curves: Sequence[_Curve]) -> list[str]:
+def those_that_move_most(curves: Sequence[Curve]) -> list[str]:
     """At most MAX_JOINTS joints in their order, by the largest share that they have of the range of any panel."""
     ranges = [float(np.ptp(curve.values)) for curve in curves]
     widest = {c.panel: max(r for d, r in zip(curves, ranges, strict=True) if d.panel == c.panel) for c in curves}
@@ -135,7 +135,7 @@ def _those_that_move_most(curves: Sequence[_Curve]) -> list[str]:
     return [joint for joint in share if joint in most]
 
 
-def _draw(axis: Any, t: np.ndarray, curves: Sequence[_Curve], colours: dict[str, str]) -> None:
+def draw(axis: Any, t: np.ndarray, curves: Sequence[Curve], colours: dict[str, str]) -> None:
     """The curves of a panel; those of one joint differ by their line styles."""
     drawn: dict[str, int] = {}
     for curve in curves:

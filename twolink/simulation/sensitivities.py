@@ -1,11 +1,18 @@
 """sensitivities: derivatives of a simulated motion by its initial state and by physical constants."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar, overload
 
 import numpy as np
 
-from twolink.errors import AccuracyError
+from twolink.dynamics.arguments import positive
+from twolink.errors import AccuracyError, SceneError, require_known
+from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
@@ -19,8 +26,12 @@ from twolink.simulation.sensitivity_runs import SensitivityRun
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MARGIN, SMOOTH_MARGIN = 10.0, 2.0  # times smaller than the accuracy the first tolerance is, with events and without
 TRIALS = 5  # of smaller tolerances
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,6 +47,8 @@ class Sensitivities(ShownAsText):
         the name.
     error : mapping of names to ndarray (n,)
         Bound on the error of every entry of q and v of that name.
+    values : mapping of names to float
+        The values of the parameters among the names, SI units; "q" and "v" have none.
     accuracy : float
         The accuracy asked for, relative to the largest entry so far, or 1.
     """
@@ -44,7 +57,64 @@ class Sensitivities(ShownAsText):
     q: dict[str, np.ndarray]
     v: dict[str, np.ndarray]
     error: dict[str, np.ndarray]
+    values: dict[str, float]
     accuracy: float
+
+    @overload
+    def plot(self, *, name: str | None = ..., change: float = ...) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str], *, name: str | None = ..., change: float = ...) -> Path: ...
+
+    def plot(
+        self, path: str | os.PathLike[str] | None = None, *, name: str | None = None, change: float = 0.01
+    ) -> Path | Figure:
+        """Draw the motion in a tube that a change of a parameter makes, and how far each parameter moves the motion.
+
+            tube: q(t) +- |dq/dp| change |p|
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+        name : str, optional
+            The parameter of the tube; by default the one that moves q the most. Of a name with several numbers the
+            tube is the sum of theirs.
+        change : float
+            Of a parameter, relative to its value; of the initial state, and of what is 0, the change itself in rad, m,
+            or per second.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
+
+        Raises
+        ------
+        SceneError
+            The name is not among those of the sensitivities (code "unknown-sensitivity"), or `change` is no number
+            above 0.
+        ShowError
+            The file cannot be written.
+
+        Notes
+        -----
+        The tube is linear in the change: where it is wide, the motion leaves it.
+        """
+        from twolink.show.sensitivity_plot import plot_sensitivities
+
+        positive(change, "change", SceneError, "such as 0.01")
+        if name is not None:
+            require_known(name, self.q, SceneError, "there are no sensitivities to {!r}", argument="name",
+                          code="unknown-sensitivity")  # fmt: skip
+        steps = {one: change * (abs(self.values.get(one, 1.0)) or 1.0) for one in self.q}
+        moves = {one: step * np.abs(self.q[one]).sum(axis=2).max(axis=1, initial=0.0) for one, step in steps.items()}
+        shown = max(moves, key=lambda one: float(moves[one].max())) if name is None else name
+        run, along = self.run, (steps[shown] * self.q[shown], steps[shown] * self.v[shown])
+        words = f"{shown} ± {100 * change:g} %" if self.values.get(shown) else f"{shown} ± {change:g}"
+        title = f"{run.title or run.robot.name}\n{words}"
+        file = None if path is None else Path(path)
+        return plot_sensitivities(run.robot, title, (run.t, run.q, run.v), along, moves, file)
 
     def __repr__(self) -> str:
         worst = max((float(bar[-1]) for bar in self.error.values()), default=0.0)
@@ -119,8 +189,31 @@ def sensitivities_at(
     any_numbers: by code that serves scenes with other numbers too, for those who ask for many of them.
     """
     accuracy = accuracy_of(accuracy)
-    wanted = wanted_of(scene, wrt)
-    equations, begin, end = equations_of(scene), float(times[0]), float(times[-1])
+    wanted, equations = wanted_of(scene, wrt), equations_of(scene)
+
+    def attempt(own: Equations, run: Trajectory, sought: float, tolerance: float) -> tuple[Sensitivities, float]:
+        result = _with_bars(SensitivityRun(run, own, wanted, sought, tolerance), accuracy)
+        return result, max(float((bar / (accuracy * _scale(result, name))).max()) for name, bar in result.error.items())
+
+    return refined(scene, equations, times, accuracy, attempt, progress, any_numbers=any_numbers)
+
+
+def refined(
+    scene: Scene,
+    equations: Equations,
+    times: np.ndarray,
+    accuracy: float,
+    attempt: Callable[[Equations, Trajectory, float, float], tuple[Result, float]],
+    progress: Progress | None = None,
+    *,
+    any_numbers: bool = False,
+) -> Result:
+    """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
+
+    attempt: of equations, their run, its accuracy and a tolerance of steps: the result, and how many times too large
+    its bars are. Raises AccuracyError, code "accuracy-limit", where that has no end.
+    """
+    begin, end = float(times[0]), float(times[-1])
     if begin:
         equations = equations.starting_at(equations.start, begin)
     if any_numbers:
@@ -137,8 +230,7 @@ def sensitivities_at(
             if not excess:
                 raise
             break
-        result = _with_bars(SensitivityRun(run, equations, wanted, sought, sought / margin), accuracy)
-        excess = max(float((bar / (accuracy * _scale(result, name))).max()) for name, bar in result.error.items())
+        result, excess = attempt(equations, run, sought, sought / margin)
         if excess <= 1.0:
             return result
         sought *= 0.5 / excess
@@ -149,7 +241,7 @@ def sensitivities_at(
 
 def _with_bars(found: SensitivityRun, accuracy: float) -> Sensitivities:
     """The derivatives by name, with their error bars."""
-    run, s, nv = found.run, found.s, found.equations.space.nv
+    run, s, nv = found.run, found.s, found.run.robot.nv
     after = np.minimum(np.searchsorted(found.t, run.t), len(found.t) - 1)
     q, v, error = {}, {}, {}
     for name, columns in found.wanted.columns.items():
@@ -159,7 +251,7 @@ def _with_bars(found: SensitivityRun, accuracy: float) -> Sensitivities:
         distance = found.distance[:, columns].max(axis=1, initial=0.0)
         bar = error_bar(distance, np.zeros(len(distance)), 1.0)[after]
         error[name] = bar + ROUNDING * size + SLACK * accuracy * np.maximum(1.0, size)
-    return Sensitivities(run, q, v, error, accuracy)
+    return Sensitivities(run, q, v, error, found.wanted.values, accuracy)
 
 
 def _scale(result: Sensitivities, name: str) -> np.ndarray:

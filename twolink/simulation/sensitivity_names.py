@@ -39,6 +39,11 @@ class Wanted:
         """The parameters among it."""
         return self.neighbours.names
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the parameters."""
+        return dict(zip(self.neighbours.names, self.neighbours.values, strict=True))
+
 
 def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     """What the names ask for. Raises SceneError for an unknown one, code "unknown-sensitivity"."""

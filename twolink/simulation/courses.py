@@ -1,0 +1,159 @@
+"""Courses: the solutions along which derivatives are taken, the run's own and second ones, and the steps along them."""
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from twolink.errors import AccuracyError
+from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.modes import Mode
+from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
+from twolink.integrate.hybrid.state import RunState
+from twolink.integrate.method_choice import MethodChoice, steps_ratio
+from twolink.integrate.methods import METHODS
+from twolink.integrate.neighbours import Neighbours
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.scene_equations import with_parameters
+from twolink.integrate.solver import from_shifted_start, solve
+from twolink.integrate.state import Array
+from twolink.integrate.variational_legs import Leg, halved, leg_of
+from twolink.integrate.variational_steps import VariationalSteps
+from twolink.simulation.refinement import finer, rounding_tolerance
+from twolink.simulation.trajectory import Trajectory
+
+
+class Course(NamedTuple):
+    """A solution with the jumps at the ends of its pieces, and where it began; without events neither."""
+
+    dense: DenseOutput
+    edges: list[tuple[float, float]]
+    jumps: list[Jump]
+    begun: RunState | None
+
+
+class Courses:
+    """The solutions of a run's equations along which derivatives are taken.
+
+    along_state: derivatives by the state alone; else by the neighbours' parameters too. Attributes: first, the course
+    of the run; saltation, for the jumps.
+    """
+
+    def __init__(
+        self, run: Trajectory, equations: Equations, neighbours: Neighbours, accuracy: float, tolerance: float, *,
+        along_state: bool = False,
+    ) -> None:  # fmt: skip
+        self.run, self.equations, self.neighbours = run, equations, neighbours
+        self.accuracy, self.tolerance, self.along_state = accuracy, tolerance, along_state
+        self._steps: dict[str, VariationalSteps] = {}
+        self.saltation = Saltation(neighbours)
+        dense = cast("DenseOutput", run.solution)
+        self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
+        self.first = _course_of(dense, float(run.t[-1]))
+        if equations.has_events:
+            self.first = self._solved(self._choice, dense.t, NO_PERTURBATION)
+
+    def times(self, course: Course) -> Array:
+        """Times along a course, about as many as the run has steps."""
+        return course.dense.t[:: max(1, len(course.dense.t) // max(1, self.run.cost.steps if self.run.cost else 1))]
+
+    def leg(self, course: Course, number: int, times: Array, tolerance: float) -> Leg:
+        """The leg of a piece, between those of times (m,) that are in it."""
+        begin, end = course.edges[number]
+        inside = times[(times > begin) & (times < end)]
+        between = np.concatenate([[begin], inside, [end]])
+        return leg_of(self._steps_of(course, number), course.dense, number, between, tolerance)
+
+    def halved(self, leg: Leg, course: Course, number: int) -> Leg:
+        """The leg of a second course beside one of the first, with every step halved."""
+        begin, end = course.edges[number]
+        own = leg.t
+        if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
+            own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
+        return halved(leg, course.dense, number, own)
+
+    def driven(self, course: Course, number: int) -> tuple[Equations, Array]:
+        """The equations of a piece with the parameters, and the gains of what drives them."""
+        equations = with_parameters(course.dense.pieces[number].equations, self.neighbours.constants)
+        mode = course.jumps[number].before.mode if course.jumps else Mode()
+        slip = {k: slip for k, slip in mode.slip.items() if k not in mode.locked}
+        return equations, self.neighbours.gains(mode.idle, slip)
+
+    def _steps_of(self, course: Course, number: int) -> VariationalSteps:
+        """The variational steps of a piece."""
+        equations, gains = course.dense.pieces[number].equations, np.empty((0, 0))
+        if not self.along_state:
+            equations, gains = self.driven(course, number)
+        if equations.content not in self._steps:
+            self._steps[equations.content] = VariationalSteps(equations, gains)
+        return self._steps[equations.content].starting(equations, gains)
+
+    def second_ones(self) -> tuple[MethodChoice, list[Perturbation]]:
+        """How second solutions are computed, and how each is perturbed: where rounding counts, there are two."""
+        choice = self._choice
+        fine = finer(choice, self.equations, self.accuracy, self.run.cost.steps if self.run.cost else 0)
+        first = second_solution(steps_ratio(fine.method), choice.setting if choice.method.adaptive else 0.0)
+        if fine.precision == "double" and self.tolerance < rounding_tolerance(fine.method):
+            return fine, [first, first.opposite]
+        return fine, [first]
+
+    def second(self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation) -> Course:
+        """A second course, at the times of the legs and between them."""
+        times = np.unique(np.concatenate([leg.t for leg in legs]))
+        return self._solved(choice, np.union1d(times, 0.5 * (times[:-1] + times[1:])), perturbation)
+
+    def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> Course:
+        """A solution, with its jumps."""
+        jumps: list[Jump] = []
+        begun = None
+        if self.equations.has_events:
+            equations = from_shifted_start(self.equations, perturbation)
+            engine = RecordingEngine(equations, choice.method, times, choice.setting, None, perturbation)
+            solution = engine.solution()
+            jumps, begun = engine.jumps, engine.begun
+        else:
+            solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
+        dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
+                            choice.setting, choice.precision)  # fmt: skip
+        return _course_of(dense, float(solution.t[-1]), jumps, begun)
+
+    def require_alike(self, course: Course) -> None:
+        """Require that a second course has the pieces of the first. Raises AccuracyError."""
+        if not self.paired(course) == len(self.first.edges) == len(course.edges):
+            raise AccuracyError("a more accurate motion follows more bounces", where=f"t = {course.edges[-1][0]:.6g} s",
+                                remedy="ask for more accuracy, or for a shorter duration",
+                                code="sensitivity-undefined", t=course.edges[-1][0])  # fmt: skip
+
+    def paired(self, course: Course) -> int:
+        """How many pieces of a second solution end as those of the run do: all, but where one follows bounces farther.
+
+        What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
+        other events.
+        """
+        jumps = self.first.jumps[:-1], course.jumps[:-1]
+        both = [[(jump.guard and jump.guard.key, jump.before.t) for jump in each] for each in jumps]
+        calm = [[jump.rest for jump in each if jump.rest > jump.before.t] for each in jumps]
+        paired = _alike(*both)
+        while (same := _alike(*both)) < max(map(len, both)):
+            t = min(events[same][1] for events in both if len(events) > same)
+            ends = [min((end for end in each if end >= t), default=np.inf) for each in calm]
+            if np.isinf(ends).any():
+                raise AccuracyError("a more accurate motion has other events: something is nearly touched, or several "
+                                    "things happen in nearly the same instant", where=f"t = {t:.9g} s",
+                                    remedy=f"ask for a duration below {t:.6g} s, or for more accuracy",
+                                    code="sensitivity-undefined", t=t)  # fmt: skip
+            both = [[*events[:same], *(event for event in events[same:] if event[1] > max(ends))] for events in both]
+        return len(self.first.edges) if paired == len(jumps[0]) == len(jumps[1]) else paired
+
+
+def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:
+    """How many events at the begin of two sequences have the same guards."""
+    alike = itertools.takewhile(lambda pair: pair[0][0] == pair[1][0], zip(ours, theirs, strict=False))
+    return sum(1 for _ in alike)
+
+
+def _course_of(dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None) -> Course:
+    edges = [*(piece.begin for piece in dense.pieces), end]
+    return Course(dense, list(itertools.pairwise(edges)), list(jumps), begun)
