@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.contact_law import contact_point
@@ -24,6 +25,17 @@ class Contact(SwitchingEffect, frozen=True):
         |T| <= mu N                   friction; T = mu N against the slip while the bodies slide (Coulomb 1785)
         g'+ = -e g'-                  at an impact (Newton 1687)
 
+    Where several contacts are hit at once, or bodies that touch are hit:
+
+        "newton"       one impulse: each contact that presses obeys Newton's law, g'+ = -e g'-, and the others part.
+                       What only touches has g'- = 0 and stays, or parts. (Moreau 1988)
+        "reflections"  rounds of it: in each round only those that approach, g' < 0, until none does. Blows travel
+                       through bodies that touch, as through Newton's cradle; with e = 1 the energy is kept.
+                       (Smith, Kaufman, Vouga, Tamstorf, Grinspun: Reflections on simultaneous impact, 2012)
+
+    Both agree for one contact. Rigid bodies do not decide between them: "newton" suits bodies of which the blow
+    reaches all at once, "reflections" stiff bodies that pass it on one after the other.
+
     Parameters
     ----------
     pairs : str, or tuple of str or pair
@@ -37,19 +49,23 @@ class Contact(SwitchingEffect, frozen=True):
         e, from 0 to 1.
     static : float, optional
         mu of bodies that do not slide, not below the friction, which it is by default.
+    impacts : {"newton", "reflections"}
+        The law of several contacts at once, see above.
     shapes : mapping of link to shapes
         In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
 
     Notes
     -----
-    Several contacts that are hit at once each obey Newton's law by themselves. Where bodies rest on more points than
-    determine their forces, only the sums of the forces of a pair are determined.
+    Where bodies rest on more points than determine their forces, only the sums of the forces of a pair are determined.
+    Bodies that touch along a line or a flat side (a cylinder that stands, parallel capsules) are refused with code
+    "no-single-point", pairs of shapes without a formula with "no-located-contact".
     """
 
     pairs: str | tuple[str | tuple[Body, Body], ...] = ("self", "ground")
     friction: NotNegative = 0.0
     restitution: NotNegative = 0.0
     static: NotNegative | None = None
+    impacts: Literal["newton", "reflections"] = "newton"
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
 
     def check(self, robot: Robot) -> None:
@@ -79,7 +95,8 @@ class Contact(SwitchingEffect, frozen=True):
         """A gap for each point at which a pair may touch."""
         friction, restitution = float(self.friction), float(self.restitution)
         static = None if self.static is None else float(self.static)
-        return [contact_point(pair.name, gap, friction, restitution, static)
+        reflects = self.impacts == "reflections"
+        return [contact_point(pair.name, gap, friction, restitution, static, reflects=reflects)
                 for pair in self.selected(robot).chosen for gap in gaps_of(pair)]  # fmt: skip
 
 

@@ -25,7 +25,13 @@ STILL = 1e-10  # m/s: a slip whose direction is rounding
 
 
 def contact_point(
-    name: str, gap: AnyGap, friction: float, restitution: float, static: float | None = None
+    name: str,
+    gap: AnyGap,
+    friction: float,
+    restitution: float,
+    static: float | None = None,
+    *,
+    reflects: bool = False,
 ) -> ContactPoint:
     """A contact of the engine from a gap and the numbers of its law."""
     constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
@@ -38,6 +44,8 @@ def contact_point(
         gap.velocity,
         constraint,
         content,
+        gap.single,
+        reflects,
     )
 
 

@@ -21,12 +21,18 @@ def gaps_of(pair: Pair) -> list[AnyGap]:
     a, b = pair.first, pair.second
     if isinstance(b, Plane):
         return _on_plane(a, GROUND, unit(b.normal, "pairs"), float(b.height))
-    if isinstance(a.shape, (Sphere, Capsule)) and isinstance(b.shape, (Sphere, Capsule)):
+    # Points and lines without a radius have no distance to what they are inside of.
+    if (
+        isinstance(a.shape, (Sphere, Capsule))
+        and isinstance(b.shape, (Sphere, Capsule))
+        and (a.shape.radius + b.shape.radius > 0.0)
+    ):
         return [RoundGap(_middle(a), _middle(b), _half(a), _half(b))]
-    if isinstance(a.shape, Sphere) and isinstance(b.shape, Box):
+    ball = isinstance(a.shape, Sphere) and a.shape.radius > 0.0
+    if ball and isinstance(b.shape, Box):
         x, y, z = (0.5 * float(edge) for edge in b.shape.size)
         return [BoxGap(_middle(a), b.link, _vec(b.shape.point), _axes(b), (x, y, z))]
-    if isinstance(a.shape, Sphere) and isinstance(b.shape, Cylinder):
+    if ball and isinstance(b.shape, Cylinder):
         radius, half = float(b.shape.radius), 0.5 * float(b.shape.length)
         return [CylinderGap(_middle(a), b.link, _vec(b.shape.point), _axes(b)[2], radius, half)]
     kinds = " and ".join(type(solid.shape).__name__.lower() for solid in (a, b))

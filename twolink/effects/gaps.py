@@ -22,7 +22,8 @@ from twolink.effects.frame_checks import floats
 from twolink.effects.motion import GROUND, Motion
 from twolink.io.text import kebab_case
 
-PARALLEL = 1e-9  # the square of the sine between two segments below it: they count as parallel
+FLAT = 1e-30  # the square of the sine of a tilt below which a disc has no lowest point
+PARALLEL = 1e-9  # the square of the sine between two segments, or of a tilt, below it: they count as parallel
 
 
 class Place(NamedTuple):
@@ -70,6 +71,14 @@ class Gap(msgspec.Struct, frozen=True, tag_field="kind", tag=kebab_case):
         slip = sub(near.first.velocity(motion), near.second.velocity(motion))
         x, y, z = (dot(axis, slip) for axis in near.axes)
         return x, y, z
+
+    def single(self, motion: Motion) -> Scalar | None:
+        """Above 0 where the nearest points are single ones; None where they are so everywhere.
+
+        Where they are not, a line or a side is nearest, and the gap has a kink.
+        """
+        del motion
+        return None
 
 
 class Ball(msgspec.Struct, frozen=True):
@@ -136,12 +145,19 @@ class RimGap(Gap, frozen=True):
         n, s, t = (motion.direction(self.frame, axis) for axis in (normal, *across(normal)))
         u = motion.direction(self.link, self.axis)
         across_axis = sub(n, scale(dot(n, u), u))
-        length = motion.xp.sqrt(dot(across_axis, across_axis))
+        square = dot(across_axis, across_axis)
+        xp = motion.xp
+        length = xp.sqrt(xp.where(xp.less(square, FLAT), FLAT, square))
         offset = scale(-self.radius / length, across_axis)
         apart = sub(add(motion.position(self.link, self.point), offset), motion.position(self.frame))
         gap = minus(dot(n, apart), self.height)
         touched = sub(apart, scale(gap, n))
         return Nearest(gap, (n, s, t), Place(self.link, self.point, offset), Place(self.frame, ZERO, touched))
+
+    def single(self, motion: Motion) -> Scalar:
+        """The square of the sine of its tilt."""
+        tilt = cross(motion.direction(self.frame, floats(self.normal)), motion.direction(self.link, self.axis))
+        return minus(dot(tilt, tilt), PARALLEL)
 
 
 class RoundGap(Gap, frozen=True):
@@ -163,6 +179,18 @@ class RoundGap(Gap, frozen=True):
                 for ball, half in ((self.first, self.first_half), (self.second, self.second_half)))  # fmt: skip
         along_a, along_b = _nearest_of_segments(sub(a, b), u, w, motion.xp)
         return _round(motion, (self.first, a, along_a), (self.second, b, along_b))
+
+    def single(self, motion: Motion) -> Scalar | None:
+        """The square of the sine between segments; or what parallel ones have between their ends, over their length."""
+        if not (any(self.first_half) and any(self.second_half)):
+            return None
+        u, w = (motion.direction(ball.frame, half)
+                for ball, half in ((self.first, self.first_half), (self.second, self.second_half)))  # fmt: skip
+        aa, ab, bb = dot(u, u), dot(u, w), dot(w, w)
+        apart, xp = sub(self.first.centre(motion), self.second.centre(motion)), motion.xp
+        sine, size = 1.0 - ab * ab / (aa * bb) - PARALLEL, xp.sqrt(aa) + xp.sqrt(bb)
+        between = xp.sqrt(dot(u, apart) * dot(u, apart) / aa) / size - 1.0
+        return xp.where(xp.less(sine, between), between, sine)
 
 
 class BoxGap(Gap, frozen=True):

@@ -36,19 +36,17 @@ def assembled(constraints: Constraints, x: Array) -> Array:
     return np.concatenate([q, v])
 
 
+@np.errstate(all="ignore")
 def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     """The constraints without redundant rows, here and along the motion; None where no row constrains anything."""
-    rows = constraints.all_rows
     random = np.random.default_rng(3)
     near = [q, *(pin.integrate(constraints.model, q, s * random.standard_normal(constraints.space.nv))
                  for s in SPREADS)]  # fmt: skip
-    places = [_closed(constraints, x)[0] for x in near]
-    jacobians = [constraints.jacobian_at(x, rows) for x in places]
+    places, jacobians = _with_rows(constraints, [_closed(constraints, x)[0] for x in near])
     used = np.flatnonzero(np.max([np.abs(j).max(axis=1, initial=0.0) for j in jacobians], axis=0) > RANK)
     rank = max(_rank(j) for j in jacobians)
     if rank < len(used):  # rows must be chosen: the choice must do along the whole motion
-        places += _along_motion(constraints, q, random)
-        jacobians = [constraints.jacobian_at(x, rows) for x in places]
+        places, jacobians = _with_rows(constraints, places + _along_motion(constraints, q, random))
         rank = max(_rank(j) for j in jacobians)
     if not rank:
         return None
@@ -59,6 +57,13 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     scales = 2.0 ** np.round(-0.5 * np.log2(np.max(diagonals, axis=0)[kept]))
     shares = _shares(jacobians, kept) if rank < len(used) else None
     return replace(constraints, kept=tuple(kept), scales=tuple(scales.tolist()), shares=shares)
+
+
+def _with_rows(constraints: Constraints, places: Sequence[Array]) -> tuple[list[Array], list[Array]]:
+    """The positions at which the rows exist, and the rows: bodies that overlap deeply have no normal."""
+    pairs = [(q, constraints.jacobian_at(q, constraints.all_rows)) for q in places if np.isfinite(q).all()]
+    there = [(q, rows) for q, rows in pairs if np.isfinite(rows).all()]
+    return [q for q, _ in there], [rows for _, rows in there]
 
 
 def _shares(jacobians: Sequence[np.ndarray], kept: list[int]) -> tuple[tuple[float, ...], ...] | None:
@@ -117,6 +122,8 @@ def _along_motion(constraints: Constraints, q: np.ndarray, random: np.random.Gen
             direction = free.T @ (free @ direction)
             direction *= STRIDE / max(1e-300, float(np.abs(direction).max()))
             x = _closed(constraints, pin.integrate(constraints.model, x, direction))[0]
+            if not np.isfinite(x).all():
+                break
             places.append(x)
     return places
 
@@ -134,7 +141,10 @@ def _closed(constraints: Constraints, q: np.ndarray) -> tuple[np.ndarray, float]
         residual = float(np.abs(g).max(initial=0.0))
         if residual <= ASSEMBLED:
             break
-        change = np.linalg.lstsq(constraints.jacobian_at(q, constraints.all_rows), g, rcond=RANK)[0]
+        jacobian = constraints.jacobian_at(q, constraints.all_rows)
+        if not (np.isfinite(jacobian).all() and np.isfinite(residual)):
+            return np.full_like(q, np.nan), np.inf
+        change = np.linalg.lstsq(jacobian, g, rcond=RANK)[0]
         change *= min(1.0, 0.5 / max(1e-300, float(np.abs(change).max())))
         q = pin.integrate(constraints.model, q, -change)
     return q, residual

@@ -1,5 +1,7 @@
 """The certificate of a compiled step: it agrees with the portable one on Pinocchio's rates."""
 
+import itertools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -8,6 +10,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
+from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
@@ -20,6 +23,8 @@ from twolink.integrate.stiffness import fastest
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared
 AROUND = 0.1  # rad, m, and per second: of states beside closed loops
+NEARER = (0.1, 0.01, 0.0)  # of it, where constraint rows are much nearer to singular than at the start
+LEAST = 0.1  # of their smallest singular value at the start
 Map = Callable[[Array, Array], None]
 
 
@@ -102,10 +107,25 @@ def certify_projection(equations: Equations, compiled: Any) -> None:
 def _around(equations: Equations) -> Array:
     """The start, and random states around it, (size, STATES)."""
     x = np.repeat(equations.start[:, None], STATES, axis=1)
-    x[: equations.moving, 1:] += np.random.default_rng(1).uniform(-AROUND, AROUND, (equations.moving, STATES - 1))
+    shift = np.random.default_rng(1).uniform(-AROUND, AROUND, (equations.moving, STATES - 1))
+    x[: equations.moving, 1:] += shift
     x = equations.space.normalized(x, Numbers)
+    constraints, nq = equations.constraints, equations.space.nq
+    if constraints is not None:
+        least = LEAST * _smallest(constraints, x[:nq, 0])
+        for column, nearer in itertools.product(range(1, STATES), NEARER):
+            if not _smallest(constraints, x[:nq, column]) >= least:  # such as where bodies overlap, with other normals
+                x[: equations.moving, column] = equations.start[: equations.moving] + nearer * shift[:, column - 1]
+        x = equations.space.normalized(x, Numbers)
     _lock_some(equations, x)
     return x
+
+
+@np.errstate(all="ignore")
+def _smallest(constraints: Constraints, q: Array) -> float:
+    """The smallest singular value of constraint rows at q; NaN where there are none."""
+    rows = constraints.jacobian_at(q, constraints.kept)
+    return float(np.linalg.svd(rows, compute_uv=False)[-1]) if np.isfinite(rows).all() else math.nan
 
 
 def _parameters(equations: Equations) -> Array:

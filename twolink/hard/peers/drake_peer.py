@@ -1,7 +1,7 @@
 """Drake: the bodies and joints of the pin.Model in a MultibodyPlant.
 
-A tree is a continuous plant, solved by Simulator's integrators with error control. Loops need a discrete plant (ball
-constraints), at Drake's usual 1 ms.
+A tree is a continuous plant, solved by Simulator's integrators with error control. Loops (ball constraints) and
+contacts (points; rigid but for regularisation) have a discrete plant, at Drake's usual 1 ms.
 """
 
 from collections.abc import Callable
@@ -10,13 +10,25 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
+from pydrake import geometry
 from pydrake.math import RigidTransform
 from pydrake.multibody import plant as multibody
 from pydrake.multibody import tree
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
-from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerTask, Setting, UnsupportedError, tolerances
+from twolink.hard.peers.task import (
+    PeerContact,
+    PeerError,
+    PeerJoint,
+    PeerRun,
+    PeerTask,
+    Setting,
+    UnsupportedError,
+    tolerances,
+)
+from twolink.robots.shapes import Box, Capsule, Cylinder, Sphere
 
 VERSION = version("drake")
 TIGHT, STEP = 1e-10, 1e-3
@@ -31,8 +43,8 @@ def usual_settings(task: PeerTask) -> list[Setting]:
     """A continuous plant at the default and at a tight accuracy; with loops a discrete one at two steps."""
     if task.torques:
         raise UnsupportedError("torques in time are not modelled for Drake")
-    if task.loops:
-        return [Setting(DISCRETE, f"{h * 1e3:g} ms, ball constraints", step=h) for h in (STEP, STEP / 10)]
+    if task.loops or task.contacts:
+        return [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h) for h in (STEP, STEP / 10)]
     return [Setting("runge_kutta3", "default: accuracy 1e-3", default=True),
             Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT, MAX_STEP)]  # fmt: skip
 
@@ -46,9 +58,10 @@ def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
 def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
     """The function that solves the task at the setting. Raises PeerError when Drake refuses the model."""
     discrete = setting.method == DISCRETE
-    plant, q_at, v_at = _build(task, setting.step if discrete else 0.0)
-    simulator = Simulator(plant)
-    context, later = simulator.get_mutable_context(), task.times[1:].tolist()
+    system, plant, q_at, v_at = _build(task, setting.step if discrete else 0.0)
+    simulator = Simulator(system)
+    whole, later = simulator.get_mutable_context(), task.times[1:].tolist()
+    context = plant.GetMyMutableContextFromRoot(whole)
     q0, v0 = np.empty(len(q_at)), np.empty(len(v_at))
     q0[q_at], v0[v_at] = to_peer(task, body_spin=False)
 
@@ -56,7 +69,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
         if setting.tolerance is not None:  # takes 10 microseconds, and drops the last run's integrator
             integrator = ResetIntegratorFromFlags(simulator, setting.method, setting.step)
             integrator.set_target_accuracy(setting.tolerance)
-        context.SetTime(0.0)
+        whole.SetTime(0.0)
         plant.SetPositions(context, q0)
         plant.SetVelocities(context, v0)
         q, v = [q0], [v0]
@@ -76,7 +89,7 @@ def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
 
 def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """a (nv,) of q and v by the plant's time derivatives; of a free body it is Drake's, in other axes."""
-    plant, q_at, v_at = _build(task, 0.0)
+    _, plant, q_at, v_at = _build(replace(task, contacts=()), 0.0)
     context, state = plant.CreateDefaultContext(), np.empty(len(q_at) + len(v_at))
 
     def derivatives(q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -88,9 +101,12 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
     return derivatives
 
 
-def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
-    """The finished plant, and the entries of its q and v in the order of the task's joints."""
+def _build(task: PeerTask, step: float) -> tuple[Any, Any, np.ndarray, np.ndarray]:
+    """The system, its finished plant, and the entries of its q and v in the order of the task's joints."""
+    builder = DiagramBuilder()
     plant: Any = multibody.MultibodyPlant(time_step=step)
+    if task.contacts:
+        plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, plant)
     plant.mutable_gravity_field().set_gravity_vector(task.model.gravity.linear)
     bodies, joints = [plant.world_body()], []
     try:
@@ -98,12 +114,37 @@ def _build(task: PeerTask, step: float) -> tuple[Any, np.ndarray, np.ndarray]:
             joints.append(_add_joint(task, plant, bodies, joint))
         for a, point_a, b, point_b in task.loops:
             plant.AddBallConstraint(bodies[a], point_a, bodies[b], point_b)
+        for k, contact in enumerate(task.contacts):
+            _add_contact(plant, bodies, k, contact)
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
         raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
     starts = [(joint.position_start(), joint.velocity_start()) for joint in joints]
     # Drake has the quaternion before the position, and the angular velocity first.
-    return plant, *peer_columns(task, starts, (4, 5, 6, 0, 1, 2, 3), (3, 4, 5, 0, 1, 2))
+    system = builder.Build() if task.contacts else plant
+    return system, plant, *peer_columns(task, starts, (4, 5, 6, 0, 1, 2, 3), (3, 4, 5, 0, 1, 2))
+
+
+def _add_contact(plant: Any, bodies: list[Any], k: int, contact: PeerContact) -> None:
+    """Both shapes with the friction of the pair; Drake lets every two bodies touch that no joint connects."""
+    *solids, friction = contact
+    coulomb = multibody.CoulombFriction(friction, friction)
+    for side, solid in zip("ab", solids, strict=True):
+        match solid.shape:
+            case None:
+                shape: Any = geometry.HalfSpace()
+            case Sphere(radius=radius):
+                shape = geometry.Sphere(radius)
+            case Box(size=edges):
+                shape = geometry.Box(*edges)
+            case Capsule(radius=radius, length=length):
+                shape = geometry.Capsule(radius, length)
+            case Cylinder(radius=radius, length=length):
+                shape = geometry.Cylinder(radius, length)
+            case _:
+                raise UnsupportedError(f"{type(solid.shape).__name__} is not modelled for Drake")
+        place = RigidTransform(solid.place.homogeneous)
+        plant.RegisterCollisionGeometry(bodies[solid.body], place, shape, f"{side}{k}", coulomb)
 
 
 def _add_joint(task: PeerTask, plant: Any, bodies: list[Any], joint: PeerJoint) -> Any:

@@ -9,7 +9,11 @@ import pinocchio as pin
 
 from twolink import effects as fx
 from twolink.dynamics import Robot
+from twolink.effects.conditions import across, unit
+from twolink.effects.contact_pairs import Plane
 from twolink.hard.case import Track
+from twolink.robots.collisions import Solid
+from twolink.robots.shapes import AnyShape, Convex
 from twolink.scenes import Scene
 
 Loop = tuple[int, np.ndarray, int, np.ndarray]
@@ -79,6 +83,19 @@ class PeerJoint:
 
 
 @dataclass(frozen=True)
+class PeerSolid:
+    """A shape of the body of a joint, 0 for the ground, placed in the joint's frame; None: the half space z <= 0."""
+
+    body: int
+    place: pin.SE3
+    shape: AnyShape | None
+
+
+PeerContact = tuple[PeerSolid, PeerSolid, float]
+"""Two shapes that may touch, without restitution, and their friction."""
+
+
+@dataclass(frozen=True)
 class PeerTask:
     """A robot under gravity that is solved from (q, v) for the `times` (n,) [s], equally spaced from 0.
 
@@ -94,6 +111,7 @@ class PeerTask:
     damping: Mapping[str, float] = field(default_factory=dict)
     torques: Mapping[str, Any] = field(default_factory=dict)
     loops: tuple[Loop, ...] = ()
+    contacts: tuple[PeerContact, ...] = ()
 
     @property
     def model(self) -> pin.Model:
@@ -112,6 +130,7 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
     damping: dict[str, float] = {}
     torques: dict[str, Any] = {}
     loops: list[Loop] = []
+    contacts: list[PeerContact] = []
     for effect in scene.effects:
         if isinstance(effect, fx.JointSpring):
             springs |= {name: (k, effect.rest.get(name, 0.0)) for name, k in effect.stiffness.items()}
@@ -121,10 +140,13 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
             torques |= effect.inputs
         elif isinstance(effect, fx.PointLoop | fx.HingeLoop):
             loops += _point_pairs(scene.robot, effect)
+        elif isinstance(effect, fx.Contact):
+            contacts += _contacts(scene.robot, effect)
         elif not isinstance(effect, fx.Gravity):
             raise UnsupportedError(f"{type(effect).__name__} is not modelled for peers")
     joints = _joints(scene.robot)
-    return PeerTask(scene.robot, scene.q, scene.v, times, joints, springs, damping, torques, tuple(loops))
+    return PeerTask(scene.robot, scene.q, scene.v, times, joints, springs, damping, torques, tuple(loops),
+                    tuple(contacts))  # fmt: skip
 
 
 def _point_pairs(robot: Robot, effect: Any) -> list[Loop]:
@@ -137,6 +159,25 @@ def _point_pairs(robot: Robot, effect: Any) -> list[Loop]:
         along_b = at_b.rotation @ np.array(effect.axis_b) / np.linalg.norm(effect.axis_b) / 2
         pairs.append((body_a, a + along_a, body_b, b + along_b))
     return pairs
+
+
+def _contacts(robot: Robot, effect: fx.Contact) -> list[PeerContact]:
+    """The pairs that may touch. Raises UnsupportedError for restitution and meshes, which peers model otherwise."""
+    if effect.restitution or effect.static is not None:
+        raise UnsupportedError("restitution and static friction are not modelled for peers")
+
+    def solid(body: Solid | Plane) -> PeerSolid:
+        if isinstance(body, Plane):
+            n = unit(body.normal, "pairs")
+            turn = np.array([*across(n), n]).T
+            turn[:, 1] *= np.linalg.det(turn)
+            return PeerSolid(0, pin.SE3(turn, float(body.height) * np.array(n)), None)
+        if isinstance(body.shape, Convex):
+            raise UnsupportedError("convex meshes are not modelled for peers")
+        number, place = _carrier(robot, body.link)
+        return PeerSolid(number, place * body.shape.placement, body.shape)
+
+    return [(solid(pair.first), solid(pair.second), float(effect.friction)) for pair in effect.selected(robot).chosen]
 
 
 def _carrier(robot: Robot, link: str) -> tuple[int, pin.SE3]:

@@ -19,9 +19,9 @@ class Guard:
     event. That zero is no event. Then the value is nothing until it has been farther from 0 than `noise`, and from
     there on it is judged by value / (t - start), which is not 0 at the start.
 
-    key: names the guard from piece to piece. value: of a snapshot, (n,). side: the sign while the mode lasts; None
-    where it is not known before the first look. touching: it is a distance or a speed, for which a near miss may count.
-    is_force: it is a force or a torque.
+    key: names the guard from piece to piece. value: of a snapshot, (n,); rate: its derivative, of a gap. side: the sign
+    while the mode lasts; None where it is not known before the first look. touching: it is a distance or a speed, for
+    which a near miss may count. is_force: it is a force or a torque.
     """
 
     def __init__(
@@ -34,8 +34,9 @@ class Guard:
         side: float | None = 1.0,
         touching: bool = False,
         is_force: bool = False,
+        rate: Callable[[Snapshot], Any] | None = None,
     ) -> None:
-        self.key, self.value, self.transition, self.start = key, value, transition, start
+        self.key, self.value, self.transition, self.start, self.rate = key, value, transition, start, rate
         self.side, self.touching, self.is_force = side, touching, is_force
         self.at_zero, self.noise, self.moved = False, 0.0, True
 

@@ -5,9 +5,10 @@
     tangent:  |p_t| <= mu p_n,  against the sliding that is left, which is none below that
 
 J: rows of all that touches, at rest or hit. G: rows of loops. Solved by sweeps over what touches until nothing changes
-(projected Gauss-Seidel).
+(projected Gauss-Seidel). Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
 """
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
 SWEEPS = 10_000  # over all that touches
+ROUNDS = 1000  # of reflections
 UNCHANGED = 1e-15  # relative: what a last sweep may still change
 
 
@@ -32,7 +34,7 @@ UNCHANGED = 1e-15  # relative: what a last sweep may still change
 class Touch:
     """What touches. rows: of its velocity, the normal one, with friction two tangential ones (1 or 3, nv).
 
-    contact: its number; None for a stop. unit: of the velocity.
+    contact: its number; None for a stop. unit: of the velocity. reflects: in rounds.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Touch:
     friction: float
     unit: str
     contact: int | None = None
+    reflects: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def contact_touch(here: Situation, i: int) -> Touch:
     """A contact that is hit or closed."""
     contact, rows = here.system.contacts[i], contact_rows(here, i)
     return Touch(contact.name, rows if contact.friction else rows[:1], contact.restitution, contact.friction, "m/s",
-                 i)  # fmt: skip
+                 i, contact.reflects)  # fmt: skip
 
 
 def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impact]] | None:
@@ -85,15 +88,19 @@ def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impa
     if not approach[0] > 0.0:
         return None
     mass, fixed = mass_matrix(here), loop_rows(here)
-    touches = [touch if speed > still else replace(touch, restitution=0.0)
-               for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
-    new = after(mass, v, touches, fixed)
+    solve = after
+    if any(touch.reflects for touch in touches):
+        solve = functools.partial(_reflected, still=still)
+    else:
+        touches = [touch if speed > still else replace(touch, restitution=0.0)
+                   for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
+    new = solve(mass, v, touches, fixed)
     bounced = here._replace(x=np.concatenate([here.x[: here.system.nq], new]))
     rests = [_last_bounce(bounced, touch, small) for touch in touches]
     if any(rest is not None for rest in rests):
         calm = [touch if rest is None else replace(touch, restitution=0.0)
                 for touch, rest in zip(touches, rests, strict=True)]  # fmt: skip
-        new = after(mass, v, calm, fixed)
+        new = solve(mass, v, calm, fixed)
     were_hit = approach > still
     were_hit[0] = True
     energy = (_kinetic(mass, v) - _kinetic(mass, new)) / were_hit.sum()  # the share of each is not determined
@@ -184,6 +191,16 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
                             "friction", where="effects", remedy="less restitution or friction",
                             code="no-impact")  # fmt: skip
     return new
+
+
+def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *, still: float) -> Array:
+    """v+ after rounds, each of the impulses of what approaches; without restitution where that has no end."""
+    for _ in range(ROUNDS):
+        hit = [touch for touch in touches if float(touch.rows[0] @ v) < -still]
+        if not hit:
+            return v
+        v = after(mass, v, hit, fixed)
+    return after(mass, v, [replace(touch, restitution=0.0) for touch in touches], fixed)
 
 
 def _kinetic(mass: Array, v: Array) -> float:

@@ -2,8 +2,9 @@
 
 Guards are looked at where steps end and at points within them, each a step of the method from the state before it, so
 that a zero is as exact as the method. A dip between such points is followed to its bottom, lest two zeros within a step
-be missed. Whether a dip that ends just above 0 touches is for the error bar to say: the second solution counts a dip
-within its margin as a touch, where the first does not.
+be missed; bodies that pass each other come no nearer than where the tangents of their gap meet. Whether a dip that ends
+just above 0 touches is for the error bar to say: the second solution counts a dip within its margin as a touch, where
+the first does not.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ import numpy as np
 
 from twolink.integrate.hybrid import roots
 from twolink.integrate.hybrid.guard import Guard
-from twolink.integrate.hybrid.snapshot import Evaluator
+from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap
 
@@ -69,7 +70,7 @@ class Watcher:
         times, states = self._within(t, x)
         snapshot = self.evaluate(times, states)
         values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in self.guards])
-        dips = self._dips(values)
+        dips = self._dips(values) | self._passing(snapshot, times, values)
         hits = (values <= 0.0).any(axis=1) | dips.any(axis=1)
         if not np.count_nonzero(hits):
             return None
@@ -104,6 +105,23 @@ class Watcher:
             depth = np.maximum(before, after) - here
             dips[:, 1:-1] = low & (here < np.maximum(self.margins[:, None], DIP * depth)) & np.isfinite(depth)
         return dips
+
+    def _passing(self, snapshot: Snapshot, times: Array, values: Array) -> Array:
+        """Where gaps fall at one point and grow at the next, with tangents that meet at 0, the margin, or below.
+
+        The gap of bodies that move straight is convex: it lies above its tangents.
+        """
+        passing = np.zeros(values.shape, dtype=bool)
+        for j, guard in enumerate(self.guards):
+            if guard.rate is None:
+                continue
+            gap, rate = _row(guard.value(snapshot), times), _row(guard.rate(snapshot), times)
+            turns = (rate[:-1] < 0.0) & (rate[1:] > 0.0) & np.isfinite(values[j, :-1] + values[j, 1:])
+            for i in np.flatnonzero(turns).tolist():
+                (a, b), (fall, rise), length = gap[i : i + 2], rate[i : i + 2], times[i + 1] - times[i]
+                if (a * rise - b * fall + length * fall * rise) / (rise - fall) <= self.margins[j]:
+                    passing[j, min(max(1, i + int(b < a)), len(times) - 2)] = True
+        return passing
 
     def _bracket(self, j: int, times: Array, g: Array, dips: Array, t: Array, x: Array) -> _Bracket | None:
         """Where guard j first passes 0, or the margin of a near touch."""

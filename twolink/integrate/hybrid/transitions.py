@@ -10,7 +10,7 @@ import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
-from twolink.errors import SceneError
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
@@ -67,10 +67,11 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
     system, mode, _, t = run.here
     for i, contact in enumerate(system.contacts):
         if mode.contacts[i] == "free":
-            yield Guard(
-                ("impact", i), partial(_row, "contacts", (i, 0), 1.0, 0.0), partial(_hit_contact, i), t, touching=True
-            )
+            gap, rate = (partial(_row, "contacts", (i, row), 1.0, 0.0) for row in (0, 1))
+            yield Guard(("impact", i), gap, partial(_hit_contact, i), t, touching=True, rate=rate)
             continue
+        if _single(run, i, run.here.look()) is not None:
+            yield Guard(("single", i), partial(_single, run, i), partial(_require_point, i), t)
         if mode.contacts[i] == "sliding" and contact.friction:
             yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.settle, t)
         if run.here.own.redundant:
@@ -82,6 +83,19 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
     if run.here.own.redundant:
         share = ForceShare(run.here.own, mode, system.static)
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
+
+
+def _single(run: RunState, i: int, s: Snapshot) -> Any:
+    """What is above 0 while a contact touches at one point; None where it always does."""
+    equations = run.here.own.equations
+    return run.system.contacts[i].single(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
+
+
+def _require_point(i: int, run: RunState) -> None:
+    """Raise AccuracyError for bodies that touch along a line or a flat side."""
+    raise AccuracyError(f"{run.system.contacts[i].name} touch along a line or a flat side, not at single points",
+                        where=f"t = {run.t:.9g} s", remedy="give them shapes with points: boxes, convex hulls, spheres",
+                        code="no-single-point", t=run.t)  # fmt: skip
 
 
 def _trigger_guards(run: RunState) -> Iterator[Guard]:
@@ -195,6 +209,9 @@ def _hit_stop(n: int, run: RunState) -> None:
 
 
 def _hit_contact(i: int, run: RunState) -> None:
+    single = _single(run, i, run.here.look())
+    if single is not None and not np.asarray(single).item() > 0.0:
+        _require_point(i, run)
     run.x[: run.system.nq] = onto_contact(run.here, i)
     run.strike(contact_touch(run.here, i))
     run.settle()

@@ -1,0 +1,177 @@
+"""Bodies that touch, against independent answers: chains of blows, grips, coins, arms; and what is refused."""
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import twolink as tl
+from tests.effects.bodies import G, ball, free_bodies, sliders_in_a_row, times
+from twolink.errors import AccuracyError, SceneError
+
+E = tl.effects
+
+
+def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
+    """Five balls in a row; the first hits the others, which touch each other at rest."""
+    pairs = tuple((f"b{k}", f"b{k + 1}") for k in range(4))
+    contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(5)})
+    start = 0.2 * np.arange(5)
+    start[0] -= 0.3
+    return tl.simulate(tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact]), 0.5, 1e-9, samples=10)
+
+
+def test_the_law_of_reflections_passes_a_blow_through_balls_that_touch() -> None:
+    run = cradle("reflections")
+    assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
+    assert run.q[-1] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8 + 0.2], abs=1e-9)
+
+
+def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
+    """The first contact reverses its rate, the others keep theirs: 4 u - 1 + u' = 0 with u - u' = 1."""
+    run = cradle("newton")
+    assert run.v[-1] == pytest.approx([-0.6, 0.4, 0.4, 0.4, 0.4], abs=1e-12)
+    assert np.ptp(run.energy) < 1e-12
+
+
+@pytest.mark.parametrize("far", [11.0, 17.3, 23.0, 31.7])
+def test_fast_bodies_do_not_pass_through_each_other(far: float) -> None:
+    """1 kg at 400 m/s against 2 kg at rest, of 0.1 m: they pass within half a millisecond."""
+    e, speed = 0.6, 400.0
+    effects = [E.Contact((("b0", "b1"),), restitution=e, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
+    run = tl.simulate(tl.Scene(sliders_in_a_row(1.0, 2.0), [0, far], [speed, 0.0], effects), 1.0, 1e-6, samples=20)
+    assert times(run, "impact") == pytest.approx([(far - 0.2) / speed], abs=1e-9)
+    assert run.v[-1] == pytest.approx([speed * (1 - 2 * e) / 3, speed * (1 + e) / 3], rel=1e-9)
+
+
+STANDING = {"body": (E.Cylinder(0.1, 0.2),)}
+ALONG = {"a": (E.Capsule(0.1, 0.5),), "b": (E.Capsule(0.1, 0.5),)}
+
+
+def test_a_cylinder_that_stands_on_its_end_is_refused() -> None:
+    effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Cylinder(0.1, 0.2),)})]
+    for height in (0.1, 0.2):
+        scene = tl.Scene(ball(), [0, 0, height, 0, 0, 0, 1], effects=effects)
+        with pytest.raises(AccuracyError, match="line or a flat side") as caught:
+            tl.simulate(scene, 0.5)
+        assert caught.value.code == "no-single-point"
+
+
+def test_capsules_that_meet_side_by_side_are_refused() -> None:
+    robot = free_bodies("a", "b")
+    effects = [E.Contact((("a", "b"),), shapes=ALONG)]
+    q = [0, 0, 0, 0, 0, 0, 1, 0.5, 0, 0.1, 0, 0, 0, 1]
+    with pytest.raises(AccuracyError) as caught:
+        tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 0.5)
+    assert caught.value.code == "no-single-point"
+    q[9] = 0.8  # beyond each other's ends they pass
+    assert not tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 0.5).events
+
+
+def test_points_without_a_radius_against_solids_are_refused() -> None:
+    effects = [E.Contact((("a", "b"),), shapes={"a": (E.Sphere(0.0),), "b": (E.Box((0.1, 0.1, 0.1)),)})]
+    with pytest.raises(SceneError) as caught:
+        tl.simulate(tl.Scene(free_bodies("a", "b"), effects=effects), 0.5)
+    assert caught.value.code == "no-located-contact"
+
+
+GRIPPER = """<robot name="gripper"><link name="hand"/>{bodies}</robot>"""
+
+
+def gripper() -> tl.Robot:
+    """Two fingers of 0.5 kg that slide along x, and a peg of 2 kg between them that may move along x and z."""
+    inertial = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
+    parts = [("left", 0.5, "hand", "1 0 0"), ("right", 0.5, "hand", "1 0 0"), ("cart", 1e-6, "hand", "1 0 0"),
+             ("peg", 2.0, "cart", "0 0 1")]  # fmt: skip
+    bodies = "".join(f'<link name="{name}">{inertial.format(mass)}</link>{joint.format(name, parent, name, axis)}'
+                     for name, mass, parent, axis in parts)  # fmt: skip
+    return tl.load_robot(GRIPPER.format(bodies=bodies))
+
+
+def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
+    """Pressed with F = F_0 - k t from both sides it slips where 2 mu F = m g, and falls with g - 2 mu F / m."""
+    mu, first, k, mass = 0.4, 30.0, 20.0, 2.0
+    squeeze = E.Torque({"left": E.Polynomial((first, -k)), "right": E.Polynomial((-first, k))})
+    shapes = {"left": (E.Sphere(0.02),), "right": (E.Sphere(0.02),), "peg": (E.Box((0.1, 0.1, 1.0)),)}
+    contact = E.Contact((("left", "peg"), ("right", "peg")), mu, shapes=shapes)
+    scene = tl.Scene(gripper(), [0, 0, -0.07, 0.07], effects=[E.Gravity(), squeeze, contact])
+    slips = (first - mass * G / (2 * mu)) / k
+    run = tl.simulate(scene, slips + 0.2, 1e-9, samples=50)
+    assert times(run, "slide") == pytest.approx([slips] * len(times(run, "slide")), abs=1e-9)
+    late = np.fmax(run.t - slips, 0.0)
+    assert np.abs(run.q[:, 1] + 2 * mu * k / mass * late**3 / 6).max() < 1e-9
+    assert np.abs(run.q[:, [0, 2, 3]] - [0, -0.07, 0.07]).max() < 1e-9
+
+
+def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> None:
+    """The paper's arm: SciPy to each impact, then v+ = v- - (1 + e) W J^T (J W J^T)^-1 J v-."""
+    robot, e, height = tl.load_robot("two_link"), 0.8, -0.6
+    contact = E.Contact((("forearm", E.Plane(height=height)),), restitution=e,
+                        shapes={"forearm": (E.Sphere(0.0, (1.0, 0.0, 0.0)),)})  # fmt: skip
+    run = tl.simulate(tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact]), 1.0, 1e-9, samples=40)
+    model = run.robot.model
+    data = model.createData()
+
+    def rate(_: float, x: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[2:], pin.aba(model, data, x[:2], x[2:], np.zeros(2))])
+
+    def gap(_: float, x: np.ndarray) -> float:
+        return math.sin(x[0]) + math.sin(x[0] + x[1]) - height
+
+    gap.terminal, gap.direction = True, -1  # type: ignore[attr-defined]
+    t, x, q = 0.0, np.array([0.3, -0.5, 0.0, 0.0]), np.empty((len(run.t), 2))
+    while t < run.t[-1]:
+        part = solve_ivp(rate, (t, run.t[-1]), x, "DOP853", events=gap, dense_output=True, rtol=1e-13, atol=1e-13)
+        later = (run.t >= t) & (run.t <= part.t[-1])
+        q[later] = part.sol(np.append(run.t[later], t))[:2, :-1].T
+        t, x = float(part.t[-1]), np.array(part.y[:, -1])
+        far = math.cos(x[0] + x[1])
+        row, inverse = np.array([math.cos(x[0]) + far, far]), np.linalg.inv(pin.crba(model, data, x[:2]))
+        x[2:] -= (1 + e) * (row @ x[2:]) / (row @ inverse @ row) * inverse @ row
+    assert len(times(run, "impact")) > 2
+    assert np.abs(run.q - q).max() < 1e-9
+
+
+def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
+    """A thin cylinder rolls on its rim: its angular momentum by SciPy, with r from the centre to what touches.
+
+    L' = r x m (a + g),   v = -w x r,   u' = w x u
+    """
+    mass, radius, half, lean, n = 0.5, 0.1, 0.004, 1.1, np.array([0.0, 0.0, 1.0])
+    across, along = mass * (radius**2 / 4 + half**2 / 3), mass * radius**2 / 2
+
+    def places(u: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """r and its derivative."""
+        w, dw = n - u[2] * u, -change[2] * u - u[2] * change
+        size = np.linalg.norm(w)
+        m = w / size
+        return -half * u - radius * m, -half * change - radius * (dw - m * (m @ dw)) / size
+
+    def rate(_: float, y: np.ndarray) -> np.ndarray:
+        u, w = y[:3], y[3:6]
+        change = np.cross(w, u)
+        r, dr = places(u, change)
+        left = across * np.eye(3) + (along - across) * np.outer(u, u) + mass * (r @ r * np.eye(3) - np.outer(r, r))
+        right = -(along - across) * (w @ u) * change + mass * np.cross(r, G * n - np.cross(w, dr))
+        return np.concatenate([change, np.linalg.solve(left, right), -np.cross(w, r)])
+
+    u = np.array([math.sin(lean), 0.0, math.cos(lean)])
+    w = 9.0 * n - 2.0 * u
+    r = places(u, np.cross(w, u))[0]
+    moments = f'ixx="{across}" iyy="{across}" izz="{along}" ixy="0" ixz="0" iyz="0"'
+    inertial = f'<inertial><mass value="{mass}"/><inertia {moments}/></inertial>'
+    text = f'<robot name="coin"><link name="coin">{inertial}</link></robot>'
+    to_body = pin.rpy.rpyToMatrix(0.0, lean, 0.0).T
+    contact = E.Contact(("ground",), friction=2.0, shapes={"coin": (E.Cylinder(radius, 2 * half),)})
+    scene = tl.Scene(tl.load_robot(text, root="free"), [*-r, 0, math.sin(lean / 2), 0, math.cos(lean / 2)],
+                     [*to_body @ -np.cross(w, r), *to_body @ w], [E.Gravity(), contact])  # fmt: skip
+    run = tl.simulate(scene, 1.0, 1e-9, samples=20)
+    truth = solve_ivp(rate, (0, 1), np.concatenate([u, w, -r]), "DOP853", t_eval=run.t, rtol=1e-13, atol=1e-13)
+    assert np.abs(run.q[:, :3] - truth.y[6:].T).max() < 1e-9
+    axes = np.array([pin.Quaternion(q[3:]).matrix()[:, 2] for q in run.q])
+    assert np.abs(axes - truth.y[:3].T).max() < 2e-9
+    assert not run.events
