@@ -1,13 +1,16 @@
 """Sweeps: runs a second with error bars beside mujoco.rollout, memory, Dask beside local processes, and the start.
 
-    python scripts/bench_sweep.py [--runs 100000] [--rounds 3] [--cells 1000000] [--json FILE]
+    python scripts/bench_sweep.py [--only near] [--runs 100000] [--rounds 3] [--cells 1000000] [--json FILE]
 
-Runs: the paper's arm, released at rest within 0.3 rad and within 1 rad of the horizontal, 10 s at an accuracy of 1e-6,
+--only, repeatable, is one of start, near, far, dask; without it all of them are measured.
+
+near, far: the paper's arm, released at rest within 0.3 rad or 1 rad of the horizontal, 10 s at an accuracy of 1e-6,
 verified, by as many local processes as there are cores (TWOLINK_THREADS). The time is that of the whole call: store,
 processes and compiled steps that are loaded count. MuJoCo (RK4, as many threads) is timed on a few of the runs, at a
 timestep at which nine of ten of its errors are as small as ours. Memory: the peaks of this process and of all workers
-together. Dask: a LocalCluster of one thread a worker, in turn with local processes, both from workers that have begun.
-The start: the time from the call for a grid of runs of 0.1 s until its first block is written.
+together; to compare numbers of runs, call it once for each. dask: a LocalCluster of one thread a worker, in turn with
+local processes, both from workers that have begun. start: the time from the call for a grid of runs of 0.1 s until its
+first block is written.
 """
 
 import argparse
@@ -18,6 +21,7 @@ import resource
 import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,16 +40,14 @@ FEW_RUNS = 5  # of which the engines are compared: a fifth
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", action="append", choices=PARTS)
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--cells", type=int, default=1_000_000)
     parser.add_argument("--json", type=Path, help="write the figures there too")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        found: dict[str, Any] = {"start_s": start(Path(folder) / "start.zarr", options.cells)}
-        for reach in (0.3, 1.0):
-            found[f"{reach} rad"] = speed(Path(folder), options, reach)
-        found["dask_ratio"] = engines(Path(folder), options)
+        found = {name: PARTS[name](Path(folder), options) for name in options.only or PARTS}
     if options.json:
         options.json.write_text(json.dumps(found, indent=1))
 
@@ -63,16 +65,16 @@ def swept(out: Path, vary: dict[str, Any], **options: Any) -> tuple[Any, float]:
     return data, time.perf_counter() - begin
 
 
-def start(out: Path, cells: int) -> float:
+def start(folder: Path, options: argparse.Namespace) -> float:
     """Seconds until the first block of a grid is written."""
-    side = round(cells**0.5)
+    side = round(options.cells**0.5)
     ranges = {name: {"range": [-1.0, 1.0, side]} for name in ("q.shoulder", "q.elbow")}
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     logging.disable()
-    seconds = swept(out, ranges, progress=stop, duration=SHORT)[1]
+    seconds = swept(folder / "start.zarr", ranges, progress=stop, duration=SHORT)[1]
     logging.disable(logging.NOTSET)
     print(f"start: the first block of {side**2:,} cells after {seconds:.1f} s", flush=True)
     return seconds
@@ -119,6 +121,13 @@ def engines(folder: Path, options: argparse.Namespace) -> float:
     print(f"{options.runs // FEW_RUNS:,} runs: {shown}; ratio {ratio:.3f}", flush=True)
     return ratio
 
+
+PARTS: dict[str, Callable[[Path, argparse.Namespace], Any]] = {
+    "start": start,
+    "near": lambda folder, options: speed(folder, options, 0.3),
+    "far": lambda folder, options: speed(folder, options, 1.0),
+    "dask": engines,
+}
 
 if __name__ == "__main__":
     main()

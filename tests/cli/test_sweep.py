@@ -10,6 +10,12 @@ pytest.importorskip("zarr")
 ARM = ("sweep", "arm-swing", "--duration", "0.2", "--workers", "1")
 
 
+def test_robots_vary_by_their_names(tmp_path: Path) -> None:
+    names = "two_link, double_pendulum, no_such_robot"
+    found = answer(*ARM, "--vary", f"robot={names}", "--outputs", "cost", "--out", str(tmp_path / "x.zarr"))
+    assert (found["done"], found["failed"]) == (2, 1)
+
+
 def test_a_sweep_from_the_command_line(tmp_path: Path) -> None:
     files = [str(tmp_path / name) for name in ("x.zarr", "x.png", "x.csv")]
     out = [text for file in files for text in ("--out", file)]

@@ -216,6 +216,16 @@ def _results(target: Target, number: int) -> Outcome:
     return target.ask(f"/v1/simulations/{job}/{what[number % 4]}", method="GET")[0]
 
 
+def _sweeps(target: Target, number: int) -> Outcome:
+    vary = {"q.elbow": {"range": [-0.3, 0.3, (10, 1e5, 1e18)[number % 3]]}, "q.shoulder": [number / 1e6]}
+    asked = json.dumps({"scene": "arm-swing", "duration": 1.0, "vary": vary, "wait": 5}).encode()
+    status, answer = target.ask("/v1/sweeps", asked)
+    if not status.startswith("20"):
+        return status
+    form = ("json", "csv", "zip")[number // 3 % 3]
+    return target.ask(f"/v1/sweeps/{json.loads(answer)['id']}/result?format={form}", method="GET")[0]
+
+
 def _watchers(target: Target, number: int) -> Outcome:
     motion = json.dumps({"scene": "pendulum-100000s", "duration": 2000.0 + number, "wait": 0}).encode()
     _, answer = target.ask("/v1/simulations", motion)
@@ -278,6 +288,7 @@ ATTACKS: dict[str, tuple[Round, int]] = {
     "new Taylor robots": (_taylor, 2),
     "results in all forms": (_results, 2),
     "watchers of jobs": (_watchers, 1),
+    "sweeps": (_sweeps, 1),
     "lists": (_lists_of_all, 1),
     "connection churn": (_churn, 1),
     "hostile corpus": (_corpus, 2),

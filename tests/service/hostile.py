@@ -28,7 +28,7 @@ class Case:
 
 def cases() -> list[Case]:
     """All of them; the same every time."""
-    return [*_json(), *_fuzzed_json(), *_npz(), *_urdfs(), *_fuzzed_urdfs(), *_zips(), *_scenes()]
+    return [*_json(), *_fuzzed_json(), *_npz(), *_urdfs(), *_fuzzed_urdfs(), *_zips(), *_scenes(), *_sweeps()]
 
 
 def _json() -> Iterator[Case]:
@@ -259,3 +259,24 @@ def _scenes() -> Iterator[Case]:
         for name, body in bodies.items():
             if not (path == "/v1/studies" and name == "NaN"):
                 yield Case(f"{path}: {name}", path, body, JSON)
+
+
+def _sweeps() -> Iterator[Case]:
+    bodies = {
+        "nothing varies": b"{}",
+        "deep": b'{"q.elbow": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+        "NaN": b'{"q.elbow": [NaN]}',
+        "huge": b'{"q.elbow": {"range": [0, 1, 1e18]}, "q.shoulder": {"range": [0, 1, 1e18]}}',
+        "huge and not whole": b'{"q.elbow": {"range": [0, 1, 1e308]}}',
+        "negative": b'{"q.elbow": {"range": [0, 1, -5]}}',
+        "empty": b'{"q.elbow": []}',
+        "two rules": b'{"q.elbow": {"range": [0, 1, 3], "uniform": [0, 1]}}',
+        "overflow": b'{"q.elbow": {"range": [-1e308, 1e308, 3]}}',
+        "a path": b'{"../../q": [0]}',
+        "a robot's path": b'{"robot": ["../../etc/passwd"]}',
+        "mixed": b'{"q.elbow": [0, true, "x"]}',
+        "texts": b'{"q.elbow": ["0", "1"]}',
+        "a long name": b'{"' + b"q" * 1_000_000 + b'": [0]}',
+    }
+    for name, vary in bodies.items():
+        yield Case(f"sweep: {name}", "/v1/sweeps", b'{"scene": "arm-swing", "wait": 20, "vary": ' + vary + b"}", JSON)

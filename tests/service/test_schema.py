@@ -30,7 +30,7 @@ def _explore(operation: Any, count: int) -> None:
     @settings(max_examples=count, deadline=None, database=None, derandomize=True, phases=[Phase.generate],
               suppress_health_check=list(HealthCheck))  # fmt: skip
     def check(case: Any) -> None:
-        if operation.path in ("/v1/simulations", "/v1/studies") and isinstance(case.body, dict):
+        if operation.path in ("/v1/simulations", "/v1/studies", "/v1/sweeps") and isinstance(case.body, dict):
             case.body["wait"] = 0
         case.call_and_validate(checks=[not_a_server_error], timeout=60)
 

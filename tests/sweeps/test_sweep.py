@@ -1,6 +1,7 @@
 """tl.sweep: what the store holds is what `simulate` gives, whatever computes it."""
 
 import importlib
+import json
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +13,8 @@ import pytest
 import twolink as tl
 from twolink import effects
 from twolink.errors import SceneError, TwolinkError
-from twolink.sweeps import open_sweep
+from twolink.sweeps import open_sweep, store
+from twolink.sweeps.origin import origin
 
 pytest.importorskip("heyoka")
 pytest.importorskip("zarr")
@@ -102,6 +104,20 @@ def test_a_larger_grid_computes_the_new_runs_only(tmp_path: Path) -> None:
     assert done[-1] == 12
     assert data.equals(swept(tmp_path / "y.zarr", more))
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".x") and path.suffix != ".lock"] == []
+
+
+def test_another_machine_that_goes_on_is_in_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    here = json.loads(swept(tmp_path / "x.zarr", chunk=1, progress=stop).attrs["twolink"])
+    assert "resumed" not in here
+    other = {**origin(), "machine": "another one"}
+    monkeypatch.setattr(store, "origin", lambda: other)
+    for vary in (GRID, GRID, {**GRID, "q.elbow": [*ELBOWS, 0.6]}):  # goes on, has nothing to do, is extended
+        record = json.loads(swept(tmp_path / "x.zarr", vary, chunk=1).attrs["twolink"])
+        assert record["resumed"] == [other]
+        assert {name: record[name] for name in other} == {name: here[name] for name in other}
 
 
 def test_samples_by_a_seed_and_more_of_them(tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def sweep(
     twolink sweep basin --out basin.zarr --status
 
     \b
-    NAME: q.JOINT, v.JOINT, LINK.mass, ..., effects.1.FIELD, effects.1 (on,off), accuracy
+    NAME: q.JOINT, v.JOINT, LINK.mass, ..., effects.1.FIELD, effects.1 (on,off), accuracy, robot (names)
     VALUES: 1,2,3   FIRST:LAST:COUNT   uniform(LOW,HIGH)   normal(MEAN,DEVIATION)   on,off
     """  # fmt: skip
     from twolink.sweeps import bundled_studies, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
@@ -121,6 +121,8 @@ def _varied(text: str) -> tuple[str, Any]:
     name, separator, values = (part.strip() for part in text.partition("="))
     if not separator or not name or not values:
         raise Misuse(f"expected NAME=VALUES, got {text!r}", where="vary", remedy='such as "q.elbow=-1:1:100"')
+    if name == "robot":
+        return name, [part.strip() for part in values.split(",")]
     law = re.fullmatch(r"(uniform|normal)\((.*)\)", values)
     if law:
         return name, {law[1]: parse_numbers("vary", law[2])}

@@ -25,8 +25,17 @@ def save_scene(
     if path.suffix != ".toml":
         what = f"{path.suffix or 'no suffix'} is no format for scenes"
         raise SceneError(what, where=str(path), remedy="use .toml", code="unknown-format")
-    entry = _robot_entry(robot, path)
-    content = SceneFile(
+    content = scene_content(_robot_entry(robot, path), robot, q, v, effects, duration, title)
+    text = msgspec.toml.encode(content)
+    return write_atomic(path, lambda file: file.write(text))
+
+
+def scene_content(
+    entry: RobotEntry, robot: Robot, q: np.ndarray, v: np.ndarray, effects: Sequence[Effect], duration: float,
+    title: str,
+) -> SceneFile:  # fmt: skip
+    """The tables of a scene file. entry: how the file names the robot."""
+    return SceneFile(
         robot=entry if entry.root != "fixed" or entry.lock else entry.source,
         title=title,
         duration=duration,
@@ -34,8 +43,6 @@ def save_scene(
         v=_by_joint(robot, v, np.zeros(robot.nv), "v"),
         effects=[_without_none(_table(effect)) for effect in effects],
     )
-    text = msgspec.toml.encode(content)
-    return write_atomic(path, lambda file: file.write(text))
 
 
 def _robot_entry(robot: Robot, path: Path) -> RobotEntry:

@@ -1,4 +1,4 @@
-"""/v1/simulations, studies, sensitivities and identifications: run, watch, cancel, and take the results."""
+"""/v1/simulations, studies, sensitivities, identifications, sweeps: run, watch, cancel, and take the results."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -142,5 +142,6 @@ for _path, _kind, _summary in (
     ("studies", "study", "Study what accuracy costs"),
     ("sensitivities", "sensitivity", "Derivatives of a simulated motion"),
     ("identifications", "identification", "Parameters from measurements"),
+    ("sweeps", "sweep", "Run a scene many times"),
 ):
     HANDLERS += [_begun(_path, _kind, _summary), *_shared(_path, _kind)]

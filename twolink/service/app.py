@@ -11,7 +11,7 @@ from litestar.di import Provide
 from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
-from twolink.service import api_jobs, api_robots, api_scenes, api_site
+from twolink.service import api_jobs, api_robots, api_scenes, api_site, api_sweeps
 from twolink.service.access import DENY_ALL, AccessControl, cors_headers
 from twolink.service.admission import HOLD, Hold, Shares, client_of_scope, hold
 from twolink.service.components import Service
@@ -34,7 +34,8 @@ from twolink.service.query_answers import QUERIES
 from twolink.service.request_id import REQUEST_ID, request_id
 from twolink.service.settings import Settings
 
-_HANDLERS = [*api_robots.HANDLERS, *api_scenes.HANDLERS, *api_jobs.HANDLERS, *api_site.HANDLERS]
+_PARTS = (api_robots, api_scenes, api_jobs, api_sweeps, api_site)
+_HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
 _QUERY_HEADERS = b"".join(b"%s: %s\r\n" % pair for pair in ((b"content-type", JSON.encode()), DENY_ALL, *SECURITY))
 _ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
 

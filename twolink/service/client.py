@@ -1,9 +1,12 @@
 """A client of the service: `tl.connect(url).robot("panda")` answers the queries of a Robot from another computer."""
 
+import io
 import json
+import os
 import time
 import tomllib
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -12,7 +15,7 @@ from urllib.parse import quote
 import msgspec
 import numpy as np
 
-from twolink.errors import QueryError, TwolinkError
+from twolink.errors import QueryError, TwolinkError, import_extra
 from twolink.scenes import Scene, load_scene
 from twolink.service.problems import Problem, error_from
 from twolink.service.remote_robot import RemoteRobot
@@ -153,6 +156,46 @@ class Client:
         options: parameters, method, confidence.
         """
         return self._job("/v1/identifications", {"robot": robot, "data": data, **options})[1]
+
+    def sweep(
+        self, scene: str | Scene, vary: Mapping[str, Any], out: str | os.PathLike[str], **options: Any
+    ) -> Any:  # fmt: skip
+        """As `tl.sweep`, computed by the service; its results in a new store here.
+
+        Parameters
+        ----------
+        scene : str or Scene
+            As of `simulate`.
+        vary : mapping
+            As of `tl.sweep`.
+        out : path-like
+            The store, a folder that does not exist yet.
+        **options
+            accuracy, duration, design, count, seed, outputs (without functions), samples, verify.
+
+        Returns
+        -------
+        xarray.Dataset
+            Asked for again, the service answers from its own store, and goes on where it was stopped.
+
+        Raises
+        ------
+        TwolinkError
+            Of `tl.sweep`; code "file-exists" where the folder exists.
+        """
+        target = Path(out)
+        if target.exists():
+            raise TwolinkError("it exists", where=str(target), code="file-exists", remedy="give a new path")
+        import_extra("zarr", "sweeps")  # before anything is computed
+        from twolink.sweeps import open_sweep
+
+        local = scene if isinstance(scene, Scene) else load_scene(scene)
+        path, _ = self._job("/v1/sweeps", {"scene": self._content(local), "vary": dict(vary), **options})
+        content = self.request("GET", f"{path}/result?format=zip")[1]
+        with TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as folder:
+            zipfile.ZipFile(io.BytesIO(content)).extractall(Path(folder) / "store")
+            (Path(folder) / "store").rename(target)
+        return open_sweep(target)
 
     def _job(self, path: str, body: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         """Wait for the end of a job. Returns its path and its result. Raises what it ended with."""

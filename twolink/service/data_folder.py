@@ -18,7 +18,10 @@ DATABASE = "twolink.sqlite"
 ROBOTS, RESULTS, VISUALS, STAGING = "robots", "results", "visuals", "staging"
 PARTS = (ROBOTS, RESULTS, VISUALS, STAGING)  # what worker processes may write
 _VERSION = 2
-_NAMES = {ROBOTS: re.compile(r"u-[0-9a-f]{20}"), RESULTS: re.compile(r"(simulation|study|s)-[0-9a-f]{1,20}")}
+_NAMES = {
+    ROBOTS: re.compile(r"u-[0-9a-f]{20}"),
+    RESULTS: re.compile(r"(simulation|study|sensitivity|identification|sweep|s)-[0-9a-f]{1,20}"),
+}
 _OLD_VISUALS = "visuals-*.json"  # of the catalogue's robots; they can be drawn again
 _CORRUPT = ("SQLITE_CORRUPT", "SQLITE_NOTADB")
 _log = logging.getLogger("twolink.service")

@@ -1,4 +1,4 @@
-"""The bodies of requests about scenes, simulations and studies."""
+"""The bodies of requests about scenes, and of requests for jobs."""
 
 import hashlib
 from typing import Annotated, Literal
@@ -78,12 +78,32 @@ class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     wait: Wait = 0.0
 
 
-Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest
+class SweepRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.sweep`. wait: as of simulations.
+
+    vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal": [mean,
+    standard deviation]}. outputs: final, samples, events, energy, cost.
+    """
+
+    vary: Annotated[dict[str, list[float | bool | str] | dict[str, list[float]]], msgspec.Meta(min_length=1)]
+    accuracy: Positive = 1e-6
+    duration: Positive | None = None
+    design: Literal["grid", "list", "random", "sobol", "latin-hypercube"] = "grid"
+    count: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+    outputs: Annotated[list[str], msgspec.Meta(max_length=50)] = ["final"]
+    samples: Annotated[int, msgspec.Meta(ge=0)] = 0
+    verify: bool = True
+    wait: Wait = 0.0
+
+
+Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest | SweepRequest
 REQUESTS: dict[str, type[Request]] = {
     "simulation": SimulationRequest,
     "study": StudyRequest,
     "sensitivity": SensitivityRequest,
     "identification": IdentificationRequest,
+    "sweep": SweepRequest,
 }  # by the kind of the job
 
 

@@ -1,8 +1,9 @@
-"""Jobs: simulations and studies, run by worker processes, their states kept in the store.
+"""Jobs: simulations, studies, sweeps and others, run by worker processes, their states kept in the store.
 
 A job's id comes from its request. The same request is answered from the store when its job is done, joins it while it
-runs, and runs again when it failed, was cancelled or was interrupted. A service that ends puts its jobs back into the
-queue for its next start. A job that ran when the service was killed is interrupted, as it may be what killed it.
+runs, and runs again when it failed, was cancelled or was interrupted; a sweep then goes on where it was stopped. A
+service that ends puts its jobs back into the queue for its next start. A job that ran when the service was killed is
+interrupted, as it may be what killed it.
 """
 
 import asyncio
@@ -22,12 +23,14 @@ from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
-from twolink.service.store import ACTIVE, Job, Store
+from twolink.service.store import ACTIVE, RESUMED, Job, Store
 from twolink.service.turns import Turns
 from twolink.service.worker_pool import Workers
 
 View = dict[str, Any]
-_TASKS = {"simulation": "simulate", "study": "study", "sensitivity": "sense", "identification": "identify"}
+_TASKS = {
+    "simulation": "simulate", "study": "study", "sensitivity": "sense", "identification": "identify", "sweep": "sweep",
+}  # fmt: skip
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
 _RETRY = 2.0  # seconds between attempts to store how a job ended
@@ -148,10 +151,15 @@ class Jobs:
         def note(progress: Any) -> None:
             running.progress = progress
 
-        return await self._workers.run(
-            _TASKS[running.kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
-            body=body, robots=str(self._store.folder / "robots"), quotas=self._quotas,
-        )  # fmt: skip
+        try:
+            return await self._workers.run(
+                _TASKS[running.kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
+                body=body, robots=str(self._store.folder / "robots"), quotas=self._quotas,
+            )  # fmt: skip
+        except Refusal as refusal:
+            if refusal.code == "too-slow" and running.kind in RESUMED:
+                raise Refusal(422, refusal.what, code="too-slow", remedy="run it again: it goes on") from None
+            raise
 
     async def _end(self, key: str, end: dict[str, Any]) -> None:
         """Store how a job ended. As long as that fails (the disk is full), the job runs, and it is tried again."""
@@ -196,6 +204,10 @@ class Jobs:
             remedy = "wait for it" if job.active else "run it again"
             raise Refusal(409, f"the {kind} is {job.state}, there is no result", where="path: id", remedy=remedy)
         await self._store.run(self._store.use, key)
+
+    async def request(self, kind: str, key: str) -> bytes:
+        """What was asked for, as JSON. Raises Refusal (404) when there is no such job."""
+        return bytes((await self._job(kind, key)).request)
 
     async def view(self, kind: str, key: str) -> View:
         """A job as clients see it. Raises Refusal (404) when there is none."""

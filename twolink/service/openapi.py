@@ -16,6 +16,7 @@ from twolink.service.job_requests import (
     SensitivityRequest,
     SimulationRequest,
     StudyRequest,
+    SweepRequest,
 )
 from twolink.service.problems import MEDIA_TYPE, Problem
 from twolink.service.queries import PREFIX
@@ -34,6 +35,7 @@ _BODIES = {
     "/v1/studies": StudyRequest,
     "/v1/sensitivities": SensitivityRequest,
     "/v1/identifications": IdentificationRequest,
+    "/v1/sweeps": SweepRequest,
 }
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,26 +22,27 @@ MEDIA = {
     "svg": "image/svg+xml",
     "png": "image/png",
     "html": "text/html",
+    "zip": "application/zip",
 }
 MAX_POINTS = 20_000
 
 
-async def result_file(service: Service, kind: str, key: str, name: str) -> Path:
-    """The file of that name beside a job's result, made if it is not there.
+async def result_file(service: Service, kind: str, key: str, name: str, task: str = "export", **arguments: Any) -> Path:
+    """The file of that name beside a job's result, made by a task if it is not there.
 
     Raises Refusal unless the job is done.
     """
     await service.jobs.require_done(kind, key)
     path = service.store.result_folder(key) / name
     with _removed_meanwhile(service, kind, key):
-        await service.make(path, "export")
+        await service.make(path, task, **arguments)
     await service.store.run(service.store.measure, key, service.settings.quotas.disk_mb * 2**20)
     return path
 
 
-async def result_bytes(service: Service, kind: str, key: str, name: str) -> bytes:
+async def result_bytes(service: Service, kind: str, key: str, name: str, *task: str, **arguments: Any) -> bytes:
     """The content of such a file. Raises Refusal unless the job is done."""
-    path = await result_file(service, kind, key, name)
+    path = await result_file(service, kind, key, name, *task, **arguments)
     with _removed_meanwhile(service, kind, key):
         return await asyncio.to_thread(path.read_bytes)
 

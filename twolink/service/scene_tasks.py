@@ -18,6 +18,7 @@ from twolink.service.job_requests import (
     SensitivityRequest,
     SimulationRequest,
     StudyRequest,
+    SweepRequest,
 )
 from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
@@ -61,8 +62,9 @@ def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
 
 
 def allowed_scene(
-    request: ExplainRequest | StudyRequest | SensitivityRequest, samples: float, robots: str, quotas: Quotas
-) -> tuple[Scene, float]:
+    request: ExplainRequest | StudyRequest | SensitivityRequest | SweepRequest, samples: float, robots: str,
+    quotas: Quotas,
+) -> tuple[Scene, float]:  # fmt: skip
     """The scene and its duration [s]. Raises SceneError for a run that is longer, or has more samples, than allowed."""
     scene = scene_of(request.scene, robots)
     seconds = request.duration or scene.duration

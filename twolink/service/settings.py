@@ -24,8 +24,8 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Limits of a request, a job and the store.
 
     body_mb: size of a request. json_mb: of one in JSON. upload_mb: unpacked size of a zip. files: in a zip. states:
-    in a batch. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot. uploads:
-    robots kept. load_seconds: for reading a robot or a scene, or writing a file. query_seconds: for a batch.
+    in a batch. runs: of a sweep. answer_mb: size of an answer. moving_joints: degrees of freedom of an uploaded robot.
+    uploads: robots kept. load_seconds: for reading a robot or a scene, or writing a file. query_seconds: for a batch.
     memory_mb: of all worker processes together. robots_mb: of the robots that stay loaded. jobs: at once. queue: jobs
     of a client that wait. job_seconds: computing time of a job. duration: simulated seconds. samples: of a run.
     result_mb: size of a result. disk_mb: size of all results and uploads together; the results not used for longest go
@@ -54,6 +54,7 @@ class Quotas(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     job_seconds: Amount = 600
     duration: Amount = 3600
     samples: Count = 500_000
+    runs: Count = 1_000_000
     result_mb: Amount = 256
     disk_mb: Amount = 4096
     body_seconds: Amount = 120

@@ -25,6 +25,7 @@ T = TypeVar("T")
 ENDED_JOBS = 5000  # that are remembered
 LISTED_JOBS = 200
 ACTIVE = ("queued", "running")
+RESUMED = ("sweep",)  # kinds of jobs that go on from their files when they are run again
 _log = logging.getLogger("twolink.service")
 _LISTED_REQUEST = 16_384  # bytes: lists leave larger requests out
 _JOB_TEXTS = ("request", "progress", "problem", "result")  # JSON
@@ -76,8 +77,9 @@ class Store:
         for job in self._jobs("WHERE state = 'running'", texts=()):
             what = "the service was killed while the job ran"
             problem = problem_of(Refusal(503, what, code="interrupted", remedy="run it again"))
-            shutil.rmtree(self.result_folder(job.id), ignore_errors=True)
+            self._drop_unfinished(job.id)
             self.update_job(job.id, state="interrupted", ended=time.time(), problem=problem)
+            self._note_size(job.id)
             _log.warning("interrupted by the end of an earlier run: %s %s; it can be run again", job.kind, job.id)
 
     async def run(self, method: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
@@ -186,7 +188,8 @@ class Store:
 
     def new_job(self, key: str, kind: str, content: bytes) -> None:
         """Note a job that waits, in place of an earlier attempt at the same. content: its request, as JSON."""
-        self._delete_job(key)
+        self._drop_unfinished(key)
+        self._execute("DELETE FROM jobs WHERE id = ?", (key,))
         now = time.time()
         self._execute(
             "INSERT INTO jobs (id, kind, state, created, used, bytes, request) VALUES (?, ?, 'queued', ?, ?, ?, ?)",
@@ -203,9 +206,9 @@ class Store:
         return folder, request.encode()
 
     def end_job(self, key: str, limit: float, **values: Any) -> None:
-        """Note how a job ended, and keep to the limit of bytes. Only what is done keeps its files."""
+        """Note how a job ended, and keep to the limit of bytes. Files stay of what is done, or can go on from them."""
         if values["state"] != "done":
-            shutil.rmtree(self.result_folder(key), ignore_errors=True)
+            self._drop_unfinished(key)
         self.update_job(key, **values)
         self.measure(key, limit)
 
@@ -245,11 +248,19 @@ class Store:
         self._execute("DELETE FROM jobs WHERE id = ?", (key,))
         shutil.rmtree(self.result_folder(key), ignore_errors=True)
 
+    def _drop_unfinished(self, key: str) -> None:
+        """Delete the files of a job that is not done, unless it can go on from them."""
+        if key.partition("-")[0] not in RESUMED:
+            shutil.rmtree(self.result_folder(key), ignore_errors=True)
+
     def measure(self, key: str, limit: float) -> None:
         """Note the size of a job and its files (tables and figures are added on demand), and keep to the limit."""
+        self._note_size(key)
+        self.shrink(limit, keep=key)
+
+    def _note_size(self, key: str) -> None:
         texts, size = " + ".join(map(_length, _JOB_TEXTS)), size_of(self.result_folder(key))
         self._execute(f"UPDATE jobs SET bytes = ? + {texts}, used = ? WHERE id = ?", (size, time.time(), key))
-        self.shrink(limit, keep=key)
 
     def used_bytes(self) -> int:
         """Bytes of all jobs, results, robots and drawings."""

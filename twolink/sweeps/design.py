@@ -14,6 +14,7 @@ from twolink.sweeps.quantities import Quantity, as_values, quantity
 RUN = "run"  # the dimension of lists and samples
 SAMPLERS = ("random", "sobol", "latin-hypercube")
 DESIGNS = ("grid", "list", *SAMPLERS)
+MOST_DIMENSIONS = 30  # of a grid: NumPy has 64, and each is a folder in the paths of the store
 Block = tuple[slice, ...]
 
 
@@ -55,6 +56,18 @@ class Design:
         return {name: grid.ravel() for name, grid in zip(self.values, np.meshgrid(*axes, indexing="ij"), strict=True)}
 
 
+def planned_runs(vary: Mapping[str, Any], kind: str, count: int | None) -> int:
+    """The number of runs that are asked for, before any values are made. What is malformed counts as one."""
+    if kind in SAMPLERS:
+        return count or 1
+    sizes = []
+    for given in vary.values():
+        numbers = given.get("range", ()) if isinstance(given, Mapping) else given
+        last = numbers[-1] if isinstance(given, Mapping) and len(numbers) else len(numbers)
+        sizes.append(max(1, int(last)) if math.isfinite(last) else 1)
+    return math.prod(sizes) if kind == "grid" else max(sizes, default=1)
+
+
 def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | None, seed: int) -> Design:
     """The runs that are asked for.
 
@@ -79,6 +92,9 @@ def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | N
     if not isinstance(vary, Mapping) or not vary:
         raise SceneError(f"expected values by name, got {vary!r:.60}", argument="vary",
                          remedy='such as {"q.elbow": [0.0, 0.5, 1.0]}')  # fmt: skip
+    if kind == "grid" and len(vary) > MOST_DIMENSIONS:
+        raise SceneError(f"a grid of {len(vary)} quantities", argument="vary",
+                         remedy=f'up to {MOST_DIMENSIONS}, or design="list"')  # fmt: skip
     quantities = {str(name): quantity(scene, str(name)) for name in vary}
     if kind in SAMPLERS:
         return Design(kind, quantities, _samples(quantities, vary, kind, count, seed), count, seed)

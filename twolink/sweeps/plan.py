@@ -22,6 +22,7 @@ BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
 PARTS = 32  # blocks at least, so that workers end together
 MAX_NUMBERS = 20_000_000  # that a block keeps
+LONGEST_NAME = 200  # bytes
 WAYS_FROM = 4096  # runs of which the ways are told
 
 
@@ -76,8 +77,8 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
     if "robot" in design.quantities:
         _check_robots(design, request)
     for name in design.values:
-        if "/" in name:
-            raise SceneError("a store cannot have a name with /", where=f"vary[{name!r}]", argument="vary",
+        if "/" in name or name.startswith("__") or len(name.encode()) > LONGEST_NAME:  # of a folder
+            raise SceneError("a store cannot have an array of this name", where=f"vary[{name[:80]!r}]", argument="vary",
                              remedy="rename the joint or link in the URDF")  # fmt: skip
     if chunk is None:
         in_batches = all(text.startswith("in batches") for text in _ways(scene, request, design, 1))

@@ -94,7 +94,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
         function_of(name)  # a worker that lacks it fails, and not the runs
     kinds = {v.name: v for v in variables(scene.robot, request)}
     out = {name: kind.empty(task.runs) for name, kind in kinds.items()}
-    for of, rows in _groups(request, quantities, values):
+    for of, rows in groups(request.accuracy, quantities, values):
         some = {name: numbers[rows] for name, numbers in values.items()}
         try:
             own = _kept((task.key, of.off, of.robot), functools.partial(variant, scene, of.off, of.robot))
@@ -114,10 +114,8 @@ class _Variant(NamedTuple):
     robot: str
 
 
-def _groups(
-    request: Request, quantities: dict[str, Quantity], values: Columns
-) -> Iterator[tuple[_Variant, np.ndarray]]:
-    """The runs by variant, and their rows."""
+def groups(accuracy: float, quantities: dict[str, Quantity], values: Columns) -> Iterator[tuple[_Variant, np.ndarray]]:
+    """The runs by variant, and their rows. accuracy: where it does not vary."""
     chosen = [name for name, what in quantities.items() if what.kind in ("effect", "accuracy", "robot")]
     table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
     known = {}
@@ -126,7 +124,7 @@ def _groups(
     for codes in np.unique(table, axis=0):
         own = {name: known[name][code] for name, code in zip(chosen, codes, strict=True)}
         off = tuple(sorted(quantities[n].place for n, on in own.items() if quantities[n].kind == "effect" and not on))
-        shared = _Variant(off, float(own.get("accuracy", request.accuracy)), str(own.get("robot", "")))
+        shared = _Variant(off, float(own.get("accuracy", accuracy)), str(own.get("robot", "")))
         yield shared, np.flatnonzero((table == codes).all(axis=1))
 
 
@@ -152,7 +150,7 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Quan
 def ways(scene: Scene, request: Request, quantities: dict[str, Quantity], values: Columns) -> dict[str, int]:
     """How many of the runs with these values are solved in which way, and why."""
     counts: dict[str, int] = {}
-    for of, rows in _groups(request, quantities, values):
+    for of, rows in groups(request.accuracy, quantities, values):
         text = way(scene if of.robot else variant(scene, of.off), of, request, quantities)[1]
         counts[text] = counts.get(text, 0) + len(rows)
     return counts

@@ -30,11 +30,19 @@ class Store:
     """The store of a plan. Its arrays by name; path: its folder."""
 
     def __init__(self, path: Path, plan: Plan, group: Any) -> None:
-        self.path, self.plan = path, plan
+        self.path, self.plan, self._group = path, plan, group
         self._arrays = {variable.name: group[variable.name] for variable in plan.variables}
         chunks = self._arrays["status"].chunks
         self.blocks_shape: tuple[int, ...] = tuple(int(n) for n in chunks)
         self._finished: set[tuple[int, ...]] = set()
+
+    def note_origin(self) -> None:
+        """Add versions and machine of this process to the record, unless they are there."""
+        record, here = json.loads(self._group.attrs["twolink"]), origin()
+        known = [record, *record.get("resumed", ())]
+        if all(any(part[name] != here[name] for name in here if name != "created") for part in known):
+            record["resumed"] = [*known[1:], here]
+            self._group.attrs["twolink"] = json.dumps(record)
 
     def blocks(self) -> Iterator[Block]:
         """All blocks."""
@@ -124,7 +132,7 @@ def open_store(path: Path, plan: Plan) -> Store:
     old = tuple(len(some) for some in places)
     if old == plan.design.shape and all(np.array_equal(some, np.arange(len(some))) for some in places):
         return Store(path, plan, group)
-    return _extended(zarr, path, plan, group, places)
+    return _extended(zarr, path, plan, group, record, places)
 
 
 def read_record(path: Path) -> tuple[Any, dict[str, Any]]:
@@ -158,10 +166,11 @@ def _create(zarr: Any, path: Path, plan: Plan) -> Any:
     return zarr.open_group(str(path), mode="r+")
 
 
-def _fill_new(zarr: Any, path: Path, plan: Plan) -> Any:
+def _fill_new(zarr: Any, path: Path, plan: Plan, before: Mapping[str, Any] | None = None) -> Any:
+    """A store without results. before: the record of the store whose results it will have."""
     design, robot = plan.design, plan.scene.robot
     path.parent.mkdir(parents=True, exist_ok=True)
-    record = {"format": FORMAT, "plan": plan.record, **origin()}
+    record = {**origin(), **(before or {}), "format": FORMAT, "plan": plan.record}
     names = " ".join(design.values) if design.kind != "grid" else ""
     attributes = {"title": plan.scene.title or robot.name, "how": "; ".join(plan.ways), "twolink": json.dumps(record)}
     group = zarr.create_group(str(path), zarr_format=3,
@@ -221,11 +230,13 @@ def _first_places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np
     return np.arange(len(old))
 
 
-def _extended(zarr: Any, path: Path, plan: Plan, old: Any, places: list[np.ndarray]) -> Store:
+def _extended(
+    zarr: Any, path: Path, plan: Plan, old: Any, record: Mapping[str, Any], places: list[np.ndarray]
+) -> Store:  # fmt: skip
     """A store with the old results at their places among the new ones, which replaces the old store."""
     made, before = _beside(path, "new"), _beside(path, "before")
     shutil.rmtree(made, ignore_errors=True)
-    store = Store(made, plan, _fill_new(zarr, made, plan))
+    store = Store(made, plan, _fill_new(zarr, made, plan, record))
     sources = []
     for some, size in zip(places, plan.design.shape, strict=True):
         source = np.full(size, -1)

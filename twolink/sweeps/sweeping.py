@@ -89,7 +89,8 @@ def sweep(
         Opened lazily. Dimensions are named by what varies (grid), or "run". Variables: what is asked for, `error` (the
         bar at the end, rad or m), `status` (1 done, 2 inaccurate, 3 failed, 4 abandoned: workers died of it three
         times; 0 pending) and `reason`. Attributes: title, `how` runs are solved and why, and `twolink`: JSON of the
-        plan, versions, machine and time. Ctrl-C returns what is done so far.
+        plan, versions, machine and time, and of other machines or versions that went on with it (`resumed`). Ctrl-C
+        returns what is done so far.
 
     Raises
     ------
@@ -113,6 +114,7 @@ def sweep(
     with locked(path):
         store = open_store(path, plan)
         if next(store.pending(), None) is not None:
+            store.note_origin()
             log.info("%s runs %s", f"{plan.design.runs:,}", "; ".join(plan.ways))
             try:
                 with engine_of(executor, workers) as engine:
