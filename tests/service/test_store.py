@@ -186,3 +186,22 @@ def test_a_failing_disk_is_a_problem_of_the_service_without_its_paths(error: Exc
     problem = problem_of(error)
     assert (problem.status, problem.code) == (503, "storage-failed")
     assert "secret" not in str(problem)
+
+
+def test_only_sweeps_keep_the_files_of_what_is_not_done(tmp_path: Path) -> None:
+    keys = {"sweep": "sweep-0", "simulation": KEYS[0]}
+    with opened(tmp_path) as store:
+        for state in ("queued", "cancelled", "failed", "interrupted"):
+            for kind, key in keys.items():
+                store.new_job(key, kind, b"{}")
+                with (store.begin_job(key)[0] / "blocks").open("ab") as file:
+                    file.write(bytes(1000))
+                if state != "interrupted":
+                    store.end_job(key, math.inf, state=state)
+    with opened(tmp_path) as store:  # the last ones were interrupted
+        assert {job.state for job in map(store.job, keys.values()) if job} == {"interrupted"}
+        assert [path.stat().st_size for path in tmp_path.rglob("blocks")] == [4000]
+        assert store.result_folder("sweep-0").exists()
+        assert store.job("sweep-0").bytes > 4000  # type: ignore[union-attr]
+        store.remove_job("sweep-0")
+    assert not list(tmp_path.rglob("blocks"))

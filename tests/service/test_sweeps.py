@@ -22,7 +22,7 @@ pytest.importorskip("zarr")
 GRID = {"q.elbow": [-0.4, 0.1, 0.5], "forearm.mass": [1.0, -1.0]}
 # Some seconds of computing, in 32 blocks.
 LONG = {
-    "scene": "arm-swing", "duration": 60.0,
+    "scene": "arm-swing", "duration": 10.0,
     "vary": {"q.elbow": {"range": [-0.3, 0.3, 64]}, "forearm.mass": {"range": [1.0, 1.2, 100]}},
 }  # fmt: skip
 

@@ -91,7 +91,7 @@ class SweepRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     design: Literal["grid", "list", "random", "sobol", "latin-hypercube"] = "grid"
     count: Annotated[int, msgspec.Meta(ge=1)] | None = None
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
-    outputs: Annotated[list[str], msgspec.Meta(max_length=50)] = ["final"]
+    outputs: Annotated[tuple[str, ...], msgspec.Meta(max_length=50)] = ("final",)
     samples: Annotated[int, msgspec.Meta(ge=0)] = 0
     verify: bool = True
     wait: Wait = 0.0

@@ -28,7 +28,7 @@ class _End:
 class _PipeLoop(asyncio.SelectorEventLoop):
     def _make_self_pipe(self) -> None:
         self._ssock, self._csock = map(_End, os.pipe())
-        self._internal_fds += 1  # type: ignore[attr-defined, has-type]
+        self._internal_fds += 1  # type: ignore[attr-defined]
         self._add_reader(self._ssock.fileno(), self._read_from_self)  # type: ignore[attr-defined]
 
 

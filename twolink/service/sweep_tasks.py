@@ -57,7 +57,7 @@ def sweep(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
     options = {name: getattr(request, name) for name in ("accuracy", "design", "count", "seed", "samples", "verify")}
     with ThreadPoolExecutor(thread_count()) as threads:
         try:
-            data = run_sweep(scene, request.vary, path, duration=duration, outputs=tuple(request.outputs),
+            data = run_sweep(scene, request.vary, path, duration=duration, outputs=request.outputs,
                              executor=threads, progress=progress, **options)  # fmt: skip
         except TwolinkError as error:
             raise error.at("request") if folder in error.where else error from None
@@ -72,16 +72,17 @@ def _allowed(request: SweepRequest, robots: str, quotas: Quotas) -> tuple[Scene,
     """The scene and the duration. Raises SceneError for what is larger than allowed, and for what is not read here."""
     runs = planned_runs(request.vary, request.design, request.count)
     if runs > quotas.runs:
-        raise SceneError(f"{runs:,} runs are too many, the service takes up to {quotas.runs:,}", argument="vary",
-                         code="too-large", remedy="ask for fewer values", runs=runs)  # fmt: skip
+        asked = f"{runs:,}" if runs < 1e18 else "more than 10^18"
+        raise SceneError(f"{asked} runs are too many, the service takes up to {quotas.runs:,}", argument="vary",
+                         code="too-large", remedy="ask for fewer values")  # fmt: skip
     for name in request.outputs:
         if name not in OUTPUTS:  # functions are imported
             raise SceneError(f"there is no output {name[:80]!r} here", argument="outputs", code="unknown-output",
                              remedy=f"one of {', '.join(OUTPUTS)}")  # fmt: skip
     named = request.vary.get("robot")
-    for name in named if isinstance(named, list) else ():
-        if name not in catalogue_names():  # a path would be read
-            raise SceneError(f"{str(name)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
+    for robot in named if isinstance(named, list) else ():
+        if robot not in catalogue_names():  # a path would be read
+            raise SceneError(f"{str(robot)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
                              remedy="GET /v1/robots lists the names")  # fmt: skip
     scene, duration = allowed_scene(request, 0.0, robots, quotas)
     if request.samples > quotas.samples:
