@@ -1,6 +1,8 @@
 """Bodies that touch, against independent answers: chains of blows, grips, coins, arms; and what is refused."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pinocchio as pin
@@ -8,8 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from tests.effects.bodies import G, ball, free_bodies, sliders_in_a_row, times
+from tests.effects.bodies import G, free_bodies, slider, sliders_in_a_row, times
 from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.scene_equations import equations_of
 
 E = tl.effects
 
@@ -36,38 +39,51 @@ def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
     assert np.ptp(run.energy) < 1e-12
 
 
-@pytest.mark.parametrize("far", [11.0, 17.3, 23.0, 31.7])
+def two_balls(far: float, speed: float) -> tl.Scene:
+    """1 kg against 2 kg at rest, of 0.1 m, which bounce with 0.6."""
+    effects = [E.Contact((("b0", "b1"),), restitution=0.6, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
+    return tl.Scene(sliders_in_a_row(1.0, 2.0), [0, far], [speed, 0.0], effects)
+
+
+@pytest.mark.parametrize("far", [105.0, 175.0, 200.0, 230.0])
 def test_fast_bodies_do_not_pass_through_each_other(far: float) -> None:
-    """1 kg at 400 m/s against 2 kg at rest, of 0.1 m: they pass within half a millisecond."""
-    e, speed = 0.6, 400.0
-    effects = [E.Contact((("b0", "b1"),), restitution=e, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
-    run = tl.simulate(tl.Scene(sliders_in_a_row(1.0, 2.0), [0, far], [speed, 0.0], effects), 1.0, 1e-6, samples=20)
-    assert times(run, "impact") == pytest.approx([(far - 0.2) / speed], abs=1e-9)
-    assert run.v[-1] == pytest.approx([speed * (1 - 2 * e) / 3, speed * (1 + e) / 3], rel=1e-9)
+    """At 400 m/s they pass within half a millisecond, in which no step ends."""
+    run = tl.simulate(two_balls(far, 400.0), 1.0, 1e-6, samples=20)
+    assert times(run, "impact") == pytest.approx([(far - 0.2) / 400.0], abs=1e-9)
+    assert run.v[-1] == pytest.approx([-0.2 / 3 * 400.0, 1.6 / 3 * 400.0], rel=1e-9)
 
 
-STANDING = {"body": (E.Cylinder(0.1, 0.2),)}
-ALONG = {"a": (E.Capsule(0.1, 0.5),), "b": (E.Capsule(0.1, 0.5),)}
+def test_sensitivities_of_two_balls_that_collide_are_those_of_the_closed_form() -> None:
+    """x_0 = (1 - a) (d - 2 r) + a v t and x_1 = d + b (v t - d + 2 r), with a = (1 - 2 e) / 3 and b = (1 + e) / 3."""
+    d, v, e, t = 0.5, 1.0, 0.6, 1.0
+    a, b, way = (1 - 2 * e) / 3, (1 + e) / 3, v * t - d + 0.2
+    s = tl.sensitivities(two_balls(d, v), ["v.j0", "q.j1", "effects.0.restitution"], t, 1e-9, samples=4)
+    truths = {"v.j0": [a * t, b * t], "q.j1": [1 - a, 1 - b], "effects.0.restitution": [-2 / 3 * way, way / 3]}
+    for name, truth in truths.items():
+        assert s.q[name][-1].ravel() == pytest.approx(truth, abs=max(1e-8, float(s.error[name][-1])))
+        assert s.error[name][-1] < 1e-6
 
 
-def test_a_cylinder_that_stands_on_its_end_is_refused() -> None:
-    effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Cylinder(0.1, 0.2),)})]
-    for height in (0.1, 0.2):
-        scene = tl.Scene(ball(), [0, 0, height, 0, 0, 0, 1], effects=effects)
+def test_a_cylinder_that_meets_a_wall_with_its_end_is_refused() -> None:
+    wall, shape = E.Plane((1.0, 0.0, 0.0)), E.Cylinder(0.1, 0.2, rpy=(0.0, math.pi / 2, 0.0))
+    contact = E.Contact((("x_link", wall),), shapes={"x_link": (shape,)})
+    for start, effects in ((0.1, [E.Gravity((-G, 0.0, 0.0)), contact]), (0.3, [contact])):  # it rests; it arrives
         with pytest.raises(AccuracyError, match="line or a flat side") as caught:
-            tl.simulate(scene, 0.5)
+            tl.simulate(tl.Scene(slider(), [start], [-1.0 if start > 0.1 else 0.0], effects), 0.5)
         assert caught.value.code == "no-single-point"
 
 
-def test_capsules_that_meet_side_by_side_are_refused() -> None:
-    robot = free_bodies("a", "b")
-    effects = [E.Contact((("a", "b"),), shapes=ALONG)]
-    q = [0, 0, 0, 0, 0, 0, 1, 0.5, 0, 0.1, 0, 0, 0, 1]
+@pytest.mark.parametrize(("apart", "meets"), [(0.1, True), (0.8, False)])  # along their axes, of capsules of 0.7 m
+def test_capsules_that_meet_side_by_side_are_refused(apart: float, meets: bool) -> None:
+    shapes = {"b0": (E.Capsule(0.1, 0.5),), "b1": (E.Capsule(0.1, 0.5, (0.0, 0.0, apart)),)}
+    contact = E.Contact((("b0", "b1"),), shapes=shapes)
+    scene = tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact])
+    if not meets:  # they pass beside each other's ends
+        assert not tl.simulate(scene, 1.0).events
+        return
     with pytest.raises(AccuracyError) as caught:
-        tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 0.5)
+        tl.simulate(scene, 1.0)
     assert caught.value.code == "no-single-point"
-    q[9] = 0.8  # beyond each other's ends they pass
-    assert not tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 0.5).events
 
 
 def test_points_without_a_radius_against_solids_are_refused() -> None:
@@ -175,3 +191,19 @@ def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
     axes = np.array([pin.Quaternion(q[3:]).matrix()[:, 2] for q in run.q])
     assert np.abs(axes - truth.y[:3].T).max() < 2e-9
     assert not run.events
+
+
+def test_what_does_not_touch_costs_no_operation() -> None:
+    """Between contacts the equations are those of the scene without any. That loads no gaps and no laws."""
+    robot, q = free_bodies("a", "b"), [0, 0, 1, 0, 0, 0, 1, 0, 0, 2, 0, 0, 0, 1]
+    contact = E.Contact(("self", "ground"), shapes={name: (E.Sphere(0.1),) for name in "ab"})
+    without, beside = (equations_of(tl.Scene(robot, q, effects=effects))
+                       for effects in ([E.Gravity()], [E.Gravity(), contact]))  # fmt: skip
+    assert beside.operations == without.operations
+    assert beside.key("steps") == without.key("steps")
+    code = ("import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1); "
+            "print(*(name for name in sys.modules if name.startswith('twolink')))")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    hybrid = {f"twolink.integrate.hybrid.{name}" for name in ("engine", "impacts", "contact_problem", "locating")}
+    contact = {f"twolink.effects.{name}" for name in ("contact", "contact_law", "contact_pairs", "gaps")}
+    assert not {*done.stdout.split()} & (hybrid | contact)

@@ -4,6 +4,7 @@ A tree is a continuous plant, solved by Simulator's integrators with error contr
 contacts (points; rigid but for regularisation) have a discrete plant, at Drake's usual 1 ms.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
@@ -31,6 +32,7 @@ from twolink.hard.peers.task import (
 from twolink.robots.shapes import Box, Capsule, Cylinder, Sphere
 
 VERSION = version("drake")
+logging.getLogger("drake").setLevel(logging.ERROR)  # it warns that half spaces do not touch deformable bodies
 TIGHT, STEP = 1e-10, 1e-3
 MAX_STEP = 0.1  # s, Drake's default for integrators with error control
 DISCRETE = "discrete plant (SAP)"

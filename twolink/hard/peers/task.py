@@ -142,6 +142,11 @@ def task_of(scene: Scene, times: np.ndarray) -> PeerTask:
             loops += _point_pairs(scene.robot, effect)
         elif isinstance(effect, fx.Contact):
             contacts += _contacts(scene.robot, effect)
+        elif isinstance(effect, fx.PlaneContact):
+            plane, shape = fx.Plane(effect.normal, effect.height), fx.Sphere(effect.radius, effect.point)
+            ball = fx.Contact(((effect.frame, plane),), effect.friction, effect.restitution,
+                              shapes={effect.frame: (shape,)})  # fmt: skip
+            contacts += _contacts(scene.robot, ball)
         elif not isinstance(effect, fx.Gravity):
             raise UnsupportedError(f"{type(effect).__name__} is not modelled for peers")
     joints = _joints(scene.robot)
