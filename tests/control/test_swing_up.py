@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.show.test_playback import tracks
+from tests.show.test_playback import way
 
 UP = [np.pi / 2, 0.0]
 CAUGHT, PUSHED = 2.0, 4.0  # s
@@ -36,5 +36,5 @@ def test_the_elbow_has_no_motor(swing_up: tl.Trajectory) -> None:
 
 def test_its_playback_ends_upright(swing_up: tl.Trajectory, tmp_path) -> None:
     """The elbow's place: from 1 m below the shoulder to 1 m above it."""
-    elbow = tracks(swing_up.playback(tmp_path / "swing-up.html"))["/robot/forearm_1"][".position"]
+    elbow = way(swing_up.playback(tmp_path / "swing-up.html"), "forearm_1")[1][:, :3]
     np.testing.assert_allclose([elbow[0], elbow[-1]], [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], atol=1e-3)

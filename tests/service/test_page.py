@@ -16,6 +16,7 @@ from tests.service.page_driver import READY, Page
 from tests.service.serving import Served, serving
 from tests.service.urdfs import INERTIAL, pendulum, zipped
 from tests.show.browser import Browser, browser  # noqa: F401
+from twolink.show.playback import VIEWER
 
 FOLDER = Path(__file__).parents[2] / "twolink" / "service" / "page"
 VISUAL = '<visual><origin xyz="0 0 -0.5"/><geometry><box size="0.1 0.1 1"/></geometry></visual>'
@@ -33,7 +34,7 @@ def page(served: Served, browser: Browser) -> Iterator[Page]:  # noqa: F811
 
 def test_nothing_in_the_page_points_outside_or_stands_inline() -> None:
     """The policy would refuse it; here is which file it is in."""
-    for path in FOLDER.rglob("*"):
+    for path in (*FOLDER.rglob("*"), *VIEWER.iterdir()):
         text = path.read_text("utf-8")
         outside = [url for url in re.findall(r"https?://[^\s\"'<>)]+", text) if url != "http://www.w3.org/2000/svg"]
         assert outside == [], path.name

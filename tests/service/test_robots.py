@@ -68,8 +68,8 @@ def test_meshes_come_from_the_zip(http: httpx.Client, name: str) -> None:
     assert about.status_code == 201, about.text
     drawn = http.get(f"/v1/robots/{about.json()['id']}/visuals").json()
     assert [piece["link"] for piece in drawn["pieces"]] == ["arm"]
-    data = drawn["pieces"][0]["object"]["geometries"][0]["data"]
-    assert base64.b64decode(data["base64"]) == stl()
+    data = drawn["objects"][drawn["pieces"][0]["object"]]["geometries"][0]["data"]
+    assert len(base64.b64decode(data["index"]["array"]["base64"])) == 2 * 3 * int.from_bytes(stl()[80:84], "little")
 
 
 def test_missing_meshes_are_in_the_load_report(http: httpx.Client) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.show.pieces import DAE, fixed, geometry
+from tests.show.test_playback import revived
 from twolink.errors import ShowError
 from twolink.io.collada import read_collada
 from twolink.show.meshcat_scene import scene_nodes
@@ -41,16 +42,23 @@ def drawn(path: Path, *, override: bool = False) -> dict[str, Any]:
     return nodes[0].object
 
 
+def corners(drawn: dict[str, Any]) -> np.ndarray:
+    """The corners (3m, 3) of an object's triangles, m."""
+    data = revived(drawn["geometries"][0]["data"])
+    whole = data["attributes"]["position"]["array"].reshape(-1, 3)[data["index"]["array"]]
+    matrix = np.array(drawn["object"]["matrix"]).reshape(4, 4).T
+    return whole @ matrix[:3, :3].T + matrix[:3, 3]
+
+
 def test_collada_brings_its_unit_its_frames_and_its_colour(tmp_path: Path) -> None:
     (tmp_path / "a.dae").write_text(DAE)
     for override, colour in ((False, 0x00CC00), (True, 0xFF0000)):
         item = geometry("square", coal.Sphere(1.0), mesh=str(tmp_path / "a.dae"), override=override)
         drawn = scene_nodes(fixed(item)[1])[0][0].object
-        data = drawn["geometries"][0]["data"]
-        vertices = np.frombuffer(data["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+        vertices = corners(drawn)
         np.testing.assert_allclose(vertices.min(axis=0), [-0.5, 0, 1], atol=1e-6)  # turned by 90 deg, lifted
         np.testing.assert_allclose(vertices.max(axis=0), [0, 0.5, 1], atol=1e-6)
-        assert len(data["index"]["array"].data) == 2 * 6  # a square is two triangles
+        assert len(vertices) == 6  # a square is two triangles
         assert drawn["materials"][0]["color"] == colour
 
 

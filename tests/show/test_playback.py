@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 import re
 import time
@@ -13,7 +14,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-import umsgpack
 from scipy.integrate import solve_ivp
 
 # `browser` is a fixture: imported, so that pytest finds it here.
@@ -51,53 +51,66 @@ def swing(arm: Robot) -> tuple[np.ndarray, np.ndarray]:
     return solution.t, solution.y[:2].T
 
 
-def commands(page: Path) -> list[dict[str, Any]]:
-    block = re.search(r'<script id="commands" type="text/plain">([^<]*)</script>', page.read_text("utf-8"))
+def film(page: Path) -> dict[str, Any]:
+    """What a page plays, with its typed arrays."""
+    block = re.search(r'<script id="film" type="text/plain">([^<]*)</script>', page.read_text("utf-8"))
     assert block is not None
-    return [umsgpack.unpackb(base64.b64decode(line)) for line in block.group(1).split("\n")]
+    return revived(json.loads(gzip.decompress(base64.b64decode(block.group(1)))))
 
 
-def tracks(page: Path) -> dict[str, dict[str, np.ndarray]]:
-    """The animation's numbers, by path and by ".position" or ".quaternion" (and its times)."""
-    columns_by_path: dict[str, dict[str, np.ndarray]] = {}
-    for item in commands(page)[-1]["animations"]:
-        columns = columns_by_path.setdefault(item["path"], {})
-        for track in item["clip"]["tracks"]:
-            columns["times"] = np.frombuffer(track["times"].data, "<f4")
-            width = 3 if track["name"] == ".position" else 4
-            columns[track["name"]] = np.frombuffer(track["values"].data, "<f4").reshape(-1, width)
-    return columns_by_path
+def revived(value: Any) -> Any:
+    """The same with typed arrays as NumPy's."""
+    if isinstance(value, dict):
+        if "$array" in value:
+            kind = np.dtype(value["$array"].removesuffix("Array").lower()).newbyteorder("<")
+            array = np.frombuffer(base64.b64decode(value["base64"]), kind)
+            return counted(array) if value.get("below_new") else array
+        return {key: revived(item) for key, item in value.items()}
+    return [revived(item) for item in value] if isinstance(value, list) else value
 
 
-def test_moving_bodies_are_animated_with_their_poses(
-    arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path
-) -> None:
+def counted(below: np.ndarray) -> np.ndarray:
+    """Numbers that are told by how far they are below the next new one."""
+    index, new = np.empty(len(below), int), 0
+    for i, number in enumerate(below.tolist()):
+        index[i] = new - number
+        new += number == 0
+    return index
+
+
+def way(page: Path, piece: str) -> tuple[np.ndarray, np.ndarray]:
+    """The times (n,) of a page, and the poses of a piece (n, 7)."""
+    shown = film(page)
+    motion = shown["motion"]
+    drawn = next(item for item in shown["visuals"]["pieces"] if item["name"] == piece)
+    placed = motion["poses"].reshape(len(motion["t"]), -1, 7)[:, motion["links"].index(drawn["link"])].astype(float)
+    at = pin.XYZQUATToSE3(np.array(drawn["placement"]))
+    return motion["t"], np.array([pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(pose) * at) for pose in placed])
+
+
+def test_bodies_have_their_poses(arm: Robot, swing: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
     page = write_playback(*arm, *swing, tmp_path / "a.html")
-    animated = tracks(page)
-    assert sorted(animated) == [f"/robot/{name}_{i}" for name, i in _moving()]
+    times, placed = way(page, "forearm_1")
     elbow = np.stack([np.cos(swing[1][:, 0]), 0 * swing[0], np.sin(swing[1][:, 0])], axis=-1)
-    np.testing.assert_allclose(animated["/robot/forearm_1"][".position"], elbow, atol=2e-6)
-    np.testing.assert_allclose(animated["/robot/forearm_1"]["times"], swing[0], atol=1e-5)
+    np.testing.assert_allclose(placed[:, :3], elbow, atol=2e-6)
+    np.testing.assert_allclose(times, swing[0], atol=1e-12)
+    centre = film(page)["motion"]["centre_of_mass"].reshape(-1, 3)
+    expected = [pin.centerOfMass(arm[0], arm[0].createData(), q) for q in swing[1]]
+    np.testing.assert_allclose(centre, expected, atol=2e-6)
     assert page.stat().st_size < 1_500_000
 
 
-def _moving() -> list[tuple[str, int]]:
-    return [("forearm", 0), ("forearm", 1), ("tip", 0), ("upper_arm", 0), ("upper_arm", 1)]
-
-
-def test_speed_stretches_the_playing_time(arm: Robot, tmp_path: Path) -> None:
+def test_speed_decides_on_the_frames(arm: Robot, tmp_path: Path) -> None:
     page = write_playback(*arm, [1.0, 3.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "a.html", speed=0.5)
-    times = tracks(page)["/robot/forearm_0"]["times"]
-    assert times[0] == 0.0
-    assert times[-1] == pytest.approx(4.0)
-    assert len(times) == 241
-    assert "speed 0.5×" in page.read_text("utf-8")
+    shown = film(page)
+    assert shown["speed"] == 0.5
+    np.testing.assert_allclose(shown["motion"]["t"], np.linspace(1.0, 3.0, 241))
 
 
 def test_frames_are_capped_and_the_page_says_so(arm: Robot, tmp_path: Path) -> None:
     t = np.linspace(0.0, 100.0, 11)
     page = write_playback(*arm, t, np.column_stack([t, t]) / 50, tmp_path / "a.html", max_frames=201)
-    assert len(tracks(page)["/robot/forearm_0"]["times"]) == 201
+    assert len(film(page)["motion"]["t"]) == 201
     assert "shown at 2 frames a second" in page.read_text("utf-8")
     assert choose_frames(t, 1.0, 10_000)[1] == ""
 
@@ -110,7 +123,7 @@ def test_bytes_are_capped_by_dropping_frames_then_refused(arm: Robot, tmp_path: 
     cap = (smallest + whole.stat().st_size) // 2
     page = write_playback(*arm, *motion, tmp_path / "c.html", max_bytes=cap)
     assert page.stat().st_size <= cap
-    times = tracks(page)["/robot/forearm_0"]["times"]
+    times = film(page)["motion"]["t"]
     assert 30 < len(times) < 3600
     assert times[-1] == pytest.approx(60.0)
     assert "frames a second" in page.read_text("utf-8")
@@ -135,7 +148,7 @@ def test_a_floating_body_is_interpolated_on_its_manifold(tmp_path: Path) -> None
     half_turn = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-9]
     q = np.array([[0, 0, 0, 0, 0, 0, 1], half_turn], float)
     page = write_playback(model, visuals, [0.0, 1.0], q, tmp_path / "a.html")
-    middle = tracks(page)["/robot/cube"][".quaternion"][30]
+    middle = way(page, "cube")[1][30, 3:]
     np.testing.assert_allclose(np.abs(middle), [0, 0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
 
 
@@ -155,14 +168,12 @@ HOSTILE = "</script><script>window.hacked=1</script>%%VIEWER%%<img src=x onerror
 def test_names_cannot_inject_markup(tmp_path: Path) -> None:
     names = [HOSTILE, "a/b", "__proto__", "constructor"]
     items = [geometry(name, coal.Sphere(0.1)) for name in names]
-    nodes, _ = scene_nodes(fixed(*items)[1])
-    assert [node.path.count("/") for node in nodes] == [2, 2, 2, 2]
-    assert {node.path for node in nodes}.isdisjoint({"/robot/__proto__", "/robot/constructor"})
     path = write_playback(*fixed(*items), 0.0, np.empty(0), tmp_path / "a.html", title=HOSTILE)
     page = path.read_text("utf-8")
     assert "<script>window.hacked" not in page
     assert "<img src=x" not in page
     assert page.count("</script>") == 3
+    assert [piece["name"] for piece in film(path)["visuals"]["pieces"]] == names
 
 
 @pytest.mark.parametrize(
@@ -212,6 +223,9 @@ def near(picture: np.ndarray, rgb: tuple[float, float, float]) -> int:
     return int(((along > 0.995 * bright) & (bright > 60)).sum())
 
 
+TIME = "Number.parseFloat(document.getElementById('clock').textContent)"
+
+
 @pytest.mark.browser
 def test_the_page_plays_offline(
     arm: Robot,
@@ -219,33 +233,29 @@ def test_the_page_plays_offline(
     tmp_path: Path,
     browser: Browser,  # noqa: F811
 ) -> None:
-    page = write_playback(*arm, *swing, tmp_path / "swing.html", title="Two links & <rods>", speed=0.5)
+    events = [(2.0, "reverse elbow"), (2.001, "stick elbow"), (9.0, "</script>")]
+    page = write_playback(*arm, *swing, tmp_path / "swing.html", title="Two links & <rods>", speed=0.5, events=events)
     browser.open(page.as_uri())
-    browser.wait_for("viewer.animator.time > 0.2")
-    first = browser.screenshot()
-    shown = float(re.findall(r"t = ([0-9.]+) s", browser.evaluate("document.body.innerText"))[0])
+    browser.wait_for(f"window.viewer?.motion && {TIME} > 0.1")
+    first, shown = browser.screenshot(), browser.evaluate(TIME)
     time.sleep(0.5)
     second = browser.screenshot()
     assert len(np.unique(first.reshape(-1, 3), axis=0)) > 50
     assert near(first, BLUE) > 1000
     assert near(first, ORANGE) > 1000
     assert (first != second).any(axis=-1).sum() > 500
-    text = browser.evaluate("document.body.innerText")
-    assert float(re.findall(r"t = ([0-9.]+) s", text)[0]) > shown
-    assert "Two links & <rods>" in text
-    assert "speed 0.5×" in text
-    # meshcat's own controls, and the time slider seeks
-    names = browser.evaluate("[...document.querySelectorAll('.property-name')].map(e => e.textContent)")
-    assert {"play", "pause", "reset", "time"} <= set(names)
-    browser.evaluate("viewer.animator.pause()")
-    browser.evaluate("void viewer.animator.time_scrubber.setValue(4.0)")
-    browser.wait_for("document.getElementById('time').textContent === 't = 2.00 s'")
-    index = int(np.argmin(np.abs(swing[0] - 2.0)))
-    elbow = browser.evaluate("viewer.scene_tree.find(['robot', 'forearm_0']).object.position.toArray()")
-    q = swing[1][index]
-    centre = [np.cos(q[0]) + 0.5 * np.cos(q.sum()), 0, np.sin(q[0]) + 0.5 * np.sin(q.sum())]
-    np.testing.assert_allclose(elbow, centre, atol=1e-3)
-    assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+    assert browser.evaluate(TIME) > shown
+    assert "Two links & <rods>" in browser.evaluate("document.body.innerText")
+    assert browser.evaluate("document.getElementById('speed').value") == "0.5"
+    # an event's mark on the time line goes there
+    marks = browser.evaluate("[...document.querySelectorAll('.mark')].map(mark => mark.title)")
+    assert marks == ["2 s: reverse elbow, and 1 more", "9 s: </script>"]
+    browser.evaluate("document.querySelector('.mark').click()")
+    assert browser.evaluate("document.getElementById('clock').textContent") == "2.00 s"
+    elbow = browser.evaluate("viewer.robot.links.get('elbow').group.position.toArray()")
+    q = swing[1][int(np.argmin(np.abs(swing[0] - 2.0)))]
+    np.testing.assert_allclose(elbow, [np.cos(q[0]), 0, np.sin(q[0])], atol=1e-3)
+    assert [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))] == []
     assert [url for url in browser.requests if url.startswith("file:")] == [page.as_uri()]
     assert browser.errors == []
 
@@ -254,9 +264,9 @@ def test_the_page_plays_offline(
 def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
     page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")
     browser.open(page.as_uri())
-    browser.wait_for("viewer.animator.time > 0.6")
-    browser.wait_for("viewer.animator.time < 0.4")
-    assert browser.evaluate("viewer.animator.playing")
+    browser.wait_for(f"window.viewer?.motion && {TIME} > 0.6")
+    browser.wait_for(f"{TIME} < 0.4")
+    assert browser.evaluate("viewer.timeline.playing")
 
 
 @pytest.mark.browser
@@ -277,19 +287,16 @@ def test_every_shape_has_its_true_size(tmp_path: Path, browser: Browser) -> None
         "__proto__": (coal.Sphere(0.5), "", [1, 1, 1]),
     }
     items = [geometry(name, shape, mesh=mesh) for name, (shape, mesh, _) in bodies.items()]
-    model, visuals = fixed(*items)
-    page = write_playback(model, visuals, 0.0, np.empty(0), tmp_path / "shapes.html", title=HOSTILE)
+    page = write_playback(*fixed(*items), 0.0, np.empty(0), tmp_path / "shapes.html", title=HOSTILE)
     browser.open(page.as_uri())
-    measure = """(path) => {
-        const node = viewer.scene_tree.find(path).object;
-        viewer.scene.updateMatrixWorld(true);
+    browser.wait_for("window.viewer?.motion")
+    sizes = browser.evaluate("""viewer.visuals.pieces.map((piece, i) => {
+        viewer.stage.viewer.scene.updateMatrixWorld(true);
+        const node = viewer.stage.viewer.scene_tree.find(["robot", "world", `piece ${i}`]).object;
         const size = new MeshCat.THREE.Box3().setFromObject(node).getSize(new MeshCat.THREE.Vector3());
         return [size.x, size.z, size.y];  // the scene is turned: its z is up in three.js's y
-    }"""
-    nodes, skipped = scene_nodes(visuals)
-    assert skipped == []
-    for node in nodes:
-        size = browser.evaluate(f"({measure})({json.dumps(node.path.strip('/').split('/'))})")
-        np.testing.assert_allclose(size, bodies[node.name][2], rtol=0.01, atol=1e-6, err_msg=node.name)
+    })""")
+    for size, (name, (_, _, expected)) in zip(sizes, bodies.items(), strict=True):
+        np.testing.assert_allclose(size, expected, rtol=0.01, atol=1e-6, err_msg=name)
     assert browser.evaluate("window.hacked") is None
     assert browser.errors == []

@@ -1,13 +1,12 @@
 """Trajectories: saving keeps every digit, loading is strict, figures are drawn."""
 
-import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from tests.show.test_playback import film
 from twolink.errors import SceneError, ShowError, TwolinkError
 
 HEADER = b"t,q.shoulder,q.elbow,v.shoulder,v.elbow,energy"
@@ -158,14 +157,21 @@ def test_playback_is_written(run: tl.Trajectory, tmp_path: Path) -> None:
     assert "http://" not in page.split("<script")[0]
 
 
-def test_a_short_motion_is_played_slowly_with_the_digits_of_its_times(run: tl.Trajectory) -> None:
+def test_a_short_motion_is_played_slowly(run: tl.Trajectory, tmp_path: Path) -> None:
     short = tl.Trajectory(run.robot, run.t / 16, run.q, run.v, None, None)  # 31 ms
-    page = short.playback().page.decode()
-    facts = json.loads(re.search(r"const facts = (.*);", page).group(1))  # type: ignore[union-attr]
-    assert "speed 0.01×" in page
-    assert 2 <= facts["duration"] == pytest.approx(3.125)
-    assert facts["digits"] == 4
-    assert "speed" not in run.playback(speed=1.0).page.decode().partition('id="notes"')[2].partition("</div>")[0]
+    assert film(short.playback(tmp_path / "short.html"))["speed"] == 0.01
+    assert film(run.playback(tmp_path / "run.html", speed=1.0))["speed"] == 1.0
+
+
+def test_a_playback_takes_events_trails_and_a_second_run(run: tl.Trajectory, tmp_path: Path) -> None:
+    other = tl.Trajectory(run.robot, run.t, -run.q, run.v, None, None, title="mirrored")
+    shown = film(run.playback(tmp_path / "x.html", trails=["forearm"], beside=other))
+    assert shown["trails"] == ["forearm"]
+    assert (shown["ghost"]["title"], shown["ghost"]["visuals"]) == ("mirrored", None)
+    assert len(shown["ghost"]["motion"]["t"]) == len(shown["motion"]["t"])
+    assert film(run.playback(tmp_path / "x.html"))["trails"] is None
+    with pytest.raises(ShowError, match="no moving link 'elbow'"):
+        run.playback(tmp_path / "x.html", trails=["elbow"])
 
 
 @pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])

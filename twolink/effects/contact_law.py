@@ -80,14 +80,15 @@ class Touching(Loop, frozen=True):
         friction = plus(*(times(d, other) for d, other in zip(self.sliding(motion), others, strict=True)))
         return [minus(normal, times(self.friction, friction))]
 
-    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec]:
-        """The normal force and that of friction."""
+    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec]:
+        """The normal force and that of friction, at the nearest point of the first body."""
         normal, *across = multipliers
         if not self.rolling:
             directions = self.sliding(motion) if self.friction else (0.0, 0.0)
             across = [times(-self.friction, times(normal, d)) for d in directions]
-        axes = self.gap.nearest(motion).axes
-        return self.pair, add(*(scale(size, axis) for size, axis in zip((normal, *across), axes, strict=True)))
+        near = self.gap.nearest(motion)
+        force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
+        return self.pair, near.first.position(motion), force
 
     def sliding(self, motion: Motion) -> list[Scalar]:
         """The direction of sliding, c / |c|, along the two tangents."""

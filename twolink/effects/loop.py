@@ -43,7 +43,10 @@ class Loop(Effect, frozen=True):
         del motion, along
         return None
 
-    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec] | None:
-        """The pair of bodies whose contact this is, and the force on the first along the world's axes, N."""
+    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec] | None:
+        """The pair of bodies whose contact this is, the point where it acts, m, and the force on the first, N.
+
+        Both are along the world's axes.
+        """
         del motion, multipliers
         return None

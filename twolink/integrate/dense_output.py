@@ -4,6 +4,7 @@ The state at a time t is computed from the last stored state before t within the
 setting of the solution. At an event, t belongs to the piece after it.
 """
 
+import collections
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
-from twolink.integrate.joint_forces import accelerations_and_joint_torques, contact_forces
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts
 from twolink.integrate.methods import METHODS
 from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.solution import Piece
@@ -108,13 +109,21 @@ class DenseOutput:
             a[group.places], tau[group.places] = at_group[0].T, at_group[1].T
         return a, tau
 
-    def contact_forces(self) -> dict[str, Array]:
-        """The force between each pair of bodies that touch at some stored time, on the first (n, 3), N."""
-        forces: dict[str, Array] = {}
+    def contacts(self) -> dict[str, tuple[Array, Array]]:
+        """Of each pair of bodies that touch at some stored time, its points (n, k, 3), m, and forces (n, k, 3), N.
+
+        The forces are those on the first body. Where fewer than k points touch, the rest are NaN.
+        """
+        found: dict[str, list[Array]] = {}
         for group in self._groups(self.t):
-            for pair, force in contact_forces(group.equations, group.t, group.stored_x).items():
-                forces.setdefault(pair, np.zeros((len(self.t), 3)))[group.places] = force.T
-        return forces
+            count = collections.Counter[str]()
+            for pair, point, force in contacts(group.equations, group.t, group.stored_x):
+                columns = found.setdefault(pair, [])
+                if count[pair] == len(columns):
+                    columns.append(np.full((2, len(self.t), 3), np.nan))
+                columns[count[pair]][:, group.places] = point.T, force.T
+                count[pair] += 1
+        return {pair: tuple(np.stack(columns, axis=2)) for pair, columns in found.items()}
 
     def by_piece(self, times: Array) -> Iterator[tuple[Equations, Array]]:
         """The equations of each piece that has some of the times (m,), and the places of those."""

@@ -38,27 +38,28 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
     return snapshot.a, tau
 
 
-def contact_forces(equations: Equations, t: Array, x: Array) -> dict[str, Array]:
-    """The sum of the forces between the bodies of each pair that touches, at states x (nq + nv, n) of one piece.
+def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
+    """The contacts of bodies at states x (nq + nv, n) of one piece.
 
     Returns
     -------
-    dict of str to ndarray (3, n)
-        By pair, the force on its first body along the world's axes, N.
+    list of (str, ndarray (3, n), ndarray (3, n))
+        Of each, the pair of bodies, the point where it acts, m, and the force on the first body, N; world's axes.
     """
-    constraints, forces = equations.constraints, dict[str, Array]()
+    constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
     if constraints is None:
-        return forces
+        return found
     states = _full(equations, x)
     every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):
-        found = loop.contact_force(motion, list(rows))
-        if found is not None:
-            force = np.array([np.broadcast_to(entry, len(t)) for entry in found[1]])
-            forces[found[0]] = forces.get(found[0], 0.0) + force
-    return forces
+        contact = loop.contact_force(motion, list(rows))
+        if contact is not None:
+            pair, *vectors = contact
+            point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
+            found.append((pair, point, force))
+    return found
 
 
 def _full(equations: Equations, x: Array) -> Array:

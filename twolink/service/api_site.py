@@ -14,7 +14,7 @@ from twolink.service.components import Shared
 from twolink.service.docs import docs_page
 from twolink.service.openapi import openapi_document
 from twolink.service.problems import Refusal
-from twolink.show.playback import viewer_script
+from twolink.show.playback import VIEWER, viewer_script
 
 _PAGE = Path(__file__).with_name("page")
 _MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -82,7 +82,8 @@ def _file(name: str) -> Response[bytes]:
 
 @functools.cache
 def _files() -> dict[str, Path]:
-    return {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
+    page = {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
+    return page | {f"viewer/{path.name}": path for path in VIEWER.iterdir() if path.suffix in _MEDIA}
 
 
 HANDLERS = [health, ready, show_metrics, openapi, docs, index, viewer, page_file]

@@ -27,6 +27,7 @@ from twolink.service.robot_pickle import read_robot, write_robot
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
+from twolink.show.meshcat_view import plane_direction
 from twolink.show.motion_samples import resample
 from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.records import run_record
@@ -152,8 +153,15 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
         what = f"{count} poses take more than {quotas.answer_mb:g} MB"
         raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
     times = np.linspace(run.t[0], run.t[-1], frames)
-    poses = link_poses(run.robot, run.robot.normalize(resample(run.robot.model, run.t, run.q, times)))
-    content = {"t": times.tolist(), "links": run.robot.frame_names, "poses": np.round(poses, 7).tolist()}
+    q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times))
+    poses = link_poses(run.robot, q)
+    content = {
+        "t": times.tolist(),
+        "links": run.robot.frame_names,
+        "poses": np.round(poses, 7).tolist(),
+        "centre_of_mass": np.round(run.robot.centre_of_mass(q), 7).tolist(),
+        "direction": plane_direction(poses),
+    }
     return msgspec.json.encode(content)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from twolink.errors import ShowError
 from twolink.show.playback import playback_page
 
-_LIMITS = {"max_frames": 36_000, "max_bytes": 500_000_000}  # higher than a file's: the page is not kept
+_LIMITS: dict[str, Any] = {"max_frames": 36_000, "max_bytes": 500_000_000}  # higher than a file's: the page is not kept
 
 
 class _Server(ThreadingHTTPServer):
@@ -53,12 +53,11 @@ def play_live(
     t: ArrayLike,
     q: ArrayLike,
     *,
-    title: str = "twolink",
     speed: float = 1.0,
     open_browser: bool = True,
     wait: float = 60.0,
     on_url: Callable[[str], None] | None = None,
-    on_skipped: Callable[[list[str]], None] | None = None,
+    **options: Any,
 ) -> None:
     """Play the motion q(t) once in a browser; return when it has ended.
 
@@ -67,7 +66,7 @@ def play_live(
 
     Parameters
     ----------
-    model, visuals, t, q, title, speed
+    model, visuals, t, q, speed
         As in `playback_page`.
     open_browser : bool
         Whether to open the page in the user's browser.
@@ -75,15 +74,15 @@ def play_live(
         Seconds to wait for a browser to play the page.
     on_url : callable, optional
         Called with the page's address.
-    on_skipped : callable, optional
-        Called with the names of the pieces that cannot be drawn, if any.
+    options
+        The other arguments of `playback_page`.
 
     Raises
     ------
     ShowError
         For a motion that cannot be shown, and when no browser comes (code "no-browser").
     """
-    page = playback_page(model, visuals, t, q, title=title, speed=speed, live=True, on_skipped=on_skipped, **_LIMITS)
+    page = playback_page(model, visuals, t, q, speed=speed, live=True, **_LIMITS, **options)
     with _Server(page) as server:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         url = f"http://127.0.0.1:{server.server_port}/"

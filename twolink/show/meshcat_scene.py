@@ -1,15 +1,13 @@
-"""A robot's visual geometry as meshcat (three.js) objects, their poses, and meshcat's commands.
+"""A robot's visual geometry as three.js objects, and their poses.
 
 Objects are dictionaries in three.js's JSON format, which meshcat's viewer reads; meshcat itself is not imported.
 Pieces that cannot be drawn, for want of their file, are named.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import quote
 
 import numpy as np
 import pinocchio as pin
@@ -17,11 +15,6 @@ import pinocchio as pin
 from twolink.errors import ShowError
 from twolink.show.mesh_files import SUFFIXES, file_object
 from twolink.show.meshcat_shapes import SHAPES, Floats, Json, mesh, phong, triangle_geometry, triangles
-
-# The viewer keeps its nodes in JavaScript objects, in which these keys exist from the start.
-_RESERVED = re.compile(
-    "constructor|hasOwnProperty|isPrototypeOf|propertyIsEnumerable|toLocaleString|toString|valueOf|__.*__"
-)
 
 
 class Piece(Protocol):
@@ -39,8 +32,7 @@ class Node:
 
     name: str  # Pinocchio's name of the piece
     index: int  # its place in GeometryModel.geometryObjects
-    path: str  # its place in meshcat's tree: "/robot/<name>"
-    object: Json  # three.js JSON; a command places the node
+    object: Json  # three.js JSON; copies of one mesh share it
     corners: Floats  # (8, 3) m, its bounding box in its own frame
 
 
@@ -48,14 +40,16 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
     """The pieces of the pin.GeometryModel `visuals` that can be drawn, and the names of those that cannot."""
     nodes: list[Node] = []
     skipped: list[str] = []
-    taken: set[str] = set()
+    made: dict[object, Json | None] = {}
     for index, item in enumerate(visuals.geometryObjects):
-        drawn = _draw(item, f"twolink-{index}")
-        corners = _corners(item)
+        corners, same = _corners(item), _look(item) or index
+        if same not in made:
+            made[same] = _draw(item, f"twolink-{index}")
+        drawn = made[same]
         if drawn is None or corners is None:
             skipped.append(item.name)
             continue
-        nodes.append(Node(item.name, index, _path(item.name, taken), drawn, corners))
+        nodes.append(Node(item.name, index, drawn, corners))
     return nodes, skipped
 
 
@@ -101,20 +95,10 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Piece]) -> Floats
     return result
 
 
-def set_object(path: str, drawn: Json) -> Json:
-    """The command that puts an object into the viewer's tree."""
-    return {"type": "set_object", "path": path, "object": drawn}
-
-
-def set_pose(path: str, pose: Floats) -> Json:
-    """The command that places a node: pose is (7,), position (m) and quaternion (x y z w)."""
-    matrix = pin.XYZQUATToSE3(np.asarray(pose, float)).homogeneous
-    return {"type": "set_transform", "path": path, "matrix": matrix.T.ravel().tolist()}
-
-
-def set_property(path: str, key: str, value: object) -> Json:
-    """The command that sets a property of a node."""
-    return {"type": "set_property", "path": path, "property": key, "value": value}
+def _look(item: Any) -> tuple[object, ...]:
+    """What decides on the object of a mesh; () for a shape."""
+    numbers = np.concatenate([item.meshScale, item.meshColor]).tolist()
+    return (item.meshPath, item.overrideMaterial, *numbers) if Path(item.meshPath).suffix.lower() in SUFFIXES else ()
 
 
 def _draw(item: Any, uuid: str) -> Json | None:
@@ -150,15 +134,3 @@ def box_corners(low: Floats, high: Floats) -> Floats:
     """The corners (8, 3) of the box from the corner `low` to `high`, (3,) each."""
     sides = np.stack([low, high])
     return np.array([sides[[i, j, k], [0, 1, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-
-
-def _path(name: str, taken: set[str]) -> str:
-    """A path for a piece that no other has; "/" separates levels there, so it is escaped."""
-    safe = quote(name, safe=" ") or "unnamed"
-    path = f"/robot/~{safe}" if _RESERVED.fullmatch(safe) else f"/robot/{safe}"
-    number = 1
-    while path in taken:
-        number += 1
-        path = f"/robot/{safe} ({number})"
-    taken.add(path)
-    return path

@@ -5,44 +5,43 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import umsgpack
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Json = dict[str, Any]
 
 _SEGMENTS = 48  # round bodies look round at full screen
-# By JavaScript's class of typed array: meshcat's code in MessagePack, and NumPy's type.
-_ARRAYS = {
-    "Uint8Array": (0x12, "u1"),
-    "Int16Array": (0x13, "<i2"),
-    "Uint16Array": (0x14, "<u2"),
-    "Uint32Array": (0x16, "<u4"),
-    "Float32Array": (0x17, "<f4"),
+_TYPES = {  # NumPy's, by JavaScript's class of typed array
+    "Int8Array": "i1",
+    "Int16Array": "<i2",
+    "Uint16Array": "<u2",
+    "Uint32Array": "<u4",
+    "Float32Array": "<f4",
+    "Float64Array": "<f8",
 }
-_CLASSES = {code: name for name, (code, _) in _ARRAYS.items()}
 _ROUND = {"widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
 _Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # three.js: along y
 
 
-def packed(array: NDArray[Any], kind: str = "Float32Array") -> umsgpack.Ext:
-    """An array, row by row, as a typed array of that class in meshcat's messages."""
-    code, dtype = _ARRAYS[kind]
-    return umsgpack.Ext(code, np.ascontiguousarray(array, dtype=dtype).tobytes())
-
-
-def as_json(value: Any) -> Any:
-    """A message with each typed array as {"$array": its class, "base64": its bytes, little-endian}."""
-    if isinstance(value, umsgpack.Ext):
-        return {"$array": _CLASSES[value.type], "base64": base64.b64encode(value.data).decode("ascii")}
-    if isinstance(value, dict):
-        return {key: as_json(item) for key, item in value.items()}
-    return [as_json(item) for item in value] if isinstance(value, (list, tuple)) else value
+def packed(array: NDArray[Any], kind: str = "Float32Array") -> Json:
+    """An array, row by row, as a typed array of that class: {"$array": the class, "base64": bytes, little-endian}."""
+    raw = np.ascontiguousarray(array, dtype=_TYPES[kind]).tobytes()
+    return {"$array": kind, "base64": base64.b64encode(raw).decode("ascii")}
 
 
 def attribute(values: NDArray[Any], kind: str = "Float32Array") -> Json:
     """An attribute of a three.js geometry: one row of `values` (n, k) for each vertex."""
     return {"itemSize": values.shape[1], "type": kind, "array": packed(values, kind)}
+
+
+def triangle_index(index: NDArray[np.integer]) -> Json:
+    """The corners (3m,) of triangles by their numbers, which begin at 0 and are new one after the other.
+
+    Stored is how far each is below the next new number, which compresses to a quarter.
+    """
+    new = np.maximum.accumulate(np.concatenate([[-1], index[:-1]])) + 1
+    kind = "Uint16Array" if len(index) and index.max() < 2**16 else "Uint32Array"
+    return {"itemSize": 1, "type": kind, "array": packed(new - index, kind) | {"below_new": True}}
 
 
 def mesh(

@@ -1,10 +1,12 @@
-"""A motion as one page of HTML that plays in any browser: it holds meshcat's viewer, the scene and the animation."""
+"""A motion as one page of HTML that plays in any browser: it holds the viewer, the robot and the motion."""
 
 import base64
 import functools
+import gzip
 import html
 import importlib.metadata
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,23 +14,24 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import umsgpack
 from numpy.typing import ArrayLike
 
 from twolink.errors import ShowError
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
-from twolink.show.meshcat_scene import Node, poses, require_pieces, scene_nodes
-from twolink.show.meshcat_shapes import Floats, Json, packed
-from twolink.show.meshcat_view import look_at, opening_commands, to_three
-from twolink.show.motion_samples import check_motion, resample, time_digits
+from twolink.show.meshcat_scene import require_pieces, scene_nodes
+from twolink.show.meshcat_shapes import Floats, Json
+from twolink.show.motion_samples import check_motion, resample
+from twolink.show.viewer_data import Contacts, contact_data, joint_frames, motion_data, robot_data
 
+VIEWER = Path(__file__).with_name("viewer")
+_MODULES = ("elements", "motion", "robot", "overlays", "stage", "timeline", "viewer")  # each after those it imports
 _RATE = 60.0  # frames per second of playing
 _MIN_FRAMES = 30  # with fewer a motion cannot be recognized
-_FRAME_BYTES = 48  # of a body in a frame: seven numbers and the time twice, four bytes each, in base64
-_PAGE_BYTES = 50_000  # of the page without viewer, bodies and animation
-_TRACKS = (("position", "vector3", slice(0, 3)), ("quaternion", "quaternion", slice(3, 7)))
-_AT_REST = 1e-7  # m, and in quaternions: a smaller range is no motion
+_FRAME_BYTES = 40  # of a joint in a frame: seven numbers of four bytes in base64, which compresses a little
+_PAGE_BYTES = 50_000  # of the page without meshcat's script, bodies and motion
+_QUICK = 6  # of gzip's levels
+Run = tuple[pin.Model, pin.GeometryModel, ArrayLike, ArrayLike]
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,6 +69,11 @@ def playback_page(
     max_frames: int = 3600,
     max_bytes: int = 50_000_000,
     live: bool = False,
+    events: Sequence[tuple[float, str]] = (),
+    contacts: Contacts | None = None,
+    trails: Sequence[str] | None = None,
+    beside: Run | None = None,
+    beside_title: str = "compared run",
     on_skipped: Callable[[list[str]], None] | None = None,
 ) -> bytes:
     """The page that plays the motion q(t) of a robot.
@@ -89,6 +97,15 @@ def playback_page(
         so.
     live : bool
         Whether the page plays once, and tells its server when it starts.
+    events : sequence of (float, str)
+        Times in s with what happens then: marks on the time line.
+    contacts : mapping, optional
+        By pair of bodies, its contacts at the times t: points (n, k, 3), m, and forces (n, k, 3), N, NaN where it is
+        apart.
+    trails : sequence of str, optional
+        Links that draw a trail at first; by default the last link, where there is one.
+    beside : (model, visuals, t, q), optional
+        A motion to lay over this one as a ghost, with the title `beside_title`.
     on_skipped : callable, optional
         Called with the names of the pieces that cannot be drawn, if any. The page names them too.
 
@@ -103,36 +120,53 @@ def playback_page(
         For a motion that cannot be shown, and for a page that would be too large (code "page-too-large").
     """
     times, configurations = check_motion(model, t, q, speed)
-    nodes, skipped = scene_nodes(visuals)
+    robot, nodes, skipped = _robot(model, visuals)
     require_pieces(nodes, skipped, on_skipped, "playback")
-    fixed = len(viewer_script()) + _PAGE_BYTES + sum(len(_encoded(node.object)) for node in nodes)
-    affordable = int(max_bytes - fixed) // (_FRAME_BYTES * len(nodes))
+    chosen = None if trails is None else _known(trails, robot["frames"])
+    fixed = len(viewer_script()) + _PAGE_BYTES + len(_compressed(robot))
+    affordable = int(max_bytes - fixed) // (_FRAME_BYTES * model.njoints)
     shown, note = choose_frames(times, speed, min(max_frames, max(affordable, _MIN_FRAMES)))
-    placed = poses(model, visuals, resample(model, times, configurations, shown), nodes)
-    view = look_at(nodes, placed)
-    commands = opening_commands(nodes, placed, view)
-    commands += _animation(nodes, placed, (shown - times[0]) / speed, 1.0 if live else float("inf"))
-    notes = [
-        f"speed {speed:g}×" if speed != 1.0 else "",
-        note,
-        f"grid {view.cell:g} m",
-        f"not drawn: {', '.join(skipped)}" if skipped else "",
-    ]
-    facts = {
-        "start": float(shown[0]),
-        "duration": float(shown[-1] - shown[0]) / speed,
-        "speed": speed,
-        "digits": time_digits(shown),
-        "distances": [[aspect, view.distance(aspect)] for aspect in np.geomspace(0.3, 4.0, 24).tolist()],
-        "direction": to_three(view.direction),
-        "live": live,
+    path = resample(model, times, configurations, shown)
+    motion = motion_data(model, shown, path) | {
+        "events": [{"t": float(at), "text": text} for at, text in events],
+        "contacts": contact_data(times, contacts or {}, shown),
     }
-    page = _page(commands, title, " · ".join(filter(None, notes)), facts)
+    film = {"visuals": robot, "motion": motion, "speed": speed, "live": live, "trails": chosen}
+    if beside is not None:
+        film["ghost"] = _ghost(beside, model, len(shown)) | {"title": beside_title}
+    notes = [note, f"not drawn: {', '.join(skipped)}" if skipped else ""]
+    page = _page(film, title, " · ".join(filter(None, notes)))
     if len(page) > max_bytes:
         what = f"the page would take {len(page) / 1e6:.1f} MB, more than max_bytes ({max_bytes / 1e6:.1f} MB)"
         remedy = "raise max_bytes, show a shorter part, or simplify the meshes"
         raise ShowError(what, where="playback", remedy=remedy, code="page-too-large", bytes=len(page))
     return page
+
+
+def _robot(model: pin.Model, visuals: pin.GeometryModel) -> tuple[Json, list[Any], list[str]]:
+    """A robot whose joints stand for its links, its pieces, and the names of those that cannot be drawn."""
+    nodes, skipped = scene_nodes(visuals)
+    frames = joint_frames(model)
+    links = list(model.names)[1:]
+    return robot_data(model, visuals, nodes) | {"links": links, "frames": frames, "skipped": skipped}, nodes, skipped
+
+
+def _ghost(beside: Run, model: pin.Model, frames: int) -> Json:
+    """The second motion, at as many times; without its robot where that is the first one's."""
+    other, visuals, t, q = beside
+    times, configurations = check_motion(other, t, q, 1.0)
+    shown = np.linspace(times[0], times[-1], frames if len(times) > 1 else 1)
+    motion = motion_data(other, shown, resample(other, times, configurations, shown))
+    return {"motion": motion, "visuals": None if other is model else _robot(other, visuals)[0]}
+
+
+def _known(trails: Sequence[str], frames: Sequence[Json]) -> list[str]:
+    names = [frame["name"] for frame in frames]
+    for name in trails:
+        if name not in names:
+            what = f"there is no moving link {name!r}"
+            raise ShowError(what, where="playback", remedy=f"choose among {', '.join(names)}", argument="trails")
+    return list(trails)
 
 
 def choose_frames(t: Floats, speed: float, max_frames: int) -> tuple[Floats, str]:
@@ -147,42 +181,30 @@ def choose_frames(t: Floats, speed: float, max_frames: int) -> tuple[Floats, str
     return np.linspace(t[0], t[-1], count), note
 
 
-def _animation(nodes: Sequence[Node], placed: Floats, times: Floats, repetitions: float) -> list[Json]:
-    """The command that animates the nodes that move; none when all are at rest.
-
-    `placed` is (n, len(nodes), 7), `times` (n,) s of playing.
-    """
-    animations = []
-    for k, node in enumerate(nodes):
-        tracks = []
-        for name, kind, columns in _TRACKS:
-            values = placed[:, k, columns]
-            if np.ptp(values, axis=0).max() > _AT_REST:
-                # Typed arrays take 4 bytes a number; the lists of keys that meshcat's Python writes take 20.
-                tracks.append({"name": f".{name}", "type": kind, "times": packed(times), "values": packed(values)})
-        if tracks:
-            animations.append({"path": node.path, "clip": {"fps": 1, "name": "default", "tracks": tracks}})
-    options = {"play": True, "repetitions": repetitions}
-    return [{"type": "set_animation", "animations": animations, "options": options, "path": ""}] if animations else []
-
-
-def _page(commands: Sequence[Json], title: str, notes: str, facts: Json) -> bytes:
-    """The page as UTF-8. Texts from outside enter it as base64, escaped HTML, or JSON without "<"."""
+def _page(film: Json, title: str, notes: str) -> bytes:
+    """The page as UTF-8. Texts from outside enter it as base64 or as escaped HTML."""
     parts = {
         "TITLE": html.escape(title),
         "NOTES": html.escape(notes),
-        "FACTS": json.dumps(facts).replace("<", "\\u003c"),
-        "COMMANDS": "\n".join(map(_encoded, commands)),
-        "VIEWER": viewer_script().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
+        "STYLE": (VIEWER / "viewer.css").read_text("utf-8"),
+        "FILM": base64.b64encode(_compressed(film)).decode("ascii"),
+        "MESHCAT": viewer_script().replace("</script", "<\\/script").replace("<!--", "<\\!--"),
+        "VIEWER": _modules(),
     }
     template = Path(__file__).with_name("playback.html").read_text("utf-8")
     pieces = template.split("%%")  # every second one is a name; no inserted part is itself searched for names
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces)).encode("utf-8")
 
 
-def _encoded(command: Json) -> str:
-    """A command in base64, as the page holds it."""
-    return base64.b64encode(umsgpack.packb(command)).decode("ascii")
+def _compressed(data: Json) -> bytes:
+    return gzip.compress(json.dumps(data, allow_nan=False).encode(), _QUICK, mtime=0)
+
+
+@functools.cache
+def _modules() -> str:
+    """The viewer's modules as one: a page that is a file may import no other."""
+    texts = [(VIEWER / f"{name}.js").read_text("utf-8") for name in _MODULES]
+    return "\n".join(re.sub(r"^(import .*|export )", "", text, flags=re.MULTILINE) for text in texts)
 
 
 @functools.cache

@@ -16,9 +16,9 @@ from twolink.io.mesh_triangles import SUFFIXES, read_triangles
 from twolink.robots.mesh_shapes import LARGEST
 from twolink.show.meshcat_scene import box_corners
 from twolink.show.meshcat_shapes import triangles
+from twolink.show.smooth_shading import shaded_triangles
 
 Floats = NDArray[np.float64]
-SMOOTH = 0.7  # rad: edges between triangles that turn by less look round
 SEGMENTS = 64  # of round bodies
 
 
@@ -66,11 +66,11 @@ def _parts(item: Any) -> Iterator[tuple[Floats, Floats, Floats]]:
             normals = _units(part.normal / scale).reshape(-1, 3, 3)
             yield corners, normals, _colours(part, path.parent, rgb, item.overrideMaterial)
         if whole is not None:
-            yield _smooth(trimesh.Trimesh(whole[0] * scale, whole[1], process=False), rgb)
+            yield _one_colour(*shaded_triangles(whole[0] * scale, whole[1]), rgb)
         return
     made = _primitive(item.geometry)
     if made is not None:
-        yield _smooth(made, rgb)
+        yield _one_colour(*shaded_triangles(made.vertices, made.faces), rgb)
 
 
 def _primitive(shape: Any) -> trimesh.Trimesh | None:
@@ -93,11 +93,7 @@ def _primitive(shape: Any) -> trimesh.Trimesh | None:
     return None if faces is None else trimesh.Trimesh(*faces, process=False)
 
 
-def _smooth(mesh: trimesh.Trimesh, rgb: Floats) -> tuple[Floats, Floats, Floats]:
-    """Corners, normals that are smooth over flat edges, and one colour."""
-    merged = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    shaded = trimesh.graph.smooth_shade(merged, angle=SMOOTH)
-    corners, normals = (np.asarray(x)[shaded.faces] for x in (shaded.vertices, shaded.vertex_normals))
+def _one_colour(corners: Floats, normals: Floats, rgb: Floats) -> tuple[Floats, Floats, Floats]:
     return corners, normals, np.broadcast_to(rgb, corners.shape)
 
 

@@ -165,9 +165,16 @@ class Trajectory:
         points has the sum. Impulses of impacts are not in it. Raises SceneError (code "no-equations") for a loaded
         trajectory.
         """
-        solution = self._solution("contact_forces")
-        kept = np.searchsorted(solution.t, self.t)
-        return ContactForces((pair, force[kept]) for pair, force in solution.contact_forces().items())
+        self._solution("contact_forces")
+        return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self._contacts.items())
+
+    @functools.cached_property
+    def _contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Points and forces by pair, (n, k, 3) each; none for a loaded trajectory."""
+        if self.solution is None:
+            return {}
+        kept = np.searchsorted(self.solution.t, self.t)
+        return {pair: (points[kept], forces[kept]) for pair, (points, forces) in self.solution.contacts().items()}
 
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
@@ -289,7 +296,14 @@ class Trajectory:
             return self.t, self.q, self.v
 
     @overload
-    def playback(self, *, speed: float | None = ..., on_skipped: Skipped = ...) -> InlinePage: ...
+    def playback(
+        self,
+        *,
+        speed: float | None = ...,
+        trails: Sequence[str] | None = ...,
+        beside: Trajectory | None = ...,
+        on_skipped: Skipped = ...,
+    ) -> InlinePage: ...
 
     @overload
     def playback(
@@ -297,6 +311,8 @@ class Trajectory:
         path: str | os.PathLike[str],
         *,
         speed: float | None = ...,
+        trails: Sequence[str] | None = ...,
+        beside: Trajectory | None = ...,
         on_skipped: Skipped = ...,
     ) -> Path: ...
 
@@ -305,9 +321,14 @@ class Trajectory:
         path: str | os.PathLike[str] | None = None,
         *,
         speed: float | None = None,
+        trails: Sequence[str] | None = None,
+        beside: Trajectory | None = None,
         on_skipped: Skipped = None,
     ) -> Path | InlinePage:
         """Make a standalone page that plays the motion in 3D in any browser, offline.
+
+        It has a time line with the run's events, and shows at will trails and frames of links, the centre of mass, and
+        contact points with their forces.
 
         Parameters
         ----------
@@ -315,6 +336,10 @@ class Trajectory:
             A .html file.
         speed : float, optional
             Simulated seconds per second of playing; by default 1, and less for a motion below 1 s.
+        trails : sequence of str, optional
+            Links that draw a trail at first; by default the last one of a robot with one tip.
+        beside : Trajectory, optional
+            Another run, laid over this one as a ghost.
         on_skipped : callable, optional
             Called with the names of the shapes that cannot be drawn, if any; the page names them too.
 
@@ -330,11 +355,24 @@ class Trajectory:
         """
         from twolink.show.playback import InlinePage, playback_page, write_playback
 
-        model, visuals, title = self.robot.model, self.robot.visual_model(), self.title or self.robot.name
-        motion, speed = (model, visuals, self.t, self.q), self._speed(speed)
+        options = {"speed": self._speed(speed), "trails": trails, "on_skipped": on_skipped, **self._told}
+        if beside is not None:
+            options |= {"beside": beside._motion, "beside_title": beside.title or beside.robot.name}
         if path is None:
-            return InlinePage(playback_page(*motion, title=title, speed=speed, on_skipped=on_skipped))
-        return write_playback(*motion, Path(path), title=title, speed=speed, on_skipped=on_skipped)
+            return InlinePage(playback_page(*self._motion, **options))
+        return write_playback(*self._motion, Path(path), **options)
+
+    @property
+    def _motion(self) -> tuple[Any, Any, np.ndarray, np.ndarray]:
+        return self.robot.model, self.robot.visual_model(), self.t, self.q
+
+    @property
+    def _told(self) -> dict[str, Any]:
+        """What a page tells about the run beside its motion."""
+        events = [
+            (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}") for event in self.events
+        ]
+        return {"title": self.title or self.robot.name, "events": events, "contacts": self._contacts}
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any
@@ -347,10 +385,7 @@ class Trajectory:
         from twolink.show.video import write_video
 
         beside = tables.chosen_columns(self._samples, curves) if curves else None
-        model, visuals = self.robot.model, self.robot.visual_model()
-        return write_video(
-            model, visuals, self.t, self.q, Path(path), curves=beside, speed=self._speed(speed), **options
-        )
+        return write_video(*self._motion, Path(path), curves=beside, speed=self._speed(speed), **options)
 
     def play(
         self,
@@ -370,11 +405,8 @@ class Trajectory:
         from twolink.show.live import play_live
 
         play_live(
-            self.robot.model,
-            self.robot.visual_model(),
-            self.t,
-            self.q,
-            title=self.title or self.robot.name,
+            *self._motion,
+            **self._told,
             speed=self._speed(speed),
             open_browser=open_browser,
             on_url=on_url or _log_url,

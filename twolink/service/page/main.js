@@ -1,41 +1,35 @@
 // The page: connects the robot, the scene, the run and the view.
 
 import { get, onTokenWanted, post, setToken } from "./api.js";
-import { locate } from "./axes.js";
 import { announce, byId, clearProblem, el, showProblem, wireTabs } from "./dom.js";
 import { Job } from "./jobs.js";
-import { Playback } from "./playback.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
 import { Robots } from "./robots.js";
 import { SceneEditor } from "./scene.js";
 import { Sliders } from "./sliders.js";
 import { listPast, Study } from "./study.js";
-import { View } from "./view3d.js";
+import { Viewer } from "./viewer/viewer.js";
+import { loadMeshcat } from "./viewer_script.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
 const OWN = "own"; // id of the scene that is in no file
 
-const view = new View(byId("pane"), byId("view-note"));
+const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
 const robots = new Robots(robot => useRobot(robot));
 const editor = new SceneEditor({ onPick: useScene, onChange: () => {} });
 const sliders = new Sliders(byId("sliders"), (q, joint) => {
-  playback.unload();
+  viewer.timeline.unload();
   editor.move(joint.name, sliders.part(joint));
   poseAt(q);
 });
 const results = new Results((t, kind) => {
-  if (kind === "hover" && playback.playing) results.cursor(t);
+  if (kind === "hover" && viewer.timeline.playing) results.cursor(t);
   else {
-    if (kind !== "hover") playback.pause();
-    showPlayback();
-    playback.seek(t);
+    if (kind !== "hover") viewer.timeline.pause();
+    viewer.seek(t);
   }
-});
-const playback = new Playback(t => {
-  results.cursor(t);
-  moveTo(t);
 });
 const query = new QueryForm(() => sliders.q);
 const run = new Job(
@@ -51,7 +45,6 @@ const run = new Job(
 );
 new Study(() => editor.current());
 
-let motion = null; // of the run that is shown
 let drawn = null; // id of the robot in the 3D view
 let start = []; // q at the scene's start
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
@@ -86,8 +79,7 @@ async function useScene(id, written = null) {
 }
 
 async function arrange(content, robot, id, checked = null) {
-  motion = null;
-  playback.unload();
+  viewer.stop();
   results.clear();
   editor.set(content, robot, id);
   history.replaceState(
@@ -110,16 +102,16 @@ async function arrange(content, robot, id, checked = null) {
 async function draw(robot, q) {
   try {
     if (drawn !== robot.id) {
-      byId("view-note").textContent = "Drawing…";
+      viewer.note.textContent = "Drawing…";
       const visuals = await robots.look(robot.id);
       if (robots.robot.id !== robot.id) return;
-      view.load(visuals);
+      viewer.load(visuals);
       drawn = robot.id;
     }
     await poseAt(q);
-    view.fit();
+    viewer.fit();
   } catch (failure) {
-    byId("view-note").textContent = `It cannot be drawn: ${failure.message}`;
+    viewer.note.textContent = `It cannot be drawn: ${failure.message}`;
   }
 }
 
@@ -138,37 +130,23 @@ async function poseAt(q) {
       const [id, sentQ] = [robots.robot.id, nextQ];
       nextQ = null;
       const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: sentQ });
-      if (id === robots.robot.id && !playback.playing) view.pose(frames, poses);
+      if (id === robots.robot.id && !viewer.timeline.playing) viewer.pose(frames, poses);
     }
   } catch (failure) {
-    byId("view-note").textContent = failure.message;
+    viewer.note.textContent = failure.message;
   } finally {
     asking = false;
   }
 }
 
-function moveTo(t) {
-  if (!motion) return;
-  const [i, part] = locate(motion.t, t);
-  view.between(motion.links, motion.poses[i], motion.poses[Math.min(i + 1, motion.poses.length - 1)], part);
-}
-
-byId("view-fit").addEventListener("click", () => view.fit(motion && !byId("playback").hidden ? moments() : undefined));
 byId("sliders-reset").addEventListener("click", () => {
   sliders.set(robots.robot, start);
   for (const name of Object.keys(editor.q)) if (!(name in (editor.base.q ?? {}))) delete editor.q[name];
   Object.assign(editor.q, editor.base.q);
   editor.changed(false);
-  playback.unload();
+  viewer.timeline.unload();
   poseAt(start);
 });
-
-/** Functions that show some times of the motion, and at last the time shown now. */
-function moments() {
-  const step = Math.max(1, Math.ceil(motion.t.length / 40));
-  const some = motion.t.filter((_, i) => i % step === 0).map(t => () => moveTo(t));
-  return [...some, () => moveTo(playback.t)];
-}
 
 // Running ---------------------------------------------------------------------------------------------------------
 
@@ -209,15 +187,8 @@ async function showRun(job) {
   }
   const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
   await results.show(job, robots.robot.joints);
-  motion = loaded;
-  view.fit(motion.t.length > 1 ? moments() : undefined);
-  playback.load(motion.t[0], motion.t.at(-1));
+  viewer.play({ ...loaded, events: results.moments });
   if (matchMedia("(max-width: 899px)").matches) byId("results-title").scrollIntoView({ block: "start" });
-}
-
-/** Show the playback controls again, after the sliders have hidden them. */
-function showPlayback() {
-  if (motion) byId("playback").hidden = false;
 }
 
 async function openPast(job) {
@@ -287,6 +258,7 @@ async function begin() {
   }
 }
 
-await view.start();
+await loadMeshcat();
+viewer.start();
 await begin();
 document.documentElement.dataset.ready = "yes";

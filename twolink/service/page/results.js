@@ -38,6 +38,7 @@ export class Results {
     byId("result").hidden = false;
     const events = job.result.events.map(event => ({ t: event.t, text: wordsOf(event) }));
     this.#summary(job.result);
+    this.moments = events;
     this.#draw(renamed(columns, joints), events);
     this.#events(events);
     this.#downloads(job);

@@ -1,0 +1,211 @@
+// The viewer: one robot, or a second one as a ghost, its motion with time controls, and a menu of what is shown.
+
+import { check, make } from "./elements.js";
+import { Motion, revive } from "./motion.js";
+import { Overlays } from "./overlays.js";
+import { Robot } from "./robot.js";
+import { Stage } from "./stage.js";
+import { Timeline } from "./timeline.js";
+
+const GHOST = 0.28; // opacity
+const LABEL = "The robot in 3D. Drag to turn it, arrow keys do too.";
+
+export class Viewer {
+  /** root: an empty element. onTime(t) is called for each time shown. wheel: it always zooms. */
+  constructor(root, { onTime = () => {}, wheel = false } = {}) {
+    this.onTime = onTime;
+    this.wheel = wheel;
+    this.pane = make("div", { id: "pane", className: "pane", tabIndex: 0, role: "img", ariaLabel: LABEL });
+    this.note = make("p", { id: "view-note", className: "view-note", role: "status" });
+    this.fitButton = make("button", { type: "button", id: "view-fit", className: "quiet", title: "Show all of it" }, "Fit");
+    this.fitButton.addEventListener("click", () => this.fit());
+    this.menu = make("div", { className: "menu", id: "view-menu" });
+    const shown = make("details", { id: "view-shown" }, make("summary", { className: "quiet" }, "Show"), this.menu);
+    const bar = make("div", { className: "playback", id: "playback", role: "group", ariaLabel: "Playback", hidden: true });
+    root.classList.add("viewer");
+    const view = make("div", { className: "view" }, this.pane, this.note);
+    view.append(make("div", { className: "view-buttons" }, this.fitButton, shown));
+    root.append(view, bar);
+    this.timeline = new Timeline(bar, t => this.#show(t));
+    this.pane.addEventListener("keydown", event => {
+      if (event.key === "0") this.fit();
+      if (event.key !== " " || bar.hidden) return;
+      event.preventDefault();
+      this.timeline.toggle();
+    });
+    this.choice = { shadows: true, follow: false, frames: false, centre: false, contacts: true, ghost: true, trails: null };
+  }
+
+  /** Start drawing; meshcat's script must be loaded. Where that is impossible the note says so: all else works. */
+  start() {
+    try {
+      if (!window.MeshCat) throw new Error("meshcat's viewer could not be loaded");
+      this.stage = new Stage(this.pane, this.wheel);
+      this.overlays = new Overlays(this.stage);
+    } catch (failure) {
+      this.stage = null;
+      this.note.textContent = `The robot cannot be drawn in this browser (${failure.message}); all else works.`;
+    }
+  }
+
+  /** Draw a robot. visuals: as the service sends them. */
+  load(visuals) {
+    this.stop();
+    if (!this.stage) return;
+    this.robot?.remove();
+    this.visuals = revive(visuals);
+    this.robot = new Robot(this.stage.viewer, this.stage.THREE, this.visuals, "robot");
+    const left = visuals.skipped.length + this.robot.unread;
+    this.note.textContent =
+      visuals.pieces.length === 0
+        ? "This robot has nothing to draw: its links have no <visual> elements. All else works."
+        : left
+          ? `${left} of its pieces cannot be drawn`
+          : "";
+    this.choice.trails = this.robot.tips.length === 1 ? [...this.robot.tips] : [];
+  }
+
+  /** Pose the robot: poses of links by name, [x, y, z, qx, qy, qz, qw] each. */
+  pose(links, poses) {
+    this.timeline.unload();
+    this.still = new Motion({ t: [0], links, poses });
+    this.posed = true;
+    if (!this.stage) return;
+    this.#redraw();
+    this.#show(0);
+  }
+
+  /** Play a motion of the robot: {t, links, poses, ...} as `Motion` takes it. */
+  play(data, { speed = null, loop = false } = {}) {
+    this.motion = new Motion(revive(data));
+    this.posed = false;
+    this.fit();
+    this.timeline.loop = loop;
+    this.timeline.load(this.motion.begin, this.motion.end, this.motion.events, speed);
+  }
+
+  /** Lay a second motion over the first, as a ghost: of the same robot, or of the one that visuals describe. */
+  compare(data, visuals = null, title = "compared run") {
+    if (!this.stage || !this.motion) return;
+    this.uncompare();
+    const { viewer, THREE } = this.stage;
+    this.ghost = {
+      robot: new Robot(viewer, THREE, visuals ? revive(visuals) : this.visuals, "ghost", GHOST),
+      motion: new Motion(revive(data)),
+      title,
+    };
+    this.fit();
+    this.#show(this.timeline.t);
+  }
+
+  uncompare() {
+    this.ghost?.robot.remove();
+    this.ghost = null;
+  }
+
+  /** Show a time of the motion, also after the robot was posed otherwise. */
+  seek(t) {
+    if (!this.motion) return;
+    this.timeline.root.hidden = false;
+    if (this.posed) {
+      this.posed = false;
+      this.#redraw();
+    }
+    this.timeline.seek(t);
+  }
+
+  /** Forget the motion, and hide the time controls. */
+  stop() {
+    this.timeline.unload();
+    this.uncompare();
+    this.motion = null;
+    this.posed = false;
+  }
+
+  get #shown() {
+    return this.posed ? this.still : (this.motion ?? this.still);
+  }
+
+  /** Aim the camera at all that is reached. */
+  fit() {
+    const motion = this.#shown;
+    if (!this.stage || !this.robot || !motion) return;
+    const shown = [{ robot: this.robot, motion }];
+    if (this.ghost && !this.posed) shown.push(this.ghost);
+    this.stage.fit(shown, motion.direction ?? this.visuals.direction);
+    this.#redraw();
+  }
+
+  #show(t) {
+    const motion = this.#shown;
+    if (this.stage && this.robot && motion) {
+      this.robot.at(motion, t);
+      this.ghost?.robot.at(this.ghost.motion, t);
+      this.overlays.at(motion, t);
+      this.stage.follow(this.choice.follow ? this.#middle(motion, t) : null);
+    }
+    if (this.motion && !this.posed) this.onTime(t);
+  }
+
+  /** The centre of mass, or the middle of the links. */
+  #middle(motion, t) {
+    const [i, part] = motion.locate(t);
+    const mean = k => motion.links.reduce((sum, _, j) => sum + motion.pose(i, j)[k], 0) / motion.links.length;
+    if (!motion.centre) return [0, 1, 2].map(mean);
+    const next = Math.min(i + 1, motion.t.length - 1);
+    return [0, 1, 2].map(k => motion.centre[3 * i + k] * (1 - part) + motion.centre[3 * next + k] * part);
+  }
+
+  /** Draw what is chosen over the robot, and the menu of the choices there are. */
+  #redraw() {
+    const motion = this.#shown;
+    if (!this.stage || !this.robot || !motion) return;
+    const { overlays, choice, stage, robot } = this;
+    const moving = motion.t.length > 1;
+    overlays.clear();
+    stage.shadows = choice.shadows;
+    this.ghost?.robot.show(choice.ghost && !this.posed);
+    if (choice.frames) overlays.frames("frames", robot, motion, [...robot.frames.keys()], 0.1 * stage.size);
+    if (choice.centre && motion.centre) overlays.centre("centre", motion, stage.floor.position.z);
+    if (choice.contacts && motion.contacts.length) overlays.contacts("contacts", motion);
+    for (const frame of moving ? choice.trails : []) {
+      overlays.trail(`trail ${frame}`, robot, motion, frame, () => this.timeline.speed);
+    }
+    overlays.at(motion, this.posed ? 0 : this.timeline.t);
+    this.#menu(motion, moving);
+  }
+
+  #menu(motion, moving) {
+    const { choice } = this;
+    const item = (key, text) =>
+      check(text, choice[key], checked => {
+        choice[key] = checked;
+        this.#redraw();
+      });
+    const newtons = Number(motion.strongest.toPrecision(3));
+    const items = [
+      item("shadows", "shadows"),
+      moving && item("follow", "follow the robot"),
+      item("frames", "frames of the links"),
+      motion.centre && item("centre", "centre of mass"),
+      motion.contacts.length && item("contacts", `contact forces, up to ${newtons} N`),
+      this.ghost && item("ghost", this.ghost.title),
+    ];
+    const key = JSON.stringify([moving, newtons, this.ghost?.title, [...this.robot.frames.keys()]]);
+    if (key === this.menu.dataset.key) return; // whoever is choosing keeps the focus
+    this.menu.dataset.key = key;
+    this.menu.replaceChildren(...items.filter(Boolean));
+    if (moving) this.menu.append(this.#trails());
+  }
+
+  #trails() {
+    const { choice } = this;
+    const boxes = [...this.robot.frames.keys()].map(frame =>
+      check(frame, choice.trails.includes(frame), checked => {
+        choice.trails = checked ? [...choice.trails, frame] : choice.trails.filter(other => other !== frame);
+        this.#redraw();
+      }),
+    );
+    return make("fieldset", {}, make("legend", {}, "trails"), ...boxes);
+  }
+}
