@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import signal
 import subprocess
 import sys
 import textwrap
@@ -99,6 +100,25 @@ def test_the_server_ends_when_the_caller_is_interrupted(arm: tuple[Any, Any]) ->
     with pytest.raises(KeyboardInterrupt):
         play_live(*arm, *motion(1.0), open_browser=False, on_url=interrupt)
     assert not answers(urls[0])
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_ctrl_c_counts_whichever_thread_the_system_gives_it_to(arm: tuple[Any, Any], started: bool) -> None:
+    """A signal to another thread does not wake the one that waits."""
+
+    def interrupt(url: str) -> None:
+        def soon() -> None:
+            if started:
+                answers(url + "started")
+            time.sleep(0.5)
+            signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+        threading.Thread(target=soon).start()
+
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        play_live(*arm, *motion(30.0), open_browser=False, wait=30.0, on_url=interrupt)
+    assert time.monotonic() - begin < 20.0
 
 
 def test_the_server_ends_when_the_caller_is_killed() -> None:

@@ -16,6 +16,8 @@ from twolink.show.playback import playback_page
 
 _LIMITS: dict[str, Any] = {"max_frames": 36_000, "max_bytes": 500_000_000}  # higher than a file's: the page is not kept
 
+_BLOCK = 0.2  # seconds
+
 
 class _Server(ThreadingHTTPServer):
     """Serves one page, on this machine only."""
@@ -45,6 +47,19 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_: Any) -> None:
         """Print nothing."""
+
+
+def _wait(event: threading.Event, seconds: float) -> bool:
+    """Whether the event comes within so many seconds.
+
+    Python sees a Ctrl-C only between two of its instructions. One that comes just before the thread blocks, or that the
+    system gives to another thread, does not end the block: so no block is long.
+    """
+    end = time.monotonic() + seconds
+    while not event.wait(max(0.0, min(_BLOCK, end - time.monotonic()))):
+        if time.monotonic() >= end:
+            return False
+    return True
 
 
 def play_live(
@@ -91,9 +106,9 @@ def play_live(
                 on_url(url)
             if open_browser:  # in a thread, because a browser in the terminal returns only when it is closed
                 threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-            if not server.started.wait(wait):
+            if not _wait(server.started, wait):
                 what, remedy = f"no browser opened {url} within {wait:g} s", "try again, or write a playback file"
                 raise ShowError(what, where="live playback", remedy=remedy, code="no-browser")
-            time.sleep(float(np.ptp(np.asarray(t, float))) / speed)
+            _wait(threading.Event(), float(np.ptp(np.asarray(t, float))) / speed)
         finally:
             server.shutdown()
