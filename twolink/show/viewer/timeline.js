@@ -31,6 +31,7 @@ export class Timeline {
     root.replaceChildren(this.button, make("div", { className: "line" }, this.marks, this.scrub), this.clock, this.select);
     this.pause();
     this.frame = now => this.#tick(now);
+    document.addEventListener("visibilitychange", () => (this.last = performance.now()));
   }
 
   /** A motion from `begin` to `end` s with marked events [{t, text}]; it plays at once unless the user prefers reduced
@@ -117,7 +118,7 @@ export class Timeline {
   /** A slow machine shows fewer pictures, and the same motion; a tab that was hidden goes on where it was. */
   #tick(now) {
     if (!this.playing) return;
-    const step = Math.min(Math.max(now - this.last, 0) / 1000, 1) * this.speed;
+    const step = (Math.max(now - this.last, 0) / 1000) * this.speed;
     this.last = now;
     if (this.t + step < this.end) this.seek(this.t + step);
     else if (this.loop && this.t >= this.end) this.seek(this.begin);
