@@ -69,11 +69,11 @@ export class Robot {
     return this.scratch.fromArray(numbers);
   }
 
-  /** The corners of each link's boxes in frame i of a motion, one list a link. */
-  reached(motion, i) {
+  /** The corners of each link's boxes in frame i of a motion, one list a link; moving: without what is fixed. */
+  reached(motion, i, moving = false) {
     const turned = new this.THREE.Quaternion(),
       shift = new this.THREE.Vector3();
-    const moving = motion.links.flatMap((name, k) => {
+    const boxes = motion.links.flatMap((name, k) => {
       const link = this.links.get(name);
       if (!link) return [];
       const pose = motion.pose(i, k);
@@ -81,7 +81,7 @@ export class Robot {
       shift.fromArray(pose);
       return [link.corners.map(corner => corner.clone().applyQuaternion(turned).add(shift))];
     });
-    return this.still.length ? [this.still, ...moving] : moving;
+    return this.still.length && !moving ? [this.still, ...boxes] : boxes;
   }
 
   /** Where a frame is in frame i of a motion: {position, quaternion}, or null for one that the motion does not have. */

@@ -160,6 +160,21 @@ export class Stage {
     this.anchor = at;
   }
 
+  /** Look at a point from near enough to see what has these corners. */
+  approach(point, parts) {
+    if (!point || !parts.length) return;
+    const { camera, controls } = this.viewer;
+    const size = new this.THREE.Box3().setFromPoints(parts.flat()).getSize(new this.THREE.Vector3()).length();
+    const target = this.#up(point);
+    const away = camera.position.clone().sub(controls.target);
+    away.setLength(Math.min(away.length(), 3 * size));
+    controls.target.copy(target);
+    camera.position.copy(target).add(away);
+    camera.near = away.length() / 100;
+    this.turned = true;
+    this.anchor = null;
+  }
+
   /** A floor of round squares with a shadow on it, `gap` of the size below what is swept; and the lamp above. */
   #lay(gap) {
     const { THREE, viewer, box, size } = this;

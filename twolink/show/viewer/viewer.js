@@ -33,7 +33,7 @@ export class Viewer {
       event.preventDefault();
       this.timeline.toggle();
     });
-    this.choice = { shadows: true, follow: false, frames: false, centre: false, contacts: true, ghost: true, trails: null };
+    this.choice = { shadows: true, follow: "", frames: false, centre: false, contacts: true, ghost: true, trails: null };
   }
 
   /** Start drawing; meshcat's script must be loaded. Where that is impossible the note says so: all else works. */
@@ -63,6 +63,7 @@ export class Viewer {
           ? `${left} of its pieces cannot be drawn`
           : "";
     this.choice.trails = this.robot.tips.length === 1 ? [...this.robot.tips] : [];
+    this.choice.follow = "";
   }
 
   /** Pose the robot: poses of links by name, [x, y, z, qx, qy, qz, qw] each. */
@@ -142,18 +143,27 @@ export class Viewer {
       this.robot.at(motion, t);
       this.ghost?.robot.at(this.ghost.motion, t);
       this.overlays.at(motion, t);
-      this.stage.follow(this.choice.follow ? this.#middle(motion, t) : null);
+      this.stage.follow(this.choice.follow ? this.#followed(motion, t) : null);
     }
     if (this.motion && !this.posed) this.onTime(t);
   }
 
-  /** The centre of mass, or the middle of the links. */
-  #middle(motion, t) {
+  /** Where the frame is that the camera follows; null for one that the motion does not have. */
+  #followed(motion, t) {
     const [i, part] = motion.locate(t);
-    const mean = k => motion.links.reduce((sum, _, j) => sum + motion.pose(i, j)[k], 0) / motion.links.length;
-    if (!motion.centre) return [0, 1, 2].map(mean);
-    const next = Math.min(i + 1, motion.t.length - 1);
-    return [0, 1, 2].map(k => motion.centre[3 * i + k] * (1 - part) + motion.centre[3 * next + k] * part);
+    const [here, next] = [i, Math.min(i + 1, motion.t.length - 1)].map(k =>
+      this.robot.frameAt(motion, this.choice.follow, k),
+    );
+    return here && here.position.lerp(next.position, part).toArray();
+  }
+
+  /** Let the camera go with a frame (""), from near where the way is long. */
+  #follow(frame) {
+    this.choice.follow = frame;
+    const motion = this.#shown;
+    if (frame) this.stage.approach(this.#followed(motion, this.timeline.t), this.robot.reached(motion, 0, true));
+    else this.fit();
+    this.#show(this.timeline.t);
   }
 
   /** Draw what is chosen over the robot, and the menu of the choices there are. */
@@ -185,7 +195,6 @@ export class Viewer {
     const newtons = Number(motion.strongest.toPrecision(3));
     const items = [
       item("shadows", "shadows"),
-      moving && item("follow", "follow the robot"),
       item("frames", "frames of the links"),
       motion.centre && item("centre", "centre of mass"),
       motion.contacts.length && item("contacts", `contact forces, up to ${newtons} N`),
@@ -195,7 +204,15 @@ export class Viewer {
     if (key === this.menu.dataset.key) return; // whoever is choosing keeps the focus
     this.menu.dataset.key = key;
     this.menu.replaceChildren(...items.filter(Boolean));
-    if (moving) this.menu.append(this.#trails());
+    if (moving) this.menu.append(this.#camera(), this.#trails());
+  }
+
+  #camera() {
+    const names = ["", ...this.robot.frames.keys()];
+    const select = make("select", {}, ...names.map(value => make("option", { value }, value || "all of the motion")));
+    select.value = this.choice.follow;
+    select.addEventListener("change", () => this.#follow(select.value));
+    return make("label", {}, "camera on ", select);
   }
 
   #trails() {
