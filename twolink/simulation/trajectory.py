@@ -370,7 +370,8 @@ class Trajectory:
     def _told(self) -> dict[str, Any]:
         """What a page tells about the run beside its motion."""
         events = [
-            (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}") for event in self.events or ()
+            (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
+            for event in self.events or ()
         ]
         return {"title": self.title or self.robot.name, "events": events, "contacts": self._contacts}
 
