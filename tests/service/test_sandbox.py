@@ -102,6 +102,24 @@ def test_a_worker_reaches_no_network_and_no_process(task: str, results: dict[str
     assert results[task].code == "denied"
 
 
+@pytest.mark.skipif(not (CAN.landlock and CAN.seccomp), reason="not on this kernel")
+def test_a_worker_that_may_use_the_network_reaches_no_file_of_others_and_no_process(
+    place: dict[str, Any], tmp_path: Path
+) -> None:
+    async def work() -> dict[str, Any]:
+        workers = Workers(1, WorkerMemory(3000), tasks="tests.service.network_tasks", writable=[tmp_path])
+        try:
+            assert await workers.run("tcp", 60, **arguments("tcp", place)) == "an answer"
+            for task in (*FILES, "program", "execute", "forked", "c_library", "trace", "signal_the_service"):
+                with pytest.raises(TwolinkError) as caught:
+                    await workers.run(task, 60, **arguments(task, place))
+                assert caught.value.code == "denied", task
+        finally:
+            await workers.close()
+
+    asyncio.run(work())
+
+
 def test_a_worker_knows_no_secret(results: dict[str, Any]) -> None:
     assert "HOME" in results["environment"]
     assert "hush" not in str(results["environment"])

@@ -25,6 +25,7 @@ def serve(
     delete_results: Annotated[
         bool, Option("--delete-results", help="Delete results that are beyond the quota.")
     ] = False,
+    dask: Annotated[str, Option(metavar="ADDRESS", help="Send sweeps to this Dask scheduler.", show_default="")] = "",
 ) -> None:
     """Serve queries, simulations and the page over HTTP.
 
@@ -37,6 +38,7 @@ def serve(
     curl -s 127.0.0.1:8000/v1/robots/two_link/forward-dynamics -d '{"q": [0, 0], "tau": [1, 0]}'
     TWOLINK_TOKEN=secret twolink serve --host 0.0.0.0   for others too; they send Authorization: Bearer secret
     twolink serve --quota jobs=4 --quota disk_mb=20000
+    twolink serve --dask tcp://scheduler:8786           one service for a group with a cluster
 
     The API is described at /docs and /openapi.json; `tl.connect("http://127.0.0.1:8000")` asks it from Python. Results
     survive a restart, and jobs that were not done are taken up by the next start. Ctrl-C ends the service.
@@ -58,6 +60,7 @@ def serve(
         quotas=read_quotas(quota or []),
         log=log,
         delete_results=delete_results,
+        dask=dask,
     )
     if not is_loopback(host) and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)

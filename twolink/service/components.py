@@ -70,7 +70,9 @@ class Service:
         )
         self.robots = RobotPool(settings, self.store, self._computers)
         self.queries = Queries(settings, self.robots, self._computers, self.metrics)
-        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics)
+        senders = pool(quotas.jobs, tasks="twolink.service.cluster_tasks", writable=folders) if settings.dask else None
+        self._pools = [self._readers, self._computers, self._job_workers, *([senders] if senders else [])]
+        self.jobs = Jobs(settings, self.store, self._job_workers, self.metrics, senders)
 
     def _require_room(self) -> None:
         """Keep to the quota of the disk; raise TwolinkError rather than delete results without being told to."""
@@ -146,9 +148,8 @@ class Service:
         _log.log(logging.INFO if self.protection.complete else logging.WARNING, "%s", self.protection)
         self._show_gauges()
         await self.jobs.resume()
-        pools = (self._readers, self._computers, self._job_workers)
         watching = (self._worker_memory.watch(), _measure_lag(self.metrics))
-        work = (*watching, *(workers.warm() for workers in pools))
+        work = (*watching, *(workers.warm() for workers in self._pools))
         background = [asyncio.create_task(coroutine) for coroutine in work]
         try:
             yield
@@ -157,7 +158,7 @@ class Service:
                 task.cancel()
             await asyncio.gather(*background, return_exceptions=True)
             await self.drain()
-            for workers in pools:
+            for workers in self._pools:
                 await workers.close()
             self.store.close()
 

@@ -58,10 +58,13 @@ class _Running:
 
 
 class Jobs:
-    """The jobs of the service."""
+    """The jobs of the service. senders: the worker processes that send sweeps to a cluster, if there is one."""
 
-    def __init__(self, settings: Settings, store: Store, workers: Workers, metrics: Metrics) -> None:
+    def __init__(
+        self, settings: Settings, store: Store, workers: Workers, metrics: Metrics, senders: Workers | None = None
+    ) -> None:
         self._quotas, self._store, self._workers, self._metrics = settings.quotas, store, workers, metrics
+        self._senders, self._dask = senders, settings.dask  # processes that may reach the cluster
         self._disk_bytes = settings.quotas.disk_mb * 2**20
         self._running: dict[str, _Running] = {}
         self._locks = KeyedLocks()
@@ -151,12 +154,19 @@ class Jobs:
         def note(progress: Any) -> None:
             running.progress = progress
 
+        robots, seconds = str(self._store.folder / "robots"), self._quotas.job_seconds
+        workers, more = self._workers, {}
         try:
-            return await self._workers.run(
-                _TASKS[running.kind], self._quotas.job_seconds, on_progress=note, folder=str(folder),
-                body=body, robots=str(self._store.folder / "robots"), quotas=self._quotas,
+            if running.kind == "sweep" and self._senders is not None:
+                robot = await workers.run("pack_robot", seconds, body=body, robots=robots)
+                workers, more = self._senders, {"robot": robot, "cluster": self._dask}
+            return await workers.run(
+                _TASKS[running.kind], seconds, on_progress=note, folder=str(folder), body=body, robots=robots,
+                quotas=self._quotas, **more,
             )  # fmt: skip
         except Refusal as refusal:
+            if refusal.code == "cluster-lost":
+                _log.error("the Dask scheduler %s cannot be reached", self._dask)
             if refusal.code == "too-slow" and running.kind in RESUMED:
                 raise Refusal(422, refusal.what, code="too-slow", remedy="run it again: it goes on") from None
             raise

@@ -31,15 +31,18 @@ _RIGHTS = {1: 2**13 - 1, 2: 2**14 - 1, 3: 2**15 - 1, 4: 2**15 - 1, 5: 2**16 - 1}
 _OF_FILES = 0b1100_0000_0000_0111  # execute, write, read a file, truncate, ioctl
 _READ = 0b1100  # a file, a folder
 _WRITE = _READ | 0b0110_0001_1011_0010  # write, remove and make files and folders, rename between folders, truncate
+_OF_NETWORK = ("/etc", Path.home() / ".config" / "dask", "/proc/stat", "/proc/net")
 _TCP, _SIGNALS_AND_SOCKETS = 0b11, 0b11  # what is refused from version 4 on, and from 6 on
 
 _X86_64, _AARCH64 = 0xC000003E, 0xC00000B7  # AUDIT_ARCH_...
 # System calls that no task needs, with their numbers on x86-64 and ARM. None: there is no such call.
-_REFUSED: dict[str, tuple[int | None, int | None]] = {
-    # network
+_Calls = dict[str, tuple[int | None, int | None]]
+_NETWORK: _Calls = {
     "socket": (41, 198), "socketpair": (53, 199), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201),
     "accept": (43, 202), "accept4": (288, 242), "sendto": (44, 206), "sendmsg": (46, 211), "sendmmsg": (307, 269),
     "recvfrom": (45, 207), "recvmsg": (47, 212), "recvmmsg": (299, 243),
+}  # fmt: skip
+_OTHERS: _Calls = {
     # programs and processes, and memory and messages shared with them
     "execve": (59, 221), "execveat": (322, 281), "fork": (57, None), "vfork": (58, None), "kill": (62, 129),
     "tkill": (200, 130), "rt_sigqueueinfo": (129, 138), "rt_tgsigqueueinfo": (297, 240), "ptrace": (101, 117),
@@ -59,6 +62,7 @@ _REFUSED: dict[str, tuple[int | None, int | None]] = {
     "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225),
     "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "personality": (135, 92),
 }  # fmt: skip
+_REFUSED = _NETWORK | _OTHERS
 _CLONE, _CLONE3, _NEW_THREAD = (56, 220), 435, 0x10000
 _ALLOW, _KILL, _REFUSE = 0x7FFF0000, 0x80000000, 0x00050000  # SECCOMP_RET_ALLOW, KILL_PROCESS, ERRNO | number
 _LOAD, _EQUAL, _NOT_LESS, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # instructions of the filter
@@ -89,7 +93,7 @@ def protection() -> Protection:
     return Protection(max(0, version), _processor() is not None and Path("/proc/sys/kernel/seccomp").is_dir())
 
 
-def restrict(writable: Sequence[Path]) -> None:
+def restrict(writable: Sequence[Path], *, network: bool = False) -> None:
     """Limit this process, which must have one thread, for ever: to the program's files, and to writing some folders.
 
     What the machine cannot do is left out.
@@ -98,6 +102,8 @@ def restrict(writable: Sequence[Path]) -> None:
     ----------
     writable : sequence of Path
         The folders that may be written.
+    network : bool
+        Whether it may use the network, and read what that takes: /etc, and the settings of Dask.
 
     Raises
     ------
@@ -109,9 +115,9 @@ def restrict(writable: Sequence[Path]) -> None:
         return
     _check(_libc().prctl(_NO_NEW_PRIVS, *map(ctypes.c_ulong, (1, 0, 0, 0))))
     if can.landlock:
-        _limit_files(can.landlock, writable)
+        _limit_files(can.landlock, writable, network)
     if can.seccomp:
-        _limit_calls()
+        _limit_calls(_OTHERS if network else _REFUSED)
 
 
 def _program() -> Iterable[str | Path]:
@@ -129,13 +135,13 @@ def _program() -> Iterable[str | Path]:
     yield from ("/dev/urandom", "/dev/random", "/dev/zero")
 
 
-def _limit_files(version: int, writable: Sequence[Path]) -> None:
+def _limit_files(version: int, writable: Sequence[Path], network: bool) -> None:
     rights = _RIGHTS[min(version, max(_RIGHTS))]
-    kinds = (rights, _TCP if version >= 4 else 0, _SIGNALS_AND_SOCKETS if version >= 6 else 0)
-    content = struct.pack(f"{1 + (version >= 4) + (version >= 6)}Q", *(kind for kind in kinds if kind))
+    kinds = [rights, *[0 if network else _TCP] * (version >= 4), *[_SIGNALS_AND_SOCKETS] * (version >= 6)]
+    content = struct.pack(f"{len(kinds)}Q", *kinds)
     rules = _check(_libc().syscall(_CREATE_RULESET, content, ctypes.c_size_t(len(content)), 0))
     try:
-        for path in _program():
+        for path in (*_program(), *(_OF_NETWORK if network else ())):
             _allow(rules, path, _READ & rights)
         for path in (*writable, Path("/dev/null")):
             _allow(rules, path, _WRITE & rights)
@@ -158,18 +164,18 @@ def _allow(rules: int, path: str | Path, rights: int) -> None:
         os.close(place)
 
 
-def _limit_calls() -> None:
-    """Refuse the system calls of _REFUSED with EPERM, new processes included; threads are allowed."""
-    code = _filter(_processor() or 0)
+def _limit_calls(calls: _Calls) -> None:
+    """Refuse these system calls with EPERM, new processes included; threads are allowed."""
+    code = _filter(_processor() or 0, calls)
     content = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *instruction) for instruction in code))
     program = struct.pack("HxxxxxxP", len(code), ctypes.addressof(content))
     _check(_libc().prctl(_SET_SECCOMP, _FILTER, program, 0, 0))
 
 
-def _filter(processor: int) -> list[tuple[int, int, int, int]]:
+def _filter(processor: int, calls: _Calls) -> list[tuple[int, int, int, int]]:
     """The instructions (code, steps to jump if true, if false, value) that judge a system call."""
     column = 0 if processor == _X86_64 else 1
-    numbers = [number for pair in _REFUSED.values() if (number := pair[column]) is not None]
+    numbers = [number for pair in calls.values() if (number := pair[column]) is not None]
     refused = [(_EQUAL, len(numbers) - k + 2, 0, number) for k, number in enumerate(numbers)]
     return [
         (_LOAD, 0, 0, 4),  # the processor's kind: 32-bit calls have other numbers

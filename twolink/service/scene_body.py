@@ -9,13 +9,14 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.scenes.from_data import scene_from_data
+from twolink.service.robot_pickle import read_robot, write_robot
 from twolink.service.robot_tasks import robot_by_id
 
 _MAX_EFFECTS = 200
 
 
-def scene_of(scene: str | SceneFile, robots: str) -> Scene:
-    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots.
+def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
+    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots. robot: that of `packed`.
 
     Raises SceneError and RobotError whose `where` is the path in the request.
     """
@@ -28,10 +29,15 @@ def scene_of(scene: str | SceneFile, robots: str) -> Scene:
             what = f"{len(scene.effects)} effects, the limit is {_MAX_EFFECTS}"
             raise SceneError(what, argument="effects", remedy="leave some out")
         _refuse_files(scene.effects)
-        return scene_from_data(scene, functools.partial(_robot, robots))
+        return scene_from_data(scene, (lambda _: read_robot(robot)) if robot else functools.partial(_robot, robots))
     except TwolinkError as error:
         where = f"scene.{error.where}" if error.where else "scene"
         raise error.at(where, argument=error.argument or "scene") from None
+
+
+def packed(scene: str | SceneFile, robots: str) -> bytes:
+    """The robot of a scene, for processes that shall not read what was uploaded; empty for a bundled scene."""
+    return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
 
 
 def _robot(robots: str, entry: RobotEntry) -> Robot:

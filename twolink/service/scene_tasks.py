@@ -63,11 +63,17 @@ def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
 
 
 def allowed_scene(
-    request: ExplainRequest | StudyRequest | SensitivityRequest | SweepRequest, samples: float, robots: str,
+    request: ExplainRequest | StudyRequest | SensitivityRequest | SweepRequest,
+    samples: float,
+    robots: str,
     quotas: Quotas,
-) -> tuple[Scene, float]:  # fmt: skip
-    """The scene and its duration [s]. Raises SceneError for a run that is longer, or has more samples, than allowed."""
-    scene = scene_of(request.scene, robots)
+    robot: bytes = b"",
+) -> tuple[Scene, float]:
+    """The scene and its duration [s]. robots, robot: see `scene_of`.
+
+    Raises SceneError for a run that is longer, or has more samples, than allowed.
+    """
+    scene = scene_of(request.scene, robots, robot)
     seconds = request.duration or scene.duration
     if seconds > quotas.duration:
         what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"

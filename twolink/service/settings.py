@@ -83,7 +83,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     tokens: bearer tokens, any of which opens the API; none: no token is asked for. hosts: names the service may be
     called by, besides localhost and plain addresses. origins: of pages that may call it from browsers, besides its own.
-    log: the form of its log. delete_results: whether it may start with more results than its quota allows.
+    log: the form of its log. delete_results: whether it may start with more results than its quota allows. dask: the
+    address of a Dask scheduler that sweeps are sent to; empty: they are computed here.
     """
 
     data: str
@@ -95,6 +96,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     quotas: Quotas = Quotas()
     log: LogForm = "text"
     delete_results: bool = False
+    dask: str = ""
 
     def __post_init__(self) -> None:
         if not self.data:

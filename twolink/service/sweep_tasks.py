@@ -22,7 +22,7 @@ from twolink.service.data_folder import size_of
 from twolink.service.job_requests import SweepRequest
 from twolink.service.pipe_loop import use_pipes
 from twolink.service.problems import Refusal
-from twolink.service.scene_body import scene_of
+from twolink.service.scene_body import packed, scene_of
 from twolink.service.scene_tasks import allowed_scene
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
@@ -44,11 +44,21 @@ _NUMBER_BYTES = 20  # of a number as JSON
 _VARIABLE_BYTES = 8  # of a number in the store, at most
 
 
-def sweep(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
-    """Run a sweep into the store in `folder`, or go on with it, and return its record. body: a SweepRequest."""
+def pack_robot(*, body: bytes, robots: str) -> bytes:
+    """The robot of a sweep, for `sweep` in a process that may use the network. body: the SweepRequest."""
+    return packed(msgspec.json.decode(body, type=SweepRequest).scene, robots)
+
+
+def sweep(
+    *, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report, robot: bytes = b"", cluster: str = ""
+) -> dict[str, Any]:
+    """Run a sweep into the store in `folder`, or go on with it, and return its record.
+
+    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process.
+    """
     use_pipes()
     request = msgspec.json.decode(body, type=SweepRequest)
-    scene, duration = _allowed(request, robots, quotas)
+    scene, duration = _allowed(request, robots, robot, quotas)
 
     def progress(done: int, total: int, label: str) -> None:
         report({"fraction": 0.99 * done / total, "done": done, "total": total, "label": label})
@@ -58,8 +68,11 @@ def sweep(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
     with ThreadPoolExecutor(thread_count()) as threads:
         try:
             data = run_sweep(scene, request.vary, path, duration=duration, outputs=request.outputs,
-                             executor=threads, progress=progress, **options)  # fmt: skip
+                             executor=cluster or threads, progress=progress, **options)  # fmt: skip
         except TwolinkError as error:
+            if error.code == "cluster-lost":
+                raise Refusal(503, "the cluster cannot be reached", code=error.code, where="service", retry_after=30,
+                              remedy="run it again when it is back: what is done is kept") from None  # fmt: skip
             raise error.at("request") if folder in error.where else error from None
     if size_of(path) > quotas.result_mb * 2**20:
         raise _too_large(quotas)
@@ -68,7 +81,7 @@ def sweep(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
             "columns": column_names(data), **{name: status[name] for name in STATUS[1:]}}  # fmt: skip
 
 
-def _allowed(request: SweepRequest, robots: str, quotas: Quotas) -> tuple[Scene, float]:
+def _allowed(request: SweepRequest, robots: str, robot: bytes, quotas: Quotas) -> tuple[Scene, float]:
     """The scene and the duration. Raises SceneError for what is larger than allowed, and for what is not read here."""
     runs = planned_runs(request.vary, request.design, request.count)
     if runs > quotas.runs:
@@ -80,11 +93,11 @@ def _allowed(request: SweepRequest, robots: str, quotas: Quotas) -> tuple[Scene,
             raise SceneError(f"there is no output {name[:80]!r} here", argument="outputs", code="unknown-output",
                              remedy=f"one of {', '.join(OUTPUTS)}")  # fmt: skip
     named = request.vary.get("robot")
-    for robot in named if isinstance(named, list) else ():
-        if robot not in catalogue_names():  # a path would be read
-            raise SceneError(f"{str(robot)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
+    for one in named if isinstance(named, list) else ():
+        if one not in catalogue_names():  # a path would be read
+            raise SceneError(f"{str(one)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
                              remedy="GET /v1/robots lists the names")  # fmt: skip
-    scene, duration = allowed_scene(request, 0.0, robots, quotas)
+    scene, duration = allowed_scene(request, 0.0, robots, quotas, robot)
     if request.samples > quotas.samples:
         what = f"{request.samples} samples are too many, the limit is {quotas.samples}"
         raise SceneError(what, argument="samples", remedy="ask for fewer")

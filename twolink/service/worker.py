@@ -84,15 +84,17 @@ def limit_memory(megabytes: float) -> None:
 def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]) -> None:
     """Run tasks until stdin ends.
 
-    tasks: the module whose TASKS are the functions by name. file: for the exchange. writable: see `restrict`.
+    tasks: the module whose TASKS are the functions by name, and whose NETWORK says whether they may use the network.
+    file: for the exchange. writable: see `restrict`.
     """
     limit_memory(megabytes)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # a killed service cannot end its workers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print must not come between the messages
-    functions = importlib.import_module(tasks).TASKS
-    restrict(writable)  # before anything from outside is looked at
+    table = importlib.import_module(tasks)
+    functions = table.TASKS
+    restrict(writable, network=getattr(table, "NETWORK", False))  # before anything from outside is looked at
 
     def send(message: Progress | Done | Failed) -> None:
         answers.write(packed(message))
@@ -120,7 +122,8 @@ def _answer(
         return _TOO_LARGE
     except Exception as error:
         problem = problem_of(error)
-        return Failed(problem, traceback.format_exc() if problem.status >= 500 else "")
+        expected = problem.status < 500 or isinstance(error, Refusal)
+        return Failed(problem, "" if expected else traceback.format_exc())
 
 
 def _has_filled(megabytes: float) -> bool:
