@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import importlib.util
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
@@ -168,5 +169,14 @@ def import_extra(module: str, extra: str) -> Any:
         library = (missing.name or module).partition(".")[0]
         if library == "twolink":
             raise
-        remedy = f"pip install 'twolink[{extra}]'"
-        raise MissingExtraError(f"{library} is not installed", remedy=remedy, extra=extra) from missing
+        raise _missing(library, extra) from missing
+
+
+def require_extra(library: str, extra: str) -> None:
+    """As `import_extra` of a whole library that is imported later. Raises MissingExtraError."""
+    if importlib.util.find_spec(library) is None:
+        raise _missing(library, extra)
+
+
+def _missing(library: str, extra: str) -> MissingExtraError:
+    return MissingExtraError(f"{library} is not installed", remedy=f"pip install 'twolink[{extra}]'", extra=extra)

@@ -12,7 +12,7 @@ import pytest
 
 import twolink as tl
 from twolink import effects
-from twolink.errors import SceneError, TwolinkError
+from twolink.errors import MissingExtraError, SceneError, TwolinkError
 from twolink.sweeps import open_sweep, store
 from twolink.sweeps.origin import origin
 
@@ -220,6 +220,16 @@ def test_an_executor_of_another_kind(tmp_path: Path) -> None:
     assert caught.value.code == "workers-differ"
     with pytest.raises(SceneError, match="an address or an executor"):
         swept(tmp_path / "z.zarr", executor=3)
+
+
+@pytest.mark.parametrize("library", ["zarr", "xarray"])
+def test_nothing_is_computed_where_a_library_is_missing(
+    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=f"{library} is not installed"):
+        swept(tmp_path / "x.zarr")
+    assert not list(tmp_path.iterdir())
 
 
 def test_no_store_is_refused(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from urllib.parse import quote
 import msgspec
 import numpy as np
 
-from twolink.errors import QueryError, TwolinkError, import_extra
+from twolink.errors import QueryError, TwolinkError, require_extra
 from twolink.scenes import Scene, load_scene
 from twolink.service.problems import Problem, error_from
 from twolink.service.remote_robot import RemoteRobot
@@ -186,7 +186,7 @@ class Client:
         target = Path(out)
         if target.exists():
             raise TwolinkError("it exists", where=str(target), code="file-exists", remedy="give a new path")
-        import_extra("zarr", "sweeps")  # before anything is computed
+        require_extra("zarr", "sweeps")  # before anything is computed
         from twolink.sweeps import open_sweep
 
         local = scene if isinstance(scene, Scene) else load_scene(scene)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.errors import SceneError, import_extra
+from twolink.errors import SceneError, import_extra, require_extra
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
@@ -106,7 +106,8 @@ def sweep(
     -----
     A run has the same bits whatever the engine, the number of workers and the size of chunks.
     """
-    import_extra("zarr", EXTRA), import_extra("xarray", EXTRA)
+    import_extra("zarr", EXTRA)
+    require_extra("xarray", EXTRA)  # takes half a second to import, and is needed at the end
     request = Request(duration_for(scene, duration), accuracy_of(accuracy), check_outputs(outputs),
                       _samples(samples, outputs), bool(verify))  # fmt: skip
     plan = make_plan(scene, make_design(scene, vary, design, count, seed), request, chunk)
