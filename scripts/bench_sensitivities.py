@@ -2,7 +2,8 @@
 
 Every price is the least processor time of several runs, in turn. `error` is the largest distance to sensitivities that
 were asked for at 1e-11, relative to the largest entry. heyoka's var_ode_sys takes the tolerance that gives no larger an
-error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest.
+error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest. Last,
+the gradient of one number by many parameters: `tl.gradient` beside `tl.sensitivities`.
 
     python scripts/bench_sensitivities.py [--scenes arm-swing,panda-hold] [--accuracy 1e-6] [--runs 7] [--no-peers]
 """
@@ -14,12 +15,14 @@ from collections.abc import Callable
 import numpy as np
 
 import twolink as tl
+from twolink.algorithms.mechanism import parameter_names
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.scene_equations import equations_of
 
 SAMPLES = 200  # a second
+COUNTS = (1, 4, 16, 64)  # of parameters
 DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
 
 
@@ -47,12 +50,13 @@ def distance(s: np.ndarray, exact: np.ndarray) -> float:
 def by_heyoka(scene: tl.Scene, times: np.ndarray, tolerance: float) -> Callable[[], np.ndarray]:
     """heyoka's variational equations, compiled; a call solves them."""
     module, equations = heyoka(), equations_of(scene)
-    size = equations.space.size
-    x = np.array([module.expression(f"x{i}") for i in range(size)], dtype=object)
+    size, numbers = equations.moving, equations.start[equations.moving :].tolist()  # which are constant
+    x = np.array([module.expression(f"x{i}") for i in range(size)] + numbers, dtype=object)
     xp = Expressions(module)
-    rates = [xp.lift(e) for e in traced_rate(equations, module.time, x, xp)]
+    rates = [xp.lift(e) for e in traced_rate(equations, module.time, x, xp)[:size]]
+    x = x[:size]
     system = module.var_ode_sys(list(zip(x, rates, strict=True)), module.var_args.vars, order=1)
-    integrator = module.taylor_adaptive(system, equations.start.tolist(), tol=tolerance, compact_mode=True)
+    integrator = module.taylor_adaptive(system, equations.start[:size].tolist(), tol=tolerance, compact_mode=True)
     start = integrator.state.copy()
 
     def solve() -> np.ndarray:
@@ -130,6 +134,35 @@ def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
           f"steps of {step:g} s")  # fmt: skip
 
 
+def by_many(name: str, accuracy: float, runs: int, counts: tuple[int, ...]) -> None:
+    """The gradient of one number by many parameters: by the adjoint, and along the sensitivities to all of them."""
+    scene = tl.load_scene(name)
+    model = scene.robot.model
+    known = [one for one in parameter_names(model) if not one.endswith((".damping", ".armature"))]
+    print(f"{name}: the gradient of q[0] v[-1] at the end by many parameters, accuracy {accuracy:g}")
+    for count in counts:
+        names = known[: min(count, len(known))]
+
+        def number(run: tl.Trajectory) -> float:
+            return float(run.q[-1, 0] * run.v[-1, -1])
+
+        def forward(names: list[str] = names) -> tuple[np.ndarray, tl.Sensitivities]:
+            s = tl.sensitivities(scene, names, None, accuracy)
+            q, v = s.run.q[-1], s.run.v[-1]
+            return np.array([s.q[x][-1, 0, 0] * v[-1] + q[0] * s.v[x][-1, -1, 0] for x in names]), s
+
+        def adjoint(names: list[str] = names) -> tl.Gradient:
+            return tl.gradient(scene, number, names, None, accuracy)
+
+        (theirs, s), ours = forward(), adjoint()
+        ends = abs(float(s.run.q[-1, 0])) + abs(float(s.run.v[-1, -1]))
+        off = max(abs(ours.by[x][0] - value) / (ours.error[x][0] + ends * s.error[x][-1])
+                  for x, value in zip(names, theirs, strict=True))  # fmt: skip
+        one, many = cheapest(runs, adjoint, forward)
+        print(f"  {len(names):4d} parameters: adjoint {one * 1e3:8.2f} ms, sensitivities {many * 1e3:8.2f} ms "
+              f"({many / one:.2f} x); they differ by {off:.2g} of their bars")  # fmt: skip
+
+
 def main() -> None:
     """The table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -140,6 +173,8 @@ def main() -> None:
     args = parser.parse_args()
     for name in args.scenes.split(","):
         compare(name, args.accuracy, args.runs, peers=not args.no_peers)
+    for name in args.scenes.split(","):
+        by_many(name, args.accuracy, args.runs, COUNTS)
 
 
 if __name__ == "__main__":

@@ -71,6 +71,23 @@ def test_what_decides_events(case: str) -> None:
         require_within_bars(s, name, truth, 1e-6)
 
 
+def test_limits_of_effort_are_reached_and_left() -> None:
+    """Torques have corners there, no jumps; where a piece ends, rounding does not decide on which side it is."""
+    drive = fx.JointPD({"elbow": fx.Sine(1.0, 4.0)}, {"elbow": 30.0}, {"elbow": 2.0}, effort={"elbow": 1.5})
+    scene, duration = arm(drive), 0.6
+    s = tl.sensitivities(scene, ["effects.1.effort.elbow", "v.elbow"], duration, 1e-7, samples=10)
+    assert {event.detail for event in s.run.events} == {"reached", "left"}
+    for name in s.q:
+
+        def make(shift: float, name: str = name) -> tl.Scene:
+            return moved(scene, 3, shift) if name == "v.elbow" else changed(scene, name, shift)
+
+        truth = differences(scene, make, 1e-4, duration, 10, TWO, "scipy-dop853")
+        assert np.abs(truth).max() > 1e-2
+        require_within_bars(s, name, truth, 1e-6)
+        assert s.error[name][-1] <= 1e-7 * max(1.0, np.abs(truth).max())
+
+
 def test_what_effects_change_of_the_robot() -> None:
     """A payload's mass, gravity and a rotor's ratio act through the robot's constants."""
     effects = [LOAD, fx.Rotor({"elbow": 1e-3}, {"elbow": 20.0}),

@@ -80,9 +80,13 @@ def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: L
     limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque
-    limit, xp = number(limit), motion.xp
+    limit, xp, before = number(limit), motion.xp, len(loads.limits) // 2
     loads.limits += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
-    return xp.where(xp.less(torque, -limit), -limit, xp.where(xp.less(limit, torque), limit, torque))
+    below, above = xp.less(torque, -limit), xp.less(limit, torque)
+    if loads.sides is not None:
+        side = loads.sides[before]
+        below, above = xp.less(side, -0.5), xp.less(0.5, side)
+    return xp.where(below, -limit, xp.where(above, limit, torque))
 
 
 def _urdf_limit(model: Any, joint: str) -> float:

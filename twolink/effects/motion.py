@@ -1,5 +1,6 @@
 """What effects see and do: the moving robot's joints and frames, and the loads they add. Over plain arithmetic."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import pinocchio as pin
@@ -112,9 +113,13 @@ class Motion:
 
 
 class Loads:
-    """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes."""
+    """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
 
-    def __init__(self, motion: Motion) -> None:
+    sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
+    """
+
+    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None = None) -> None:
+        self.sides = sides
         self._motion = motion
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
         self.wrenches: dict[int, list[Scalar]] = {}

@@ -8,6 +8,7 @@ The traced rate is run on `algorithms.reverse`: the derivatives by all parameter
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,15 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
-from twolink.integrate.variational_rate import AGREEMENT, AROUND, STATES, STEP, parameter_values
+from twolink.integrate.variational_rate import (
+    AGREEMENT,
+    AROUND,
+    STATES,
+    STEP,
+    constant_rows,
+    side_count,
+    sides_in_turn,
+)
 
 PULLED_BACK = 4.0  # times as many operations as the value
 
@@ -30,7 +39,8 @@ PULLED_BACK = 4.0  # times as many operations as the value
 class AdjointRate(NamedTuple):
     """Compiled functions of rows (., n).
 
-    value: of t, the numbers of the state behind (q, v), the parameters and x = (q, v): the rates of x. pulled: of these
+    value: of t, the numbers of the state behind (q, v), the parameters, the sides of limits of effort and x = (q, v):
+    the rates of x. pulled: of these
     rows and a covector w of x: w^T df/dx, then w^T df/dp by the numbers that are driven (the last of them) and the
     parameters.
     """
@@ -65,9 +75,10 @@ def _compiled(equations: Equations, driven: int) -> AdjointRate:
     """heyoka's functions."""
     module, space, count = heyoka(), equations.space, len(equations.parameters)
     xp, moving = NodeNamespace(Expressions(module, own_sine=True)), equations.moving
-    sizes = [1, space.size - moving, count, moving, moving]
+    sizes = [1, space.size - moving, count, side_count(equations), moving, moving]
     rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
-    (t,), numbers, values, x, weights = np.split(rows, np.cumsum(sizes)[:-1])
+    (t,), numbers, values, sides, x, weights = np.split(rows, np.cumsum(sizes)[:-1])
+    equations = replace(equations, sides=tuple(sides))
     constant = space.size - moving - driven
     inputs: list[Node] = [xp.node(a) for a in (*x, *numbers[constant:], *values)]
     whole = np.empty(space.size, dtype=object)
@@ -86,14 +97,14 @@ def _compiled(equations: Equations, driven: int) -> AdjointRate:
 
 def _certify(equations: Equations, code: AdjointRate) -> None:
     """Compare w^T (df/dx) d with differences of Pinocchio's rates along directions d. Raises CertificationError."""
+    equations = sides_in_turn(equations)
     space, moving = equations.space, equations.moving
     random = np.random.default_rng(1)
     x = np.repeat(equations.start[:, None], STATES, axis=1)
     x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
     along, weights = np.zeros((space.size, STATES)), random.uniform(-1.0, 1.0, (moving, STATES))
     along[:moving] = random.uniform(-1.0, 1.0, (moving, STATES))
-    rows = np.concatenate([np.zeros((1, STATES)), x[moving:], np.repeat(parameter_values(equations), STATES, axis=1),
-                           x[:moving]])  # fmt: skip
+    rows = np.concatenate([np.zeros((1, STATES)), np.repeat(constant_rows(equations), STATES, axis=1), x[:moving]])
     pulled = np.asarray(code.pulled(np.concatenate([rows, weights])))[:moving]
 
     def rate(k: int) -> Array:

@@ -16,7 +16,7 @@ from twolink.dynamics.kernels import pays_threads
 from twolink.integrate.adjoint_rate import PULLED_BACK, adjoint_rate
 from twolink.integrate.equations import Equations
 from twolink.integrate.state import Array
-from twolink.integrate.variational_rate import parameter_values
+from twolink.integrate.variational_rate import constant_rows
 from twolink.integrate.variational_steps import CHUNK, TABLEAU, tangent_basis
 
 STAGES = len(TABLEAU.b)
@@ -54,9 +54,9 @@ class AdjointSteps:
     def _pulled(self, t: Array, x: Array, h: Array, covectors: Array) -> Array:
         """The sum (r,) by what is driven."""
         equations, moving, n = self.equations, self.equations.moving, len(t)
-        fixed = [np.broadcast_to(rows, (len(rows), n))
-                 for rows in (equations.start[moving:, None], parameter_values(equations))]  # fmt: skip
-        rows = np.concatenate([t[None], *fixed, x, np.empty((moving, n))])
+        constant = constant_rows(equations)
+        fixed = np.broadcast_to(constant, (len(constant), n))
+        rows = np.concatenate([t[None], fixed, x, np.empty((moving, n))])
         before = len(rows) - 2 * moving
         parallel = pays_threads(n, int(equations.operations * (1.0 + PULLED_BACK)))
         states, rates = np.empty((STAGES, moving, n)), np.empty((STAGES, moving, n))

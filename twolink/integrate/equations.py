@@ -36,6 +36,8 @@ class Equations:
     places: of the effects, then of the constraints' loops, their places among the scene's effects.
     effort_limits: of the limits of effort, whose values pass 0 where they begin and cease to act, the place of the
     effect among the scene's and the name.
+    sides: of each joint with a limit of effort, on which side of it the equations stay, -1 below, 0 within, 1 above;
+    None: they follow the torque.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
     any_numbers: whether compiled steps take the numbers of robot and effects as inputs, for scenes that differ in them.
     content: a digest of all this but the start and that.
@@ -52,6 +54,7 @@ class Equations:
     switching: Switching | None = None
     places: tuple[int, ...] = ()
     effort_limits: tuple[tuple[int, str], ...] = ()
+    sides: tuple[Any, ...] | None = None
     variant: int = 0
     operations: int = 0
     content: str = ""

@@ -40,7 +40,7 @@ def motion_of(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) ->
 
 def effect_loads(equations: Equations, motion: Motion, numbers: Sequence[Any], effects: Sequence[Effect]) -> Loads:
     """Torques and wrenches of these effects. numbers: the rows of the state behind (q, v)."""
-    loads = Loads(motion)
+    loads = Loads(motion, equations.sides)
     for effect in equations.layout.with_numbers(effects, numbers):
         effect.act(motion, loads)
     return loads

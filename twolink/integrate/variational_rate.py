@@ -7,6 +7,7 @@ the value.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,8 +34,9 @@ AGREEMENT = 1e-6  # relative
 class VariationalRate(NamedTuple):
     """Call it with rows (., n) and an array for the results.
 
-    Rows: t, the numbers of the state behind (q, v), the parameters, of each direction the changes of what is driven,
-    then x = (q, v) and of each direction that of x. Driven are the last of the numbers, if any, and the parameters.
+    Rows: t, the numbers of the state behind (q, v), the parameters, the sides of limits of effort, of each direction
+    the changes of what is driven, then x = (q, v) and of each direction that of x. Driven are the last of the numbers,
+    if any, and the parameters.
     Results: the rates of x and of each direction. width: of directions.
     """
 
@@ -70,6 +72,23 @@ def parameter_values(equations: Equations) -> Array:
     return np.array(values).reshape(-1, 1)
 
 
+def constant_rows(equations: Equations) -> Array:
+    """The rows (., 1) that are the same for all states: numbers behind (q, v), parameters, and sides of limits."""
+    numbers = equations.start[equations.moving :].reshape(-1, 1)
+    sides = np.array(equations.sides or (), dtype=float).reshape(-1, 1)
+    return np.concatenate([numbers, parameter_values(equations), sides])
+
+
+def side_count(equations: Equations) -> int:
+    """How many joints have limits of effort."""
+    return len(equations.effort_limits) // 2
+
+
+def sides_in_turn(equations: Equations) -> Equations:
+    """The equations with the sides of limits of effort chosen in turn, to compare one side with Pinocchio each."""
+    return replace(equations, sides=tuple(float(i % 3 - 1) for i in range(side_count(equations))))
+
+
 def _compiling(equations: Equations, width: int) -> float:
     return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
 
@@ -79,9 +98,10 @@ def _compiled(equations: Equations, width: int, driven: int) -> Any:
     module, space, count = heyoka(), equations.space, len(equations.parameters)
     xp, moving = Expressions(module, own_sine=True), equations.moving
     constant = space.size - moving - driven
-    sizes = [1, space.size - moving, count, width * (driven + count), moving, width * moving]
+    sizes = [1, space.size - moving, count, side_count(equations), width * (driven + count), moving, width * moving]
     rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
-    (t,), numbers, values, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
+    (t,), numbers, values, sides, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
+    equations = replace(equations, sides=tuple(sides))
     by_value, by_entry = directions.reshape(width, driven + count).T, tangents.reshape(width, moving).T
     state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)]
     state += [Dual(a, [0.0] * width) for a in numbers[:constant]]
@@ -101,14 +121,14 @@ def _compiled(equations: Equations, width: int, driven: int) -> Any:
 
 def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
     """Compare with differences of Pinocchio's rates. Raises CertificationError."""
+    equations = sides_in_turn(equations)
     space, moving, count = equations.space, equations.moving, len(equations.parameters)
     random = np.random.default_rng(1)
     x = np.repeat(equations.start[:, None], STATES, axis=1)
     x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
     along = np.zeros((width, space.size, STATES))
     along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
-    values = parameter_values(equations)
-    rows = np.concatenate([np.zeros((1, STATES)), x[moving:], np.repeat(values, STATES, axis=1),
+    rows = np.concatenate([np.zeros((1, STATES)), np.repeat(constant_rows(equations), STATES, axis=1),
                            np.zeros((width * (driven + count), STATES)), x[:moving],
                            along[:, :moving].reshape(-1, STATES)])  # fmt: skip
     ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)

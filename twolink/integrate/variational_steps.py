@@ -20,7 +20,7 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.state import Array, StateSpace
 from twolink.integrate.tableau import Tableau
-from twolink.integrate.variational_rate import DERIVATIVE, parameter_values, variational_rate
+from twolink.integrate.variational_rate import DERIVATIVE, constant_rows, variational_rate
 
 CHUNK = 200_000  # numbers in the stages of one batch, which stay in the cache
 METHOD = METHODS["dop853"]
@@ -40,12 +40,12 @@ class VariationalSteps:
         self.directions = self.states + gains.shape[1]
         numbers = len(gains) - len(equations.parameters)
         self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions, numbers)
-        self._values = parameter_values(equations)
+        self._constant = constant_rows(equations)
 
     def starting(self, equations: Equations, gains: Array) -> "VariationalSteps":
         """The same for another piece of these equations, with the values that it has."""
         other = copy.copy(self)
-        other.equations, other.gains, other._values = equations, gains, parameter_values(equations)
+        other.equations, other.gains, other._constant = equations, gains, constant_rows(equations)
         return other
 
     def matrices(self, t: Array, x: Array, end: Array, tolerance: float) -> tuple[Array, Array]:
@@ -134,9 +134,8 @@ class VariationalSteps:
         directions = np.zeros((self.width, len(self.gains), n))
         if directions.size:
             directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, 2 * nv :])
-        numbers = self.equations.start[moving:, None]
-        fixed = [np.broadcast_to(rows, (len(rows), n)) for rows in (numbers, self._values, directions.reshape(-1, n))]
-        return before, np.concatenate([np.empty((1, n)), *fixed, before.reshape(-1, n)])
+        fixed = np.broadcast_to(self._constant, (len(self._constant), n))
+        return before, np.concatenate([np.empty((1, n)), fixed, directions.reshape(-1, n), before.reshape(-1, n)])
 
     def _tangents(self, after: Array, count: int) -> Array:
         """Derivatives (count, 2 nv, n) in the tangent space of states and derivatives (1 + width, nq + nv, n)."""

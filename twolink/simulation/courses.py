@@ -2,13 +2,16 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
 
+from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
@@ -76,14 +79,29 @@ class Courses:
 
     def driven(self, course: Course, number: int) -> tuple[Equations, Array]:
         """The equations of a piece with the parameters, and the gains of what drives them."""
-        equations = with_parameters(course.dense.pieces[number].equations, self.neighbours.constants)
+        equations = with_parameters(self._on_one_side(course, number), self.neighbours.constants)
         mode = course.jumps[number].before.mode if course.jumps else Mode()
         slip = {k: slip for k, slip in mode.slip.items() if k not in mode.locked}
         return equations, self.neighbours.gains(mode.idle, slip)
 
+    def _on_one_side(self, course: Course, number: int) -> Equations:
+        """The equations of a piece, on the sides of limits of effort where it is: at its ends rounding would decide."""
+        equations: Equations = course.dense.pieces[number].equations
+        if not equations.effort_limits:
+            return equations
+        middle = np.array([0.5 * sum(course.edges[number])])
+        x = np.concatenate([course.dense.states_of(number, middle)[:, 0], equations.start[equations.moving :]])
+        motion = motion_of(equations, equations.mechanism, middle[0], x, Numbers)
+        limits = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects).limits
+        values = [float(np.squeeze(value)) for _, value in limits]
+        sides = (
+            1.0 * (above < 0.0) - 1.0 * (below < 0.0) for below, above in zip(values[::2], values[1::2], strict=True)
+        )
+        return replace(equations, sides=tuple(sides))
+
     def _steps_of(self, course: Course, number: int) -> VariationalSteps:
         """The variational steps of a piece."""
-        equations, gains = course.dense.pieces[number].equations, np.empty((0, 0))
+        equations, gains = self._on_one_side(course, number), np.empty((0, 0))
         if not self.along_state:
             equations, gains = self.driven(course, number)
         if equations.content not in self._steps:
