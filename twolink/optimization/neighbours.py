@@ -127,7 +127,9 @@ def beside(
 
         return robot.changed(change) if physical(changes) else robot
 
-    other = replace(run, t=np.append(run.t[:-1], run.t[-1] + later), q=run.robot.integrate(run.q, dq), v=run.v + dv,
+    q, rows = run.q.copy(), dq.any(axis=1)
+    q[rows] = run.robot.integrate(run.q[rows], dq[rows])
+    other = replace(run, t=np.append(run.t[:-1], run.t[-1] + later), q=q, v=run.v + dv,
                     robot=moved(run.robot), error=None, cost=None, precise=None, recorded_energy=None,
                     robots=[(moved(robot), count) for robot, count in run.robots],
                     events=Unknown("what happens"))  # type: ignore[arg-type]  # fmt: skip

@@ -62,8 +62,8 @@ def by_constants(run: Trajectory, wanted: Wanted, function: Objective) -> Array:
     names, neighbours = wanted.parameters, wanted.neighbours
     at_rest, own = np.zeros_like(run.v), value_of(function, run)
     pieces = run.solution.pieces if run.solution else ()
-    values = {name: nominal_value(pieces[0].equations, name) for name in neighbours.constants}
-    steps = {name: SHARE * max(abs(value), SMALL) for name, value in values.items()}
+    others = {name: nominal_value(pieces[0].equations, name) for name in neighbours.constants if name not in names}
+    steps = {name: SHARE * max(abs((wanted.values | others)[name]), SMALL) for name in neighbours.constants}
 
     def used(changes: dict[str, float]) -> bool:
         return bool(changes) and value_of(function, beside(run, at_rest, at_rest, changes)) != own

@@ -40,7 +40,7 @@ class AdjointRun:
         self._places = [(np.searchsorted(leg.t, run.t[samples[piece == number]]), np.flatnonzero(piece == number))
                         for number, leg in enumerate(legs)]  # fmt: skip
         choice, perturbations = own.second_ones()
-        self.courses = [own.first, *(own.second(legs, choice, one) for one in perturbations)]
+        self.courses = [own.first, *(own.second(legs, choice, one, run.t) for one in perturbations)]
         for course in self.courses[1:]:
             own.require_alike(course)
         self._legs = [legs, *([own.halved(leg, course, number) for number, leg in enumerate(legs)]

@@ -117,10 +117,13 @@ class Courses:
             return fine, [first, first.opposite]
         return fine, [first]
 
-    def second(self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation) -> Course:
-        """A second course, at the times of the legs and between them."""
+    def second(
+        self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation, others: Array | None = None
+    ) -> Course:
+        """A second course, at the times of the legs, between them, and at other ones (n,)."""
         times = np.unique(np.concatenate([leg.t for leg in legs]))
-        return self._solved(choice, np.union1d(times, 0.5 * (times[:-1] + times[1:])), perturbation)
+        every = np.union1d(times, 0.5 * (times[:-1] + times[1:]))
+        return self._solved(choice, every if others is None else np.union1d(every, others), perturbation)
 
     def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> Course:
         """A solution, with its jumps."""
