@@ -33,6 +33,10 @@ SceneName = Annotated[
 ]
 Duration = Annotated[float | None, Option(help="Simulated time, s.", show_default="the scene's")]
 Accuracy = Annotated[float, Option(help="Bound on the global error of q, rad or m.")]
+ContactWay = Annotated[
+    str | None,
+    Option("--contact", metavar="WAY", help="located (verified) or stepped (estimated).", show_default="by the scene"),
+]
 Method = Annotated[
     str,
     Option(help="auto (the cheapest), or one of `twolink methods`.", autocompletion=completion(lambda: METHODS)),

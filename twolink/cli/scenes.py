@@ -15,6 +15,7 @@ from twolink.accuracy import accuracy_study
 from twolink.cli.failures import Misuse
 from twolink.cli.options import (
     Accuracy,
+    ContactWay,
     Duration,
     Files,
     Json,
@@ -103,6 +104,7 @@ def explain(
     duration: Duration = None,
     accuracy: Accuracy = 1e-6,
     method: Method = "auto",
+    contact: ContactWay = None,
     as_json: Json = False,
 ) -> None:
     """Say what a scene computes and what a run will take.
@@ -111,7 +113,7 @@ def explain(
     """
     from twolink.simulation.explanation import explain as explain_scene
 
-    explanation = explain_scene(scene_from(scene), accuracy, duration, method=method)
+    explanation = explain_scene(scene_from(scene), accuracy, duration, method=method, contact=contact)
     show(dataclasses.asdict(explanation), explanation, as_json)
 
 
@@ -123,6 +125,7 @@ def run(
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
     precision: Annotated[str, Option(help="double (16 digits), or quad (33, by Taylor's method).")] = "double",
+    contact: ContactWay = None,
     samples: Annotated[float, Option(help="Samples a second.")] = 200.0,
     no_verify: Annotated[bool, Option("--no-verify", help="Skip the second solution: no error bar.")] = False,
     out: Files = None,
@@ -147,7 +150,7 @@ def run(
     with progress_bar() as report:
         result = simulate(
             loaded, length, accuracy, method=method, samples=samples, verify=not no_verify,
-            precision=cast(Any, precision), tolerance=tolerance, step=step,
+            precision=cast(Any, precision), tolerance=tolerance, step=step, contact=contact,
             progress=lambda t: report(t, length, f"t = {t:.4g} s"),
         )  # fmt: skip
     written, failures = write(paths, partial(write_by_ending, result))
@@ -165,7 +168,7 @@ def run(
 
 def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:
     """A run for people: error, energy, events, cost, the end."""
-    error = "not verified" if run.error is None else f"at most {record['error']:.1e} rad or m, at every sample"
+    error = run.error_text if run.bound != "verified" else f"{run.error_text}, at every sample"
     lines = [
         f"{scene}: robot {run.robot.name!r}, {record['duration']:g} s",
         f"  error    {error}",
@@ -177,6 +180,10 @@ def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:
     costs = [] if run.cost is None else str(run.cost).splitlines()
     lines += [f"  {label}  {cost}" for label, cost in zip(("method ", "steps  ", "seconds"), costs, strict=False)]
     digits = record.get("q_precise")
+    if run.contact_record is not None:
+        found = run.contact_record
+        lines.append(f"  contacts overlap by at most {found['overlap']:.1e} m at samples; laws of the steps kept to "
+                     f"{found['feasibility']:.1e} m/s and {found['complementarity']:.1e} J")  # fmt: skip
     end = f"[{' '.join(digits)}]" if digits else np.array2string(run.q[-1], precision=15)
     return "\n".join([*lines, f"  q(end) = {end}"])
 

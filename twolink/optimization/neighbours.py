@@ -21,6 +21,7 @@ from twolink.dynamics import Robot
 from twolink.effects.motion import Motion
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError
+from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.effect_numbers import effect_numbers, nominal_value, physical
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.neighbours import shifted
@@ -62,7 +63,8 @@ class _Beside(Unknown):
         """As `DenseOutput.accelerations_and_torques`."""
         x = np.concatenate([self._run.q, self._run.v], axis=1).T
         a, tau = np.empty_like(self._run.v), np.empty_like(self._run.v)
-        for equations, places in self._base.solution.by_piece(self._base.t) if self._base.solution else ():
+        solution = self._base.solution
+        for equations, places in solution.by_piece(self._base.t) if isinstance(solution, DenseOutput) else ():
             own = {name: nominal_value(equations, name) + change for name, change in self._changes.items()}
             found = accelerations_and_joint_torques(shifted(equations, own), self.t[places], x[:, places])
             a[places], tau[places] = found[0].T, found[1].T

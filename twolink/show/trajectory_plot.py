@@ -43,6 +43,8 @@ def plot_trajectory(
     curves: tuple[np.ndarray, np.ndarray, np.ndarray],
     samples: tuple[np.ndarray, np.ndarray, np.ndarray | None],
     path: Path | None,
+    *,
+    estimated: bool = False,
 ) -> Path | Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
@@ -61,6 +63,8 @@ def plot_trajectory(
         Times (n,), s, mechanical energy (n,), J, and the error bar (n,), rad or m; None when it was not verified.
     path : Path or None
         A .png, .svg or .pdf file; None to keep the figure.
+    estimated : bool
+        The error is an estimate and no bound.
 
     Returns
     -------
@@ -83,6 +87,8 @@ def plot_trajectory(
         axis.set_ylabel(PANELS[name])
         draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
     _draw_energy_and_error(axes[-2, 0], axes[-1, 0], *samples)
+    if estimated:
+        axes[-1, 0].set_ylabel("estimated error\n(rad, m)")
     figure.align_ylabels(axes[:, 0])
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     moving = len({c.joint for c in drawn})

@@ -15,6 +15,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
 from twolink.effects.motion import Loads, Motion
 from twolink.errors import SceneError
+from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.hybrid.snapshot import Evaluator
@@ -162,6 +163,9 @@ def _stretches(run: Trajectory, times: np.ndarray) -> Iterator[_Stretch]:
     if run.solution is None:
         raise SceneError("a loaded trajectory has no equations of motion", where="run",
                          remedy="simulate it again with its scene", code="no-equations", argument="run")  # fmt: skip
+    if not isinstance(run.solution, DenseOutput):
+        raise SceneError("a run with stepped contacts has no smooth pieces", where="run", argument="run",
+                         remedy='simulate it with contact="located"', code="stepped")  # fmt: skip
     states = run.solution.states(times)
     for equations, places in run.solution.by_piece(times):
         numbers = np.repeat(equations.start[equations.moving :, None], len(places), axis=1)

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twolink.contact.choice import Choice, choose_way
+from twolink.contact.solver import solve_stepped
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
@@ -17,8 +19,10 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
+from twolink.simulation.stepped_run import FIRST, without_contacts
 from twolink.simulation.text import ShownAsText
 
+PILOT_STEPS = 20  # of stepped contacts
 BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
 ROUNDS = 5
@@ -45,7 +49,7 @@ class Explanation(ShownAsText):
     effects : tuple of str
         Its effects with their fields.
     notes : tuple of str
-        What effects say of themselves, such as which bodies may touch.
+        What effects say of themselves, such as which bodies may touch; and how contacts are computed.
     formulation : str
         The simplest that covers the effects.
     states : int
@@ -103,7 +107,12 @@ class Explanation(ShownAsText):
 
 
 def explain(
-    scene: Scene, accuracy: float = 1e-6, duration: float | None = None, *, method: str = "auto"
+    scene: Scene,
+    accuracy: float = 1e-6,
+    duration: float | None = None,
+    *,
+    method: str = "auto",
+    contact: str | None = None,
 ) -> Explanation:
     """Say what a scene computes, what each effect costs, and how it would be solved.
 
@@ -116,6 +125,8 @@ def explain(
         Simulated time, s; by default the scene's own.
     method : str
         "auto" or the name of a method.
+    contact : {"located", "stepped"}, optional
+        How contacts are computed, in place of what the scene calls for.
 
     Returns
     -------
@@ -127,6 +138,9 @@ def explain(
         An argument does not fit, or the first part of the motion cannot be solved.
     """
     length, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    way = choose_way(scene, contact)
+    if way.way == "stepped":
+        return _of_steps(scene, way, accuracy, length)
     equations = equations_of(scene)
     choice = choose(equations, accuracy, length, method)
     shares = [
@@ -136,7 +150,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        tuple(note for effect in scene.effects for note in effect.notes(scene.robot)),
+        _notes(scene, way),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -148,6 +162,38 @@ def explain(
         accuracy,
         length,
         _expected(equations, choice, length),
+    )
+
+
+def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
+    """What the effects say of themselves, and how contacts are computed."""
+    own = [note for effect in scene.effects for note in effect.notes(scene.robot)]
+    return (*own, *([f"contacts are {way.way}: {way.why}"] if way.way else []))
+
+
+def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
+    """How a scene with stepped contacts is computed."""
+    effects, equations = without_contacts(scene)
+    step = min(FIRST, length / 4)
+    pilot = min(length, PILOT_STEPS * step)
+    start = time.perf_counter()
+    solve_stepped(equations, effects, np.array([0.0, pilot]), step)
+    expected = (time.perf_counter() - start) * length / pilot
+    return Explanation(
+        scene.title or scene.robot.name,
+        tuple(repr(effect) for effect in scene.effects),
+        _notes(scene, way),
+        "impulses (time stepping: the error is estimated)",
+        equations.moving,
+        equations.operations,
+        (),
+        None,
+        "stepped",
+        step,
+        "the first step, made smaller until the estimated error is below the accuracy",
+        accuracy,
+        length,
+        expected,
     )
 
 

@@ -24,8 +24,10 @@ def run_record(run: Trajectory) -> dict[str, Any]:
     -------
     dict
         robot, joints (names); duration [s], samples (a count); error (the largest error bar, rad or m; None when the
-        run is not verified), accuracy, trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
+        run is not verified), bound ("verified", "estimated" or ""), accuracy,
+        trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
         cost: the fields of `Cost`, or None; events: dictionaries with t, kind, what, detail, energy; interrupted.
+        contacts: of stepped contacts `Trajectory.contact_record`.
         q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
     """
     record = {
@@ -34,6 +36,7 @@ def run_record(run: Trajectory) -> dict[str, Any]:
         "duration": float(run.t[-1]),
         "samples": len(run.t),
         "error": None if run.error is None else float(run.error.max()),
+        "bound": run.bound,
         "accuracy": run.accuracy,
         "trusted_until": run.trusted_until,
         "energy_drift": float(np.ptp(run.energy)),
@@ -45,6 +48,8 @@ def run_record(run: Trajectory) -> dict[str, Any]:
         ],
         "interrupted": run.interrupted,
     }
+    if run.contact_record is not None:
+        record["contacts"] = run.contact_record
     if run.precise is not None:  # as texts, because readers of JSON take numbers as doubles
         digits = [str(x) for x in run.precise[-1]]
         record |= {"q_precise": digits[: run.robot.nq], "v_precise": digits[run.robot.nq :]}

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from twolink.contact.choice import choose_way
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
@@ -25,6 +26,7 @@ from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import limit_of_loops, refined
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
+from twolink.simulation.stepped_run import simulate_stepped
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import SecondSolutions, Solved, second_solutions
 
@@ -47,6 +49,7 @@ def simulate(
     tolerance: float | None = None,
     step: float | None = None,
     progress: Progress | None = None,
+    contact: str | None = None,
 ) -> Trajectory:
     """Simulate a scene.
 
@@ -70,6 +73,9 @@ def simulate(
         Of the method, in place of what `accuracy` calls for, the step in s; the error bar is measured and reported.
     progress : callable, optional
         Called with the simulated time now and then.
+    contact : {"located", "stepped"}, optional
+        How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
+        estimated (run.bound). By default as `explain` says.
 
     Returns
     -------
@@ -86,11 +92,36 @@ def simulate(
     """
     end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     times = sample_times(end, samples, MAX_SAMPLES)
+    way = choose_way(scene, contact)
+    if way.way == "stepped":
+        return _stepped(scene, times, accuracy, method, tolerance, step, precision, progress, verify=verify)
     equations = equations_of(scene)
     choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
     return run_of(scene, equations, choice, times, accuracy, progress, measured=measured, verify=verify)
+
+
+def _stepped(
+    scene: Scene,
+    times: np.ndarray,
+    accuracy: float,
+    method: str,
+    tolerance: float | None,
+    step: float | None,
+    precision: Precision,
+    progress: Progress | None,
+    *,
+    verify: bool,
+) -> Trajectory:
+    """The run of a scene whose contacts are stepped, which has a step and no method."""
+    for argument, given in (("method", method != "auto"), ("tolerance", tolerance is not None),
+                            ("precision", precision != "double")):  # fmt: skip
+        if given:
+            raise SceneError("stepped contacts have a method of their own, in double precision", argument=argument,
+                             remedy="leave it out, or give step=")  # fmt: skip
+    h = None if step is None else positive(step, "step", AccuracyError, "such as 1e-3")
+    return simulate_stepped(scene, times, accuracy, h, progress, verify=verify)
 
 
 def run_of(

@@ -8,11 +8,12 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.contact.solver import SteppedSolution
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
 from twolink.errors import AccuracyError, SceneError
@@ -62,12 +63,14 @@ class Trajectory:
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
-    solution : DenseOutput or None
+    solution : DenseOutput, SteppedSolution or None
         The solution between the samples; None for a loaded trajectory.
     recorded_energy : ndarray (n,) or None
         The energy as it was saved, J; None: it is computed.
     title : str
         The scene's title.
+    estimated : bool
+        The error is an estimate and no bound: contacts were stepped.
     """
 
     robot: Robot
@@ -81,9 +84,10 @@ class Trajectory:
     accuracy: float | None = None
     precise: Any = None
     robots: Sequence[tuple[Robot, int]] = ()
-    solution: DenseOutput | None = None
+    solution: DenseOutput | SteppedSolution | None = None
     recorded_energy: np.ndarray | None = None
     title: str = ""
+    estimated: bool = False
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -96,6 +100,11 @@ class Trajectory:
             parts.append(kinetic + potential)
             first += count
         return np.concatenate(parts)
+
+    @property
+    def bound(self) -> Literal["verified", "estimated", ""]:
+        """What the error is: "verified" by a more accurate solution, "estimated" from steps of half the size, or ""."""
+        return "" if self.error is None else "estimated" if self.estimated else "verified"
 
     @property
     def trusted_until(self) -> float | None:
@@ -127,7 +136,8 @@ class Trajectory:
 
         Notes
         -----
-        The state is computed from the last sample before t, by steps of the run's own method and setting.
+        The state is computed from the last sample before t, by steps of the run's own method and setting. Where
+        contacts were stepped it is interpolated between the samples.
         """
         solution = self._solution("at")
         times = np.asarray(t, dtype=float)
@@ -183,7 +193,7 @@ class Trajectory:
         kept = np.searchsorted(solution.t, self.t)
         return a[kept], tau[kept]
 
-    def _solution(self, name: str) -> DenseOutput:
+    def _solution(self, name: str) -> DenseOutput | SteppedSolution:
         if self.solution is None:
             raise SceneError("a loaded trajectory has no equations of motion", where=f"Trajectory.{name}",
                              remedy="simulate it again with its scene", code="no-equations")  # fmt: skip
@@ -227,7 +237,9 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
-        return write_table(Path(path), self.columns(), {**robot_notes(self.robot), "title": self.title})
+        return write_table(
+            Path(path), self.columns(), {**robot_notes(self.robot), "title": self.title, "bound": self.bound}
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -253,7 +265,7 @@ class Trajectory:
         """
         samples = tables.read_samples(Path(path), robot)
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy,
-                   title=samples.title)  # fmt: skip
+                   title=samples.title, estimated=samples.estimated)  # fmt: skip
 
     @overload
     def plot(self) -> Figure: ...
@@ -283,7 +295,8 @@ class Trajectory:
 
         title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
         samples = self.t, self.energy, self.error
-        return plot_trajectory(self.robot, title, self._curves(), samples, None if path is None else Path(path))
+        return plot_trajectory(self.robot, title, self._curves(), samples, None if path is None else Path(path),
+                               estimated=self.estimated)  # fmt: skip
 
     def _curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, configurations and velocities to draw: between few samples the solution itself."""
@@ -419,8 +432,31 @@ class Trajectory:
 
         return usual_speed(float(self.t[-1] - self.t[0])) if speed is None else speed
 
+    @property
+    def contact_record(self) -> dict[str, Any] | None:
+        """Of stepped contacts how the steps obey the laws; None otherwise.
+
+        overlap: the largest of bodies at a sample, m. feasibility: the largest approach and excess of friction, m/s.
+        complementarity: the largest product of impulse and opening or slip that must vanish, J. halved: steps that were
+        taken as two, because the laws were not reached. solvers: how many steps each one solved.
+        """
+        if not isinstance(self.solution, SteppedSolution):
+            return None
+        record = self.solution.record
+        return {"overlap": self.solution.overlap, "feasibility": record.feasibility, "halved": record.halved,
+                "complementarity": record.complementarity, "solvers": dict(record.solvers)}  # fmt: skip
+
+    @property
+    def error_text(self) -> str:
+        """The largest error in words."""
+        if self.error is None:
+            return "not verified"
+        largest = f"{self.error.max():.1e} rad or m"
+        return f"{largest}, estimated" if self.estimated else f"at most {largest}"
+
     def __repr__(self) -> str:
-        error = "not verified" if self.error is None else f"error <= {self.error.max():.1e}"
+        sign = "estimated at" if self.estimated else "<="
+        error = "not verified" if self.error is None else f"error {sign} {self.error.max():.1e}"
         events = f", {len(self.events)} events" if self.events else ""
         ended = ", interrupted" if self.interrupted else ""
         return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples{events}, {error}{ended}>"
@@ -432,7 +468,7 @@ class Trajectory:
         facts: dict[str, Sequence[object]] = {
             "robot": [self.robot.name],
             "time": [f"{self.t[-1]:g} s, {len(self.t)} samples" + (", interrupted" if self.interrupted else "")],
-            "error": ["not verified" if self.error is None else f"at most {self.error.max():.1e} rad or m"],
+            "error": [self.error_text],
             "energy": [f"changes by {np.ptp(self.energy):.1e} J"],
             "events": [*self.events[:SHOWN_EVENTS], *([f"and {more} more"] if more > 0 else [])] or ["none"],
             "cost": [] if self.cost is None else repr(self.cost).splitlines(),

@@ -17,7 +17,8 @@ UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error":
 
 
 class Samples(NamedTuple):
-    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene."""
+    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, and whether
+    the error is an estimate and no bound."""
 
     robot: Robot
     t: np.ndarray
@@ -26,6 +27,7 @@ class Samples(NamedTuple):
     energy: np.ndarray
     error: np.ndarray | None
     title: str = ""
+    estimated: bool = False
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -71,7 +73,7 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
-                      notes.get("title", ""))  # fmt: skip
+                      notes.get("title", ""), notes.get("bound") == "estimated")  # fmt: skip
     wanted = columns(samples)
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]

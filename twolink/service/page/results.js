@@ -43,7 +43,7 @@ export class Results {
     this.#events(events);
     this.#downloads(job);
     const { error } = job.result;
-    announce(`The run is done${error === null ? "" : `: error at most ${short(error, 2)}`}. The robot plays.`);
+    announce(`The run is done${error === null ? "" : `: error ${job.result.bound === "estimated" ? "about" : "at most"} ${short(error, 2)}`}. The robot plays.`);
   }
 
   #summary(result) {
@@ -52,7 +52,7 @@ export class Results {
     const facts = [
       [
         "Error",
-        error === null ? "not estimated" : `≤ ${short(error, 2)}`,
+        error === null ? "not estimated" : result.bound === "estimated" ? `about ${short(error, 2)}` : `≤ ${short(error, 2)}`,
         error !== null && error > result.accuracy ? "bad" : "good",
       ],
       ["Trusted", missed ? `until ${short(result.trusted_until)} s` : "to the end", missed ? "bad" : ""],

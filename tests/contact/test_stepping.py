@@ -1,0 +1,175 @@
+"""Contacts that are stepped: closed forms, order, energy, what is reported and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import twolink as tl
+from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
+
+E = tl.effects
+SPHERE = {"ball": (E.Sphere(0.1),)}
+ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0)))}
+BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
+
+
+def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples=samples)
+
+
+L, START, SPIN = 0.5, (0.6, 0.8), 0.5  # of a rod of 1 kg and 0.1 kg m^2: half its length; height and angle; rad/s
+END = 0.4  # s: before the other end falls on the ground
+HIT = brentq(lambda t: START[0] - G * t**2 / 2 - L * math.sin(START[1] + SPIN * t), 0.0, 1.0)  # s
+
+
+def rod(friction: float = 0.0) -> tl.Scene:
+    """It falls on one end, on which it slides."""
+    effects = [E.Gravity(), E.Contact(("ground",), friction, shapes=ENDS)]
+    return tl.Scene(planar(), [0, *START], [0, 0, SPIN], effects)
+
+
+def rod_angle(t: np.ndarray) -> np.ndarray:
+    """th'' = -l cos th m (g - l sin th th'^2) / (I + m l^2 cos^2 th) after an impact without friction and bounce."""
+    at = START[1] + SPIN * HIT
+    impulse = (G * HIT + L * math.cos(at) * SPIN) / (1.0 + L**2 * math.cos(at) ** 2 / 0.1)
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        c, s = math.cos(y[0]), math.sin(y[0])
+        return [y[1], -L * c * (G - L * s * y[1] ** 2) / (0.1 + L**2 * c**2)]
+
+    after = solve_ivp(rate, (HIT, t[-1]), [at, SPIN - L * math.cos(at) * impulse / 0.1], "DOP853", rtol=1e-11,
+                      atol=1e-12, dense_output=True).sol  # fmt: skip
+    return np.where(t < HIT, START[1] + SPIN * t, after(np.fmax(t, HIT))[0])
+
+
+def test_a_ball_rolls_down_an_incline_as_its_closed_form() -> None:
+    """5/7 g sin, with mu above 2/7 tan."""
+    angle = 0.3
+    n = (-math.sin(angle), 0.0, math.cos(angle))
+    effects = [E.Gravity(), E.Contact((("ball", E.Plane(n)),), 0.2, shapes=SPHERE)]
+    run = stepped(tl.Scene(ball(), [0.1 * n[0], 0, 0.1 * n[2], 0, 0, 0, 1], effects=effects), 1.0, 0.02)
+    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
+    assert np.abs(down - 5 / 7 * G * math.sin(angle) * run.t**2 / 2).max() < 1e-12
+    assert run.contact_forces["ball - plane"][1:] @ n == pytest.approx(np.full(20, 2 * G * math.cos(angle)), rel=1e-9)
+
+
+def test_a_block_slides_to_rest() -> None:
+    """Over v0^2 / (2 mu g). Only the step in which it stops has an error: of second order, and below mu g h^2 / 2."""
+    mu, v0, h = 0.3, 2.0, 0.01
+    effects = [E.Gravity(), E.Contact(("ground",), friction=mu, shapes=BLOCK)]
+    run = stepped(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.0, h)
+    t = np.fmin(run.t, v0 / (mu * G))
+    assert np.abs(run.q[:, 0] - (v0 * t - mu * G * t**2 / 2)).max() < mu * G * h**2 / 2
+    assert np.abs(run.q[:, 1:] - [0.1, 0.0]).max() < 1e-12
+
+
+def test_a_ball_that_bounces_keeps_to_its_parabolas() -> None:
+    """Impacts act when the ball meets the ground, not where a step ends. Bounces within a step are not followed."""
+    h, e = 0.01, 0.7
+    effects = [E.Gravity(), E.Contact(("ground",), restitution=e, shapes=SPHERE)]
+    run = stepped(tl.Scene(ball(), [0, 0, 1.1, 0, 0, 0, 1], effects=effects), 3.0, h)
+    off = np.abs(run.q[:, 2] - 0.1 - bouncing(run.t, 1.0, e))
+    assert off[run.t < 2.0].max() < 1e-11
+    assert off.max() < G * h**2 / 2
+    assert off[-1] < 1e-12
+
+
+def test_half_the_step_has_half_the_error() -> None:
+    """Of a rod that falls on its end at 3/4 of the run, which is the middle of a step of each run."""
+    end, counts = HIT / 0.75, (10, 22, 42, 86)
+    runs = [stepped(rod(), end, end / n, samples=1 / end) for n in counts]
+    errors = [abs(run.q[-1, 2] - rod_angle(run.t)[-1]) for run in runs]
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert order == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.fixture(scope="module")
+def falling() -> tl.Trajectory:
+    return stepped(rod(), END, 0.005, verify=True, samples=200)
+
+
+def test_the_energy_does_not_grow_and_bodies_do_not_overlap(falling: tl.Trajectory) -> None:
+    assert np.diff(falling.energy).max() < 1e-9
+    assert falling.energy[-1] < falling.energy[0] - 0.1
+    assert falling.contact_record is not None
+    assert falling.contact_record["overlap"] < 1e-6
+
+
+def test_each_step_has_a_certificate(falling: tl.Trajectory) -> None:
+    record = falling.contact_record
+    assert record is not None
+    assert sum(record["solvers"].values()) > 10
+    assert record["feasibility"] < 1e-10
+    assert record["complementarity"] < 1e-10
+
+
+def test_the_error_is_estimated_and_says_so(falling: tl.Trajectory) -> None:
+    off = np.abs(falling.q[:, 2] - rod_angle(falling.t))
+    assert falling.error is not None
+    assert (off <= falling.error).all()
+    assert falling.error.max() < 10 * off.max()
+    assert falling.bound == "estimated"
+    assert "estimated" in repr(falling)
+
+
+def test_a_saved_estimate_stays_an_estimate(falling: tl.Trajectory, tmp_path: object) -> None:
+    path = falling.save(f"{tmp_path}/run.npz")
+    assert tl.Trajectory.load(path, planar()).bound == "estimated"
+
+
+def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
+    run = tl.simulate(rod(), END, 0.02, contact="stepped", samples=20)
+    assert np.abs(run.q[:, 2] - rod_angle(run.t)).max() < 0.02
+    assert run.error is not None
+    assert run.error.max() <= 0.02
+    with pytest.raises(tl.errors.AccuracyError, match="first order") as failure:
+        tl.simulate(rod(), END, 1e-9, contact="stepped", samples=20)
+    assert failure.value.code == "too-many-steps"
+    assert failure.value.run.bound == "estimated"
+
+
+def test_a_pile_of_balls_rests() -> None:
+    """Four on the ground and one on top, held apart by friction: nothing moves in 2 s."""
+    r, names = 0.1, ("a", "b", "c", "d", "top")
+    shapes = {name: (E.Sphere(r),) for name in names}
+    effects = [E.Gravity(), E.Contact(("ground", "self"), 0.8, shapes=shapes)]
+    robot = free_bodies(*names)
+    places = [(x, y, r) for x in (-r, r) for y in (-r, r)] + [(0.0, 0.0, r + math.sqrt(2) * r)]
+    q = np.concatenate([[*place, 0, 0, 0, 1] for place in places])
+    run = stepped(tl.Scene(robot, q, effects=effects), 2.0, 0.02)
+    assert np.abs(run.q - q).max() < 1e-9
+    ground = sum(force[-1, 2] for pair, force in run.contact_forces.items() if "ground" in pair)
+    assert ground == pytest.approx(5 * G, rel=1e-9)
+
+
+def test_the_way_follows_the_scene_and_is_explained() -> None:
+    scene = rod()
+    assert "contacts are located" in repr(tl.explain(scene, duration=0.1))
+    text = repr(tl.explain(scene, duration=0.1, contact="stepped"))
+    assert "contacts are stepped: asked for" in text
+    assert "estimated" in text
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"contact": "guessed"}, "located"),
+    ({"method": "rk4"}, "method of their own"),
+    ({"tolerance": 1e-6}, "method of their own"),
+    ({"step": -1.0}, "step"),
+])  # fmt: skip
+def test_what_does_not_fit_is_refused(change: dict[str, object], words: str) -> None:
+    with pytest.raises(tl.errors.TwolinkError, match=words):
+        tl.simulate(rod(), 0.1, **{"contact": "stepped", **change})
+
+
+def test_what_cannot_be_stepped_is_refused() -> None:
+    robot = planar()
+    with pytest.raises(tl.errors.SceneError, match="no Contact effect"):
+        tl.simulate(tl.Scene(robot, effects=[E.Gravity()]), 0.1, contact="stepped")
+    effects = [E.DryFriction({"x": 1.0}), E.Contact(("ground",), shapes=BLOCK)]
+    with pytest.raises(tl.errors.SceneError, match="effects that switch"):
+        tl.simulate(tl.Scene(robot, [0, 1, 0], effects=effects), 0.1, contact="stepped")
+    with pytest.raises(tl.errors.SceneError, match=r"overlap by 0\.05 m"):
+        tl.simulate(tl.Scene(robot, [0, 0.05, 0], effects=effects[1:]), 0.1, contact="stepped")

@@ -1,0 +1,10 @@
+"""Contact: time stepping of bodies that touch at many points.
+
+In: the equations of a scene, its `Contact` effects, times and a step. Out: states at the times, the impulses of the
+contacts, and of each step how well they obey the laws. This room knows nothing of error bars and trajectories.
+
+detection     the points at which bodies touch or are about to, with gaps and normals
+multibody     mass matrix, free motion and Jacobians at those points
+impulses      the contact problem: impulses that obey the laws of contact and friction
+stepping      one step, and the run from step to step
+"""

@@ -1,0 +1,46 @@
+"""Which way contacts are computed: located one by one, or stepped through.
+
+Located contacts are verified, and their cost grows with every event. Stepping goes through any number of contacts, and
+its error can only be estimated.
+"""
+
+from typing import Literal, NamedTuple
+
+from twolink.effects.contact import Contact
+from twolink.effects.contact_points import gaps_of
+from twolink.errors import SceneError, require_known
+from twolink.scenes import Scene
+
+Way = Literal["located", "stepped"]
+WAYS = ("located", "stepped")
+MANY = 200  # points of contacts beyond which they are stepped: each is a formula in every guard of the located way
+
+
+class Choice(NamedTuple):
+    """The way, and the reason; the way is None for a scene without contacts."""
+
+    way: Way | None
+    why: str = ""
+
+
+def choose_way(scene: Scene, asked: str | None = None) -> Choice:
+    """How the contacts of a scene are computed. asked: "located" or "stepped" forces it. Raises SceneError."""
+    effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
+    if asked is not None:
+        require_known(asked, WAYS, SceneError, argument="contact")
+        if asked == "stepped" and not effects:
+            raise SceneError("the scene has no Contact effect", argument="contact",
+                             remedy="add tl.effects.Contact(...)")  # fmt: skip
+        return Choice("stepped" if asked == "stepped" else "located", "asked for") if effects else Choice(None)
+    if not effects:
+        return Choice(None)
+    points = 0
+    for effect in effects:
+        for pair in effect.selected(scene.robot).chosen:
+            try:
+                points += len(gaps_of(pair))
+            except SceneError as error:
+                return Choice("stepped", error.what)
+            if points > MANY:
+                return Choice("stepped", f"bodies may touch at more than {MANY} points")
+    return Choice("located", f"bodies may touch at {points} points, each by a formula")

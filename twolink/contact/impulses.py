@@ -1,0 +1,205 @@
+"""The contact problem of a step: impulses P of all contacts that obey the laws of contact and friction at once.
+
+    U = G P + b
+    normal    0 <= P_n,   0 <= U_n + c,   P_n (U_n + c) = 0
+    tangent   |P_t| <= mu P_n,   U_t = 0 or P_t = -mu P_n U_t / |U_t|
+
+G = J M^-1 J^T; b: the velocities without impulses; c: what the gap still leaves open. P and U have the normal last.
+
+The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radius mu P_n, g the size of G at a contact.
+Newton's method on F from the last step's impulses mostly ends in a few steps (Alart, Curnier, Comput. Methods Appl.
+Mech. Engrg. 92 (1991) 353-375). Where it does not, Pinocchio's ADMM solver brings it near (Carpentier, Montaut, Le
+Lidec: From Compliant to Rigid Contact Simulation, RSS 2024), and where that does not, sweeps over the contacts
+(Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+from twolink.integrate.hybrid.contact_problem import friction_force
+from twolink.integrate.state import Array
+
+NEWTON = 25  # steps
+REGULAR = 1e-11  # relative to G: what makes Newton's matrix regular where forces are not determined
+ADMM = 2_000  # iterations
+SWEEPS = 300
+EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
+
+
+@dataclass(frozen=True)
+class Impulses:
+    """Impulses P (n, 3), velocities U (n, 3), and how far they miss the laws.
+
+    feasibility: the largest approach beyond the gap and the largest |P_t| - mu P_n as a velocity, m/s.
+    complementarity: the largest P_n (U_n + c) and mu P_n |U_t| + P_t . U_t, J. residual: |g F|, m/s. solver: of the
+    three that found them.
+    """
+
+    p: Array
+    u: Array
+    feasibility: float
+    complementarity: float
+    residual: float
+    solver: str
+
+    @property
+    def solved(self) -> bool:
+        """Whether the laws hold."""
+        return self.residual <= EXACT
+
+
+class Problem:
+    """A contact problem. g_matrix: G (3n, 3n), full or sparse. b (n, 3): with c in the normal. mu (n,)."""
+
+    def __init__(self, g_matrix: Any, b: Array, mu: Array) -> None:
+        self.matrix, self.b, self.mu = g_matrix, b, mu
+        diagonal = g_matrix.diagonal().reshape(-1, 3)
+        self.size = np.maximum(diagonal.max(axis=1), 1e-300)
+        self.scale = max(1.0, float(np.abs(b).max(initial=0.0)))
+
+    def velocities(self, p: Array) -> Array:
+        """U + c (n, 3)."""
+        return np.asarray((self.matrix @ p.ravel()).reshape(-1, 3) + self.b)
+
+    def miss(self, p: Array) -> tuple[Array, Array, Array]:
+        """F (n, 3), z = P - U / g, and U + c."""
+        u = self.velocities(p)
+        z = p - u / self.size[:, None]
+        out = z.copy()
+        normal = np.maximum(z[:, 2], 0.0)
+        limit, length = self.mu * normal, np.hypot(z[:, 0], z[:, 1])
+        slips = length > limit
+        out[:, :2] *= np.where(slips, limit / np.where(slips, length, 1.0), 1.0)[:, None]
+        out[:, 2] = normal
+        return p - out, z, u
+
+    def residual(self, f: Array) -> float:
+        """|g F| relative to velocities that matter."""
+        return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
+
+    def answer(self, p: Array, solver: str) -> Impulses:
+        """What the impulses are worth."""
+        f, _, u = self.miss(p)
+        over = (np.hypot(p[:, 0], p[:, 1]) - self.mu * p[:, 2]) * self.size
+        feasibility = max(float((-u[:, 2]).max(initial=0.0)), float(over.max(initial=0.0)))
+        slip = self.mu * p[:, 2] * np.hypot(u[:, 0], u[:, 1]) + (p[:, :2] * u[:, :2]).sum(axis=1)
+        missed = max(float(np.abs(p[:, 2] * u[:, 2]).max(initial=0.0)), float(np.abs(slip).max(initial=0.0)))
+        return Impulses(p, u, feasibility, missed, self.residual(f), solver)
+
+
+def solve_impulses(problem: Problem, guess: Array) -> Impulses:
+    """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
+    best = problem.answer(newton(problem, guess), "newton")
+    for solver in (admm, sweeps):
+        if best.solved:
+            break
+        found = problem.answer(newton(problem, solver(problem, best.p)), solver.__name__)
+        best = min((best, found), key=lambda one: one.residual)
+    return best
+
+
+def newton(problem: Problem, guess: Array) -> Array:
+    """The best iterate of Newton's method on F."""
+    p = best = guess
+    smallest = np.inf
+    for _ in range(NEWTON):
+        f, z, _ = problem.miss(p)
+        residual = problem.residual(f)
+        if residual < smallest:
+            smallest, best = residual, p
+        if residual <= 0.1 * EXACT or not np.isfinite(residual):
+            break
+        p = p - _newton_step(problem, f, z)
+    return best
+
+
+def _newton_step(problem: Problem, f: Array, z: Array) -> Array:
+    """(I - C + C G / g)^-1 F with C = dproj / dz."""
+    n = len(f)
+    c = _derivative(problem.mu, z)
+    matrix, regular = problem.matrix, REGULAR * float(problem.size.max())
+    if sparse.issparse(matrix):
+        blocks = sparse.bsr_array((c / problem.size[:, None, None], np.arange(n), np.arange(n + 1))).tocsr()
+        rest = sparse.bsr_array((np.eye(3) - c, np.arange(n), np.arange(n + 1))).tocsr()
+        jacobian = (rest + blocks @ (matrix + regular * sparse.eye_array(3 * n))).tocsc()
+        return np.asarray(splu(jacobian).solve(f.ravel()).reshape(-1, 3))
+    jacobian = np.matmul(c / problem.size[:, None, None], (matrix + regular * np.eye(3 * n)).reshape(n, 3, 3 * n))
+    jacobian = jacobian.reshape(3 * n, 3 * n)
+    jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += np.eye(3) - c
+    try:
+        return np.asarray(np.linalg.solve(jacobian, f.ravel()).reshape(-1, 3))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(jacobian, f.ravel(), rcond=1e-12)[0].reshape(-1, 3))
+
+
+def _derivative(mu: Array, z: Array) -> Array:
+    """C (n, 3, 3): the derivative of proj at z."""
+    c = np.zeros((len(z), 3, 3))
+    length, limit = np.hypot(z[:, 0], z[:, 1]), mu * np.maximum(z[:, 2], 0.0)
+    presses = z[:, 2] > 0.0
+    c[presses, 2, 2] = 1.0
+    sticks = presses & (length <= limit)
+    c[sticks, 0, 0] = c[sticks, 1, 1] = 1.0
+    slips = presses & ~sticks
+    d = z[slips, :2] / length[slips, None]
+    share = (limit[slips] / length[slips])[:, None, None]
+    c[slips, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
+    c[slips, :2, 2] = mu[slips, None] * d
+    return c
+
+
+def admm(problem: Problem, guess: Array) -> Array:
+    """Impulses by Pinocchio's ADMM solver."""
+    dense = not sparse.issparse(problem.matrix)
+    delassus = (pin.DelassusOperatorDense(problem.matrix) if dense
+                else pin.DelassusOperatorSparse(sparse.csc_matrix(problem.matrix)))  # fmt: skip
+    models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
+    for mu in problem.mu.tolist():
+        model, data = _cone(mu)
+        models.append(model)
+        datas.append(data)
+    settings, result = pin.ADMMSolverSettings(), pin.ADMMSolverResult()
+    settings.max_iterations = ADMM
+    settings.absolute_feasibility_tol = settings.absolute_complementarity_tol = 1e-10
+    settings.relative_feasibility_tol = settings.relative_complementarity_tol = 1e-12
+    result.resize(guess.size)
+    result.setConstraintImpulseGuess(guess.ravel())
+    pin.ADMMConstraintSolver(guess.size).solve(delassus, problem.b.ravel(), models, datas, settings, result)
+    p = np.array(result.retrieveConstraintImpulses()).reshape(-1, 3)
+    return p if np.isfinite(p).all() else guess
+
+
+@functools.lru_cache(maxsize=64)
+def _cone(mu: float) -> tuple[Any, Any]:
+    """A point contact with this friction, of which Pinocchio's solvers see the cone alone."""
+    model = pin.buildSampleModelManipulator()
+    contact = pin.PointContactConstraintModel(model, 1, pin.SE3.Identity())
+    contact.setFriction(mu)
+    return pin.ConstraintModel(contact), pin.ConstraintData(contact.createData())
+
+
+def sweeps(problem: Problem, guess: Array) -> Array:
+    """Impulses by sweeps over the contacts, each solved with those of the others as they are."""
+    matrix = problem.matrix.toarray() if sparse.issparse(problem.matrix) else problem.matrix
+    p = guess.copy()
+    u = problem.velocities(p)
+    for _ in range(SWEEPS):
+        for i in range(len(p)):
+            gain, before = matrix[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], p[i].copy()
+            if gain[2, 2] <= 0.0:
+                continue
+            p[i, 2] = max(0.0, before[2] - u[i, 2] / gain[2, 2])
+            wanted = gain[:2, :2] @ before[:2] - u[i, :2] - gain[:2, 2] * (p[i, 2] - before[2])
+            p[i, :2] = friction_force(gain[:2, :2], wanted, problem.mu[i] * p[i, 2])
+            u += (matrix[:, 3 * i : 3 * i + 3] @ (p[i] - before)).reshape(-1, 3)
+        if problem.residual(problem.miss(p)[0]) <= EXACT:
+            break
+    return p

@@ -1,0 +1,238 @@
+"""One step in time of bodies that touch, and the run from step to step.
+
+    q_m = q + h/2 v
+    M (v+ - v) = h (tau - h_m) + J^T P        all at q_m
+    0 <= P_n,  0 <= U_n+ + c,  P_n (U_n+ + c) = 0,   |P_t| <= mu P_n against U_t+
+    c = 2 max(g_m, 0) / h,  at an impact  e U_n
+    q+ = q_m + h/2 v+ + M^-1 J^T (s P + nu),   0 <= nu,  0 <= g+,  nu g+ = 0
+
+This is Moreau and Jean's method with theta = 1/2 and with the gaps g_m at the middle of the step: what is open there
+closes at most to the end. Contact impulses have the power P . (U- + U+) / 2: it is never positive where bodies do not
+bounce, so that the energy does not grow. The impulse of an impact acts from when in the step the bodies meet, s before
+its middle; what overlap is left is removed from the positions (Acary, Brogliato: Numerical Methods for
+Nonsmooth Dynamical Systems, 2008, chapter 10). It is of first order in h, and of second order where impacts are single
+and between them.
+
+A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twolink.contact.detection import Detector, Points
+from twolink.contact.impulses import Impulses, Problem, solve_impulses
+from twolink.contact.multibody import axes_of, multibody_of
+from twolink.effects.contact import Contact
+from twolink.errors import AccuracyError
+from twolink.integrate.equations import Equations
+from twolink.integrate.state import Array
+
+CLOSED = 1e-10  # m: what counts as no gap
+STILL = 1e-9  # m/s: a slip that counts as none
+DEEPEST = 0.25  # of the thinner body: a step that brings bodies deeper into each other is taken as two
+HALVINGS = 10
+ROUNDS = 20  # of adding contacts that the others push together
+FAR = 1e3  # m: a gap that plays no part
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a step passes on: keys of the contacts that pressed, their forces (n, 3), which stuck; w' where smooth."""
+
+    keys: Array
+    forces: Array
+    stuck: Array
+    change: Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """The end of a step of length h: q, v, the memory, the pairs of the points that pressed and their impulses.
+
+    Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey the laws.
+    """
+
+    h: float
+    q: Array
+    v: Array
+    memory: Memory
+    pair: Array
+    impulse: Array
+    worth: Impulses | None
+
+
+@dataclass
+class Record:
+    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J)."""
+
+    steps: int = 0
+    halved: int = 0
+    solvers: dict[str, int] = field(default_factory=dict)
+    feasibility: float = 0.0
+    complementarity: float = 0.0
+
+    def add(self, step: Step) -> None:
+        """Count a step."""
+        self.steps += 1
+        if step.worth is not None:
+            self.solvers[step.worth.solver] = self.solvers.get(step.worth.solver, 0) + 1
+            self.feasibility = max(self.feasibility, step.worth.feasibility)
+            self.complementarity = max(self.complementarity, step.worth.complementarity)
+
+
+class Stepper:
+    """Steps of a scene: its equations without contacts, and its contact effects."""
+
+    def __init__(self, equations: Equations, effects: Sequence[Contact]) -> None:
+        self.equations, self.model = equations, equations.robot.model
+        self.detector = Detector(equations.robot, effects)
+        self.bodies = multibody_of(equations)
+        self.record = Record()
+
+    def start(self) -> Memory:
+        """The memory at the start of a run."""
+        return Memory(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0, bool), np.zeros(self.model.nv))
+
+    def overlap(self, q: Array) -> tuple[float, str]:
+        """The largest overlap at a configuration, m, and the pair."""
+        places, _ = self.bodies.places(q, np.zeros(self.model.nv))
+        points = self.detector.points(places, CLOSED)
+        if not len(points.gap):
+            return 0.0, ""
+        deepest = int(points.gap.argmin())
+        return max(0.0, -float(points.gap[deepest])), self.detector.names[points.pair[deepest]]
+
+    def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
+        """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small."""
+        step = self.step(t, h, q, v, numbers, memory)
+        if step is not None:
+            self.record.add(step)
+            return step
+        if depth == HALVINGS:
+            raise AccuracyError("no impulses obey the laws of contact and friction within a step",
+                                where=f"t = {t:.6g} s", remedy="less friction, or shapes that do not start overlapping",
+                                code="contact-not-solved", t=t)  # fmt: skip
+        self.record.halved += 1
+        half = self.advance(t, h / 2, q, v, numbers, memory, depth + 1)
+        return self.advance(t + h / 2, h / 2, half.q, half.v, numbers, half.memory, depth + 1)
+
+    def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
+        """One step; None where its laws are not reached."""
+        middle = self.bodies.moved(q, 0.5 * h * v)
+        places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
+        fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
+        a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
+        free = v + h * a
+        points = self.detector.points(places, 3.0 * h * fastest + 100.0 * h * h)
+        if not len(points.gap):
+            change = a if not len(memory.keys) else np.zeros_like(a)
+            none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), change)
+            end = self.bodies.moved(middle, 0.5 * h * free)
+            return Step(h, end, free, none, points.pair, np.empty((0, 3)), None)
+        if (-points.gap > DEEPEST * self.detector.thickness[points.pair]).any():
+            return None
+        return self._with_contacts(h, middle, v, free, points, memory)
+
+    def _with_contacts(
+        self, h: float, middle: Array, v: Array, free: Array, points: Points, memory: Memory
+    ) -> Step | None:
+        axes = axes_of(points.normal)
+        rows = self.bodies.jacobian(points, axes)
+        before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
+        law = _Law(self.detector, points, before, after, h, memory)
+        solution = law.solved(rows, self.bodies.inverse, free)
+        if solution is None:
+            return None
+        active, response, worth = solution
+        ends = free + response @ worth.p.ravel()
+        move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel()
+        gaps = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
+        if gaps[law.rests].min(initial=0.0) < -CLOSED:
+            pushed = law.pushed_apart(active, gaps, rows[_rows(active)] @ response)
+            if pushed is None:
+                return None
+            move += response @ pushed.ravel()
+        pressing = worth.p[:, 2] > 0.0
+        chosen = active[pressing]
+        keys, p = points.key[chosen], worth.p[pressing]
+        order = np.argsort(keys)
+        smooth = np.array_equal(keys[order], memory.keys) and not law.hits[chosen].any()
+        stuck = np.hypot(*worth.u[pressing, :2].T) < STILL
+        passed = Memory(keys[order], p[order] / h, stuck[order], (ends - v) / h if smooth else np.zeros_like(v))
+        impulse = np.einsum("ni,nij->nj", p, axes[chosen])
+        return Step(h, self.bodies.moved(middle, move), ends, passed, points.pair[chosen], impulse, worth)
+
+
+class _Law:
+    """The laws of the points of a step. before, after: velocities (n, 3) at its begin, and at its end without impulses.
+
+    rests: points at which bodies must not overlap at the end; the others bounce. late: the time [s] by which impulses
+    act before the middle of the step: as the gap is g = g_0 - u s - b s^2 / 2 bodies meet after s with the approach
+    u + b s, and what presses after that does so for h - s.
+    """
+
+    def __init__(
+        self, detector: Detector, points: Points, before: Array, after: Array, h: float, memory: Memory
+    ) -> None:
+        self.points, self.after, self.h = points, after, h
+        u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
+        known = np.isin(points.key, memory.keys)
+        self.hits = ~known & (u > np.maximum(b * h, STILL))
+        start = np.maximum(points.gap + 0.5 * h * u, 0.0)
+        u = np.where(self.hits, u, 1.0)
+        s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
+        left, meets = h - s, u + b * s
+        rebound = detector.restitution[points.pair] * meets - b * left
+        bounces = self.hits & (detector.restitution[points.pair] > 0.0) & (rebound > 0.0)
+        self.rests = ~bounces
+        self.open = np.where(bounces, -rebound, np.where(self.hits, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
+        pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
+        late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
+        self.late = np.where(self.hits, late, 0.0)
+        self.guess, stuck = np.zeros_like(before), np.zeros(len(u), dtype=bool)
+        place = np.searchsorted(memory.keys, points.key[known])
+        self.guess[known], stuck[known] = h * memory.forces[place], memory.stuck[place]
+        self.slower = detector.friction[points.pair]
+        self.mu = np.where(stuck, detector.static[points.pair], self.slower)
+        closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
+        self.active = closes | known
+
+    def ends(self, velocities: Array) -> Array:
+        """The gaps (n,) at the end of the step."""
+        return np.asarray(self.points.gap + 0.5 * self.h * velocities.reshape(-1, 3)[:, 2])
+
+    def solved(self, rows: Array, inverse: Array, free: Array) -> tuple[Array, Array, Impulses] | None:
+        """The active points, M^-1 J^T of them, and their impulses; None where the laws are not reached."""
+        for _ in range(ROUNDS):
+            active = np.flatnonzero(self.active)
+            own = rows[_rows(active)]
+            response = inverse @ own.T
+            b = self.after[active].copy()
+            b[:, 2] += self.open[active]
+            worth = solve_impulses(Problem(own @ response, b, self.mu[active]), self.guess[active])
+            if not worth.solved:
+                return None
+            self.guess[active] = worth.p
+            slips = (self.mu[active] > self.slower[active]) & (np.hypot(*worth.u[:, :2].T) > STILL)
+            missed = ~self.active & (self.ends(rows @ (free + response @ worth.p.ravel())) < -CLOSED)
+            if not (slips.any() or missed.any()):
+                return active, response, worth
+            self.mu[active[slips]] = self.slower[active[slips]]
+            self.active |= missed
+        return None
+
+    def pushed_apart(self, active: Array, gaps: Array, matrix: Array) -> Array | None:
+        """nu (n, 3) along the normals of the active points, which removes their overlap."""
+        b = np.zeros((len(active), 3))
+        b[:, 2] = np.where(self.rests[active], gaps[active], FAR)
+        worth = solve_impulses(Problem(matrix, b, np.zeros(len(active))), np.zeros_like(b))
+        return worth.p if worth.solved else None
+
+
+def _rows(points: Array) -> Array:
+    """The rows of the Jacobian of some points."""
+    return (3 * points[:, None] + np.arange(3)).ravel()

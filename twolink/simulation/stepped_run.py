@@ -1,0 +1,117 @@
+"""simulate, where contacts are stepped: runs of smaller steps, until their distance is below the accuracy."""
+
+import time
+
+import numpy as np
+
+from twolink.contact.solver import SteppedSolution, solve_stepped
+from twolink.contact.stepping import Stepper
+from twolink.effects.contact import Contact
+from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.equations import Equations
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.solution import Progress
+from twolink.scenes import Scene
+from twolink.simulation.cost import Cost
+from twolink.simulation.error_bar import error_bar
+from twolink.simulation.trajectory import Trajectory
+
+METHOD = "stepped"
+FIRST = 1e-2  # s: the first step
+STEPS = 200_000  # of a run that an accuracy may call for
+SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
+STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
+OVERLAP = 1e-9  # m, at the start
+
+
+def simulate_stepped(
+    scene: Scene, times: np.ndarray, accuracy: float, step: float | None, progress: Progress | None, *, verify: bool
+) -> Trajectory:
+    """The run of a scene whose contacts are stepped, with samples at the times (n,).
+
+    step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
+    the accuracy. Raises AccuracyError where that takes too many, with the best run.
+    """
+    effects, equations = without_contacts(scene)
+    began, end = time.perf_counter(), float(times[-1])
+    h, halvings = min(FIRST, end / 4) if step is None else step, 0
+
+    def solved() -> tuple[SteppedSolution, float]:
+        start = time.perf_counter()
+        solution = solve_stepped(equations, effects, times, h, progress, halvings)
+        return solution, time.perf_counter() - start
+
+    coarse, seconds = solved()
+    while verify and not coarse.interrupted:
+        halvings += 1
+        fine, taken = solved()
+        total = time.perf_counter() - began
+        if fine.interrupted:
+            break
+        off = equations.space.distance(coarse.q, fine.q)
+        if step is not None:  # of first order: half the step has half the error
+            return _trajectory(scene, coarse, seconds, total - seconds, 2.0 * off)
+        run = _trajectory(scene, fine, taken, total - taken, off, accuracy)
+        error = float(run.error[-1]) if run.error is not None else 0.0
+        if error <= accuracy:
+            return run
+        now = h / 2**halvings
+        needed = 0.7 * now * accuracy / error
+        if end / needed > STEPS:
+            raise _too_many_steps(accuracy, end / needed, run, error)
+        coarse, seconds = fine, taken
+        if needed < now / 4:
+            h, halvings = max(needed, now / STRIDE), 0
+            coarse, seconds = solved()
+    return _trajectory(scene, coarse, seconds)
+
+
+def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float) -> AccuracyError:
+    return AccuracyError(f"{accuracy:g} would take about {steps:.0e} steps, for stepping is of first order",
+                         where=f"t = {run.trusted_until or 0.0:.6g} s", argument="accuracy", code="too-many-steps",
+                         remedy=f"ask for less accuracy, such as {2 * error:.0e}, or give step= and read the error",
+                         run=run)  # fmt: skip
+
+
+def without_contacts(scene: Scene) -> tuple[list[Contact], Equations]:
+    """The contact effects of a scene, and the equations without them. Raises SceneError for what cannot be stepped."""
+    effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
+    others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
+    equations = equations_of(Scene(scene.base, scene.q, scene.v, others, scene.duration, scene.title))
+    if equations.switching is not None or equations.constraints is not None:
+        what = "loops" if equations.constraints is not None else "effects that switch"
+        raise SceneError(f"{what} beside contacts cannot be stepped", argument="contact",
+                         remedy='contact="located", or leave them out', code="not-stepped")  # fmt: skip
+    overlap, pair = Stepper(equations, effects).overlap(equations.start[: equations.space.nq])
+    if overlap > OVERLAP:
+        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
+                         remedy="start with bodies apart")  # fmt: skip
+    return effects, equations
+
+
+def _trajectory(
+    scene: Scene,
+    solution: SteppedSolution,
+    seconds: float,
+    verifying: float = 0.0,
+    distance: np.ndarray | None = None,
+    accuracy: float | None = None,
+) -> Trajectory:
+    """The trajectory of a stepped solution. distance: to its neighbour at each sample (n,), rad or m."""
+    record = solution.record
+    cost = Cost(METHOD, None, record.steps, record.steps, seconds, verifying, rejected=record.halved,
+                why="many contacts", step=solution.step)  # fmt: skip
+    error = None if distance is None else error_bar(distance, np.zeros_like(distance), SAFETY)
+    return Trajectory(
+        scene.robot,
+        solution.t,
+        solution.q,
+        solution.v,
+        error,
+        cost,
+        interrupted=solution.interrupted,
+        accuracy=accuracy,
+        solution=solution,
+        title=scene.title,
+        estimated=True,
+    )
