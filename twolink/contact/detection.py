@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -116,12 +116,12 @@ class OnPlanes(Group):
     def __init__(self, robot: Robot, items: Sequence[tuple[int, Pair]]) -> None:
         rows = []
         for number, pair in items:
-            assert isinstance(pair.second, Plane)
-            normal = unit(pair.second.normal, "pairs")
+            plane = cast(Plane, pair.second)
+            normal = unit(plane.normal, "pairs")
             radius, corners = _corners(pair.first)
             joint, _ = _local(robot, pair.first)
             place = _placement(robot, pair.first)
-            rows += [(number, k, joint, place.act(np.array(corner)), radius, normal, float(pair.second.height))
+            rows += [(number, k, joint, place.act(np.array(corner)), radius, normal, float(plane.height))
                      for k, corner in enumerate(corners)]  # fmt: skip
         columns: list[Array] = [np.array(column) for column in zip(*rows, strict=True)]
         self.pair, feature, self.joint, self.local, self.radius, self.normal, self.height = columns
@@ -142,13 +142,11 @@ class RimsOnPlanes(Group):
     def __init__(self, robot: Robot, items: Sequence[tuple[int, Pair]]) -> None:
         rows = []
         for number, pair in items:
-            shape = pair.first.shape
-            assert isinstance(pair.second, Plane)
-            assert isinstance(shape, Cylinder)
+            shape, plane = cast(Cylinder, pair.first.shape), cast(Plane, pair.second)
             place, half = _placement(robot, pair.first), 0.5 * float(shape.length)
             rows += [(number, k, _local(robot, pair.first)[0], place.act(np.array([0.0, 0.0, side * half])),
-                      place.rotation[:, 2], float(shape.radius), unit(pair.second.normal, "pairs"),
-                      float(pair.second.height)) for k, side in enumerate((-1.0, 1.0))]  # fmt: skip
+                      place.rotation[:, 2], float(shape.radius), unit(plane.normal, "pairs"),
+                      float(plane.height)) for k, side in enumerate((-1.0, 1.0))]  # fmt: skip
         columns: list[Array] = [np.array(column) for column in zip(*rows, strict=True)]
         self.pair, self.end, self.joint, self.local, self.axis, self.radius, self.normal, self.height = columns
 
@@ -290,9 +288,13 @@ def _local(robot: Robot, solid: Solid) -> tuple[int, Array]:
 def _segment(robot: Robot, solid: Solid) -> tuple[int, Array, Array, float]:
     """A sphere or capsule: its joint, middle and half axis in that joint's axes, and its radius."""
     joint, centre = _local(robot, solid)
-    assert isinstance(solid.shape, Sphere | Capsule)
     half = 0.5 * float(getattr(solid.shape, "length", 0.0))
-    return joint, centre, half * _placement(robot, solid).rotation[:, 2], float(solid.shape.radius)
+    return (
+        joint,
+        centre,
+        half * _placement(robot, solid).rotation[:, 2],
+        float(cast(Sphere | Capsule, solid.shape).radius),
+    )
 
 
 def _corners(solid: Solid) -> tuple[float, list[tuple[float, float, float]]]:
@@ -305,8 +307,7 @@ def _corners(solid: Solid) -> tuple[float, list[tuple[float, float, float]]]:
     if isinstance(shape, Box):
         x, y, z = (0.5 * float(edge) for edge in shape.size)
         return 0.0, list(itertools.product((x, -x), (y, -y), (z, -z)))
-    assert isinstance(shape, Convex)
-    return 0.0, list(shape.vertices)
+    return 0.0, list(cast(Convex, shape).vertices)
 
 
 def bounding_radius(solid: Solid) -> float:
