@@ -188,4 +188,4 @@ def test_a_pair_without_a_formula_is_named() -> None:
     shapes = {name: (E.Box((1.0, 1.0, 1.0)),) for name in "ab"}
     scene = tl.Scene(free_bodies("a", "b"), effects=[E.Contact(("self",), shapes=shapes)])
     with pytest.raises(tl.errors.SceneError, match="a - b cannot be located: there is no formula for box and box"):
-        tl.simulate(scene, 0.1)
+        tl.simulate(scene, 0.1, contact="located")
