@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
+from twolink.contact.hulls import hull_of, touching
 
 E = tl.effects
 SPHERE = {"ball": (E.Sphere(0.1),)}
@@ -143,6 +144,45 @@ def test_a_pile_of_balls_rests() -> None:
     assert np.abs(run.q - q).max() < 1e-9
     ground = sum(force[-1, 2] for pair, force in run.contact_forces.items() if "ground" in pair)
     assert ground == pytest.approx(5 * G, rel=1e-9)
+
+
+def test_a_stack_of_boxes_rests_and_leans_on_its_faces() -> None:
+    """Three boxes, the middle one shifted to the side and turned: each point of a face has a force of its own."""
+    names = ("a", "b", "c")
+    effects = [
+        E.Gravity(),
+        E.Contact(("ground", "self"), 0.5, shapes={name: (E.Box((0.2, 0.2, 0.2)),) for name in names}),
+    ]
+    turned = [math.sin(0.2), math.cos(0.2)]
+    q = [0, 0, 0.1, 0, 0, 0, 1, 0.06, 0, 0.3, 0, 0, *turned, 0, 0, 0.5, 0, 0, 0, 1]
+    run = stepped(tl.Scene(free_bodies(*names), q, effects=effects), 1.0, 0.02)
+    assert np.abs(run.q - q).max() < 1e-10
+    assert run.contact_forces["b - c"][-1, 2] == pytest.approx(-G, rel=1e-6)
+    assert run.contact_forces["a - ground"][-1, 2] == pytest.approx(3 * G, rel=1e-9)
+
+
+def test_boxes_that_cross_touch_where_their_edges_do() -> None:
+    """Two boxes on edge, crosswise above each other: they touch at one point, midway."""
+    a = hull_of(E.Box((1.0, 0.2, 0.2)))
+    c = math.cos(math.pi / 4)
+    on_edge = np.array([[1, 0, 0], [0, c, -c], [0, c, c]])
+    across = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ on_edge
+    half, gap = 0.1 * math.sqrt(2), 1e-3
+    lower, upper = a.placed(on_edge, np.zeros(3)), a.placed(across, np.array([0.1, 0.2, 2 * half + gap]))
+    ((_, found, normal, middle),) = touching(upper, lower, 0.01)
+    assert found == pytest.approx(gap)
+    assert normal == pytest.approx([0, 0, 1])
+    assert middle == pytest.approx([0.1, 0.0, half + gap / 2])
+
+
+def test_a_ball_meets_a_convex_mesh_where_coal_says() -> None:
+    """Of equal masses, without restitution and gravity: they touch, and go on at half the speed."""
+    corners = tuple((x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.1, 0.1))
+    effect = E.Contact((("b", "a"),), shapes={"a": (E.Convex(corners),), "b": (E.Sphere(0.1),)})
+    q = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0.25, 0, 0, 0, 1]
+    run = stepped(tl.Scene(free_bodies("a", "b"), q, [0] * 8 + [-1, 0, 0, 0], [effect]), 0.2, 0.01)
+    assert run.q[-1, 9] - run.q[-1, 2] == pytest.approx(0.2, abs=1e-9)
+    assert run.v[-1, [2, 8]] == pytest.approx([-0.5, -0.5])
 
 
 def test_the_way_follows_the_scene_and_is_explained() -> None:

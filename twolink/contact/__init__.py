@@ -4,6 +4,7 @@ In: the equations of a scene, its `Contact` effects, times and a step. Out: stat
 contacts, and of each step how well they obey the laws. This room knows nothing of error bars and trajectories.
 
 detection     the points at which bodies touch or are about to, with gaps and normals
+points        these as data; formulas, hulls, hull_pairs: what finds them, by shapes
 multibody     mass matrix, free motion and Jacobians at those points
 impulses      the contact problem: impulses that obey the laws of contact and friction
 stepping      one step, and the run from step to step

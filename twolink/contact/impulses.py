@@ -159,8 +159,12 @@ def _derivative(mu: Array, z: Array) -> Array:
 def admm(problem: Problem, guess: Array) -> Array:
     """Impulses by Pinocchio's ADMM solver."""
     dense = not sparse.issparse(problem.matrix)
-    delassus = (pin.DelassusOperatorDense(problem.matrix) if dense
-                else pin.DelassusOperatorSparse(sparse.csc_matrix(problem.matrix)))  # fmt: skip
+    if dense:
+        delassus = pin.DelassusOperatorDense(problem.matrix)
+    else:
+        matrix = sparse.csc_matrix(problem.matrix)
+        matrix.indices, matrix.indptr = matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32)
+        delassus = pin.DelassusOperatorSparse(matrix)
     models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
     for mu in problem.mu.tolist():
         model, data = _cone(mu)

@@ -16,7 +16,7 @@ import pinocchio as pin
 import scipy.sparse as sparse
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.contact.detection import Places, Points
+from twolink.contact.points import Places, Points
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.state import Array

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from twolink.contact.stepping import Record, Stepper
-from twolink.effects.contact import Contact
-from twolink.integrate.equations import Equations
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.solution import Piece, Progress
 from twolink.integrate.state import Array
@@ -75,22 +72,17 @@ class SteppedSolution:
 
 
 def solve_stepped(
-    equations: Equations,
-    effects: Sequence[Contact],
-    times: Array,
-    step: float,
-    progress: Progress | None = None,
-    halvings: int = 0,
+    stepper: Stepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
 ) -> SteppedSolution:
     """Step a scene for samples at times (n,), in steps of at most `step` [s]. Raises AccuracyError.
 
-    equations: of the scene without its contacts, which are the effects. Samples and breaks end a step. halvings: how
-    often the steps between two of those are doubled in number, and one more: else many steps began at the same times,
-    and an impact would fall on the same place within them.
+    Samples and breaks end a step. halvings: how often the steps between two of those are doubled in number, and one
+    more: else many steps began at the same times, and an impact would fall on the same place within them.
     """
-    stepper, nq = Stepper(equations, effects), equations.space.nq
+    equations, record = stepper.equations, Record()
+    nq, own = equations.space.nq, stepper.bodies.own
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
-    memory, interrupted, own = stepper.start(), False, stepper.bodies.own
+    stepper.record, memory, interrupted = record, stepper.start(), False
     states, forces, overlap = [(q, v, np.zeros_like(v))], dict[str, Array](), stepper.overlap(q)[0]
     v = own(q, v, -1.0)
     grid = np.union1d(times, equations.breaks(float(times[-1])))
@@ -101,7 +93,7 @@ def solve_stepped(
             for k in range(count):
                 before, done = v, stepper.advance(begin + k * h, h, q, v, numbers, memory)
                 q, v, memory = done.q, done.v, done.memory
-                if progress is not None and stepper.record.steps % REPORT == 0:
+                if progress is not None and record.steps % REPORT == 0:
                     progress(begin + k * h)
             if stop != times[len(states)]:
                 continue
@@ -115,5 +107,5 @@ def solve_stepped(
     qs, vs, accelerations = (np.array(column) for column in zip(*states, strict=True))
     n = len(qs)
     return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations,
-                           {name: series[:n] for name, series in forces.items()}, stepper.record, overlap, step,
+                           {name: series[:n] for name, series in forces.items()}, record, overlap, step,
                            interrupted)  # fmt: skip

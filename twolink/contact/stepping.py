@@ -23,9 +23,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twolink.contact.detection import Detector, Points
+from twolink.contact.detection import Detector
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
 from twolink.contact.multibody import axes_of, multibody_of
+from twolink.contact.points import Points
 from twolink.effects.contact import Contact
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -70,13 +71,14 @@ def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tu
         raise SceneError("no link of the robot has a collision shape", where="pairs",
                          remedy="add <collision> elements to the URDF, or give shapes=", code="no-shapes")  # fmt: skip
     chosen: dict[tuple[object, object], Pair] = {}
+    alone = Counter(solid.link for solid in solids)
     excluded: list[tuple[str, str]] = []
     for i, item in enumerate(asked):
         if item == SELF:
             allowed, not_allowed = _own_pairs(robot, solids)
             excluded += not_allowed
         elif item == GROUND:
-            allowed = [_pair(solids, solid, LEVEL) for solid in solids if _body(robot, solid)]
+            allowed = [_pair(alone, solid, LEVEL) for solid in solids if _body(robot, solid)]
         else:
             allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
         for pair in allowed:
@@ -93,14 +95,14 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[
     geometry = collision_model(model, solids)
     data, places = model.createData(), geometry.createData()
     pin.updateGeometryPlacements(model, data, geometry, places, robot.neutral)
+    bodies, alone = [_body(robot, solid) for solid in solids], Counter(solid.link for solid in solids)
+    free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
-        a, b = (_body(robot, solids[j]) for j in (i, k))
+        a, b = bodies[i], bodies[k]
         if a == b:
             continue
-        pair, path = _pair(solids, solids[i], solids[k]), _joints_between(model, a, b)
-        separate = any(_is_free(model, joint) for joint in path)
-        geometry.addCollisionPair(pin.CollisionPair(i, k))
-        if not separate and len(path) == 1:
+        pair, separate = _pair(alone, solids[i], solids[k]), free[a] != free[b]
+        if not separate and len(_joints_between(model, a, b)) == 1:
             excluded.append((pair.name, "adjacent"))
         elif not separate and _overlap(geometry, places, i, k):
             excluded.append((pair.name, "overlap at rest"))
@@ -134,7 +136,8 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
              if _body(robot, a) != (0 if isinstance(b, Plane) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    return [_pair(solids, a, b) for a, b in pairs]
+    alone = Counter(solid.link for solid in solids)
+    return [_pair(alone, a, b) for a, b in pairs]
 
 
 def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Plane:
@@ -149,15 +152,15 @@ def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Pla
     return found
 
 
-def _pair(solids: Sequence[Solid], a: Solid, b: Solid | Plane) -> Pair:
+def _pair(alone: Mapping[str, int], a: Solid, b: Solid | Plane) -> Pair:
+    """The pair of two bodies. alone: how many solids each link has; one of them has the link's name."""
     if isinstance(b, Solid):
         a, b = sorted((a, b), key=_roundness)
 
     def name(solid: Solid | Plane) -> str:
         if isinstance(solid, Plane):
             return GROUND if solid == LEVEL else "plane"
-        alone = sum(other.link == solid.link for other in solids) == 1
-        return solid.link if alone else solid.name
+        return solid.link if alone[solid.link] == 1 else solid.name
 
     return Pair(f"{name(a)} - {name(b)}", a, b)
 

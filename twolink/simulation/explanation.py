@@ -19,7 +19,7 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.stepped_run import FIRST, without_contacts
+from twolink.simulation.stepped_run import FIRST, stepper_of
 from twolink.simulation.text import ShownAsText
 
 PILOT_STEPS = 20  # of stepped contacts
@@ -173,19 +173,19 @@ def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
     """How a scene with stepped contacts is computed."""
-    effects, equations = without_contacts(scene)
+    stepper = stepper_of(scene)
     step = min(FIRST, length / 4)
     pilot = min(length, PILOT_STEPS * step)
     start = time.perf_counter()
-    solve_stepped(equations, effects, np.array([0.0, pilot]), step)
+    solve_stepped(stepper, np.array([0.0, pilot]), step)
     expected = (time.perf_counter() - start) * length / pilot
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
         _notes(scene, way),
         "impulses (time stepping: the error is estimated)",
-        equations.moving,
-        equations.operations,
+        stepper.equations.moving,
+        stepper.equations.operations,
         (),
         None,
         "stepped",

@@ -8,7 +8,6 @@ from twolink.contact.solver import SteppedSolution, solve_stepped
 from twolink.contact.stepping import Stepper
 from twolink.effects.contact import Contact
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.scenes import Scene
@@ -32,13 +31,13 @@ def simulate_stepped(
     step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
     the accuracy. Raises AccuracyError where that takes too many, with the best run.
     """
-    effects, equations = without_contacts(scene)
+    stepper = stepper_of(scene)
     began, end = time.perf_counter(), float(times[-1])
     h, halvings = min(FIRST, end / 4) if step is None else step, 0
 
     def solved() -> tuple[SteppedSolution, float]:
         start = time.perf_counter()
-        solution = solve_stepped(equations, effects, times, h, progress, halvings)
+        solution = solve_stepped(stepper, times, h, progress, halvings)
         return solution, time.perf_counter() - start
 
     coarse, seconds = solved()
@@ -48,7 +47,7 @@ def simulate_stepped(
         total = time.perf_counter() - began
         if fine.interrupted:
             break
-        off = equations.space.distance(coarse.q, fine.q)
+        off = stepper.equations.space.distance(coarse.q, fine.q)
         if step is not None:  # of first order: half the step has half the error
             return _trajectory(scene, coarse, seconds, total - seconds, 2.0 * off)
         run = _trajectory(scene, fine, taken, total - taken, off, accuracy)
@@ -73,8 +72,8 @@ def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float
                          run=run)  # fmt: skip
 
 
-def without_contacts(scene: Scene) -> tuple[list[Contact], Equations]:
-    """The contact effects of a scene, and the equations without them. Raises SceneError for what cannot be stepped."""
+def stepper_of(scene: Scene) -> Stepper:
+    """What steps a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
     others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
     equations = equations_of(Scene(scene.base, scene.q, scene.v, others, scene.duration, scene.title))
@@ -82,11 +81,12 @@ def without_contacts(scene: Scene) -> tuple[list[Contact], Equations]:
         what = "loops" if equations.constraints is not None else "effects that switch"
         raise SceneError(f"{what} beside contacts cannot be stepped", argument="contact",
                          remedy='contact="located", or leave them out', code="not-stepped")  # fmt: skip
-    overlap, pair = Stepper(equations, effects).overlap(equations.start[: equations.space.nq])
+    stepper = Stepper(equations, effects)
+    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
                          remedy="start with bodies apart")  # fmt: skip
-    return effects, equations
+    return stepper
 
 
 def _trajectory(

@@ -1,0 +1,175 @@
+"""Bodies that touch: what an error costs beside MuJoCo and Drake, and long or large scenes by time stepping.
+
+block       a block slides to rest, v0^2 / (2 mu g): error over seconds, located, stepped, and by the peers
+stack       ten boxes at rest for 100 s: how far they move
+spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
+quadruped   a robot is dropped on its feet under PD control: error over seconds, beside MuJoCo's default
+Seconds are medians.
+
+    python scripts/bench_contact.py [block stack spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import twolink as tl
+from twolink.hard.peers import peer_module
+from twolink.hard.peers.task import Setting, task_of
+
+E, G = tl.effects, 9.81
+REPEATS = 3
+BODY = ('<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ix}" iyy="{iy}" izz="{iz}" ixy="0" ixz="0" '
+        'iyz="0"/></inertial></link><joint name="{name}_joint" type="floating"><parent link="ground"/>'
+        '<child link="{name}"/></joint>')  # fmt: skip
+
+
+def bodies(names: list[str], mass: float, moments: tuple[float, float, float]) -> tl.Robot:
+    """Free bodies of one kind."""
+    ix, iy, iz = moments
+    text = "".join(BODY.format(name=name, mass=mass, ix=ix, iy=iy, iz=iz) for name in names)
+    return tl.load_robot(f'<robot name="bodies"><link name="ground"/>{text}</robot>')
+
+
+def seconds_of(run: Callable[[], Any]) -> tuple[float, Any]:
+    """The median of the seconds, and the result."""
+    taken = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        result = run()
+        taken.append(time.perf_counter() - start)
+    return statistics.median(taken), result
+
+
+def line(name: str, error: float, seconds: float, more: str = "") -> None:
+    print(f"  {name:<44}{error:10.1e} m {seconds * 1e3:12.3f} ms  {more}", flush=True)
+
+
+def block() -> None:
+    """A block slides to rest on its four corners."""
+    mu, v0, end = 0.3, 2.0, 1.0
+    robot = bodies(["block"], 1.0, (0.0108, 0.0167, 0.0208))
+    effects = [E.Gravity(), E.Contact((("block", "ground"),), mu, shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})]
+    scene = tl.Scene(robot, [0, 0, 0.1, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects, end)
+    times = np.linspace(0, end, 11)
+    t = np.fmin(times, v0 / (mu * G))
+    exact = v0 * t - mu * G * t**2 / 2
+    print("a block slides to rest: the largest error of 10 samples, and seconds")
+    for accuracy in (1e-4, 1e-8):
+        tl.simulate(scene, end, accuracy, samples=10)
+        for verify in (False, True):
+            taken, run = seconds_of(lambda a=accuracy, v=verify: tl.simulate(scene, end, a, samples=10, verify=v))
+            line(
+                f"located, accuracy {accuracy:g}{', with error bar' * verify}", np.abs(run.q[:, 0] - exact).max(), taken
+            )
+    for step in (1e-1, 1e-2, 1e-3):
+        taken, run = seconds_of(
+            lambda h=step: tl.simulate(scene, end, contact="stepped", step=h, samples=10, verify=False)
+        )
+        line(f"stepped, {step:g} s", np.abs(run.q[:, 0] - exact).max(), taken)
+    task = task_of(scene, times)
+    settings = {
+        "mujoco": [
+            Setting(method, "", step=h) for method in ("Euler", "implicitfast", "RK4") for h in (2e-3, 2e-4, 2e-5)
+        ],
+        "drake": [Setting("discrete plant (SAP)", "", step=h) for h in (1e-2, 1e-3, 1e-4)],
+    }
+    for name, own in settings.items():
+        try:
+            module = peer_module(name)
+        except ImportError:
+            continue
+        for setting in own:
+            taken, answer = seconds_of(module.prepare(task, setting))
+            off = np.abs(answer.track.q[:, 0] - exact).max()
+            line(f"{name} {module.VERSION}, {setting.method}, step {setting.step:g} s", off, taken)
+
+
+def stack(duration: float, step: float) -> None:
+    """Ten boxes on each other."""
+    names, edge = [f"b{k}" for k in range(10)], 0.2
+    robot = bodies(names, 1.0, (edge**2 / 6,) * 3)
+    shapes = {name: (E.Box((edge,) * 3),) for name in names}
+    scene = tl.Scene(robot, np.concatenate([[0, 0, edge * (k + 0.5), 0, 0, 0, 1] for k in range(10)]),
+                     effects=[E.Gravity(), E.Contact(("ground", "self"), 0.5, shapes=shapes)])  # fmt: skip
+    start = time.perf_counter()
+    run = tl.simulate(scene, duration, contact="stepped", step=step, samples=1, verify=False)
+    taken, record = time.perf_counter() - start, run.contact_record
+    print(f"ten boxes, {duration:g} s, step {step:g} s: they move by {np.abs(run.q - run.q[0]).max():.1e} m, "
+          f"{taken * step / duration * 1e3:.2f} ms a step; {record}")  # fmt: skip
+
+
+def spheres(count: int, duration: float, step: float) -> None:
+    """Spheres of two sizes fall into a box."""
+    random, r = np.random.default_rng(1), 0.05
+    names = [f"s{k}" for k in range(count)]
+    robot = bodies(names, 0.5, (0.4 * 0.5 * r * r,) * 3)
+    side = max(3, round(count ** (1 / 3)))
+    wide = 0.5 * 2.4 * r * side
+    places = np.array([(i, j, k) for k in range(count) for j in range(side) for i in range(side)][:count], float)
+    places = places * 2.4 * r + [r * 1.2 - wide, r * 1.2 - wide, 3 * r] + random.uniform(-0.1 * r, 0.1 * r, (count, 3))
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
+    walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
+    pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
+    start = time.perf_counter()
+    contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(r),) for name in names})
+    scene = tl.Scene(robot, q, effects=[E.Gravity(), contact])
+    print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {time.perf_counter() - start:.1f} s", flush=True)
+    start = time.perf_counter()
+    run = tl.simulate(scene, duration, contact="stepped", step=step, samples=1 / step, verify=False,
+                      progress=lambda t: print(f"    t = {t:.3f} s", flush=True))  # fmt: skip
+    taken, record = time.perf_counter() - start, run.contact_record
+    grown = np.diff(run.energy).max() / abs(run.energy[0])
+    print(f"  {taken * step / duration * 1e3:.1f} ms a step, energy grows by {grown:.1e} of itself in a step at most, "
+          f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, {record}")  # fmt: skip
+    mujoco_spheres(scene, count, duration, step)
+
+
+def mujoco_spheres(scene: tl.Scene, count: int, duration: float, step: float) -> None:
+    """The same by MuJoCo: its own broad phase needs geoms that may touch, not pairs."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.option.timestep = step
+    contact = next(effect for effect in scene.effects if isinstance(effect, E.Contact))
+    for effect_plane in [E.Plane(), *sorted({b for _, b in contact.pairs[2:]}, key=repr)]:
+        n = np.array(effect_plane.normal)
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * effect_plane.height,
+                                zaxis=n, friction=[0.3, 0, 0], condim=3)  # fmt: skip
+    for k in range(count):
+        body = spec.worldbody.add_body(pos=scene.q[7 * k : 7 * k + 3])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.05, 0, 0], mass=0.5, friction=[0.3, 0, 0], condim=3)
+    model = spec.compile()
+    data, steps, deepest = mujoco.MjData(model), round(duration / step), 0.0
+    start, looking = time.perf_counter(), 0.0
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        look = time.perf_counter()
+        deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
+        looking += time.perf_counter() - look
+    taken = time.perf_counter() - start - looking
+    print(f"  MuJoCo {mujoco.__version__}: {taken / steps * 1e3:.1f} ms a step, overlap up to {deepest:.1e} m")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", default=["block", "stack", "spheres"])
+    parser.add_argument("--count", type=int, default=500, help="spheres")
+    parser.add_argument("--duration", type=float, help="s, of the part's own by default")
+    parser.add_argument("--step", type=float, help="s, of the part's own by default")
+    given = parser.parse_args()
+    if "block" in given.parts:
+        block()
+    if "stack" in given.parts:
+        stack(given.duration or 100.0, given.step or 1e-2)
+    if "spheres" in given.parts:
+        spheres(given.count, given.duration or 1.0, given.step or 2e-3)
+
+
+if __name__ == "__main__":
+    main()
