@@ -15,12 +15,17 @@ import numpy as np
 import pinocchio as pin
 import scipy.sparse as sparse
 
-from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.contact.points import Places, Points
+from twolink.dynamics.kernels import heyoka
+from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
+from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.formulas import effect_loads, motion_of, unbalanced_forces
 from twolink.integrate.state import Array
 
+PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
 MANY = 20  # free bodies from which sparse matrices pay
 
 
@@ -30,7 +35,8 @@ class Multibody:
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self.model = model = equations.robot.model
-        self.data = model.createData()
+        self.data = equations.robot.data  # of this thread; Pinocchio's takes nv^3 numbers
+        self.compiled = _compiled_forces(equations) if equations.effects else None
         self.moving_axes = [joint for joint in equations.robot.joints if joint.kind in ("free-flyer", "planar")]
         self.carries = np.zeros((model.njoints, model.nv))  # whether a joint moves with a degree of freedom
         for joint in range(1, model.njoints):
@@ -59,8 +65,8 @@ class Multibody:
         """Where the joints are, and of each its linear and angular speed (joints, 2), m/s and rad/s."""
         pin.forwardKinematics(self.model, self.data, q, v)
         at, moving = self.data.oMi, self.data.v
-        speeds = [(np.linalg.norm(x.linear), np.linalg.norm(x.angular)) for x in moving]
-        return Places(np.array([x.rotation for x in at]), np.array([x.translation for x in at])), np.array(speeds)
+        speeds = np.linalg.norm(np.array([x.vector for x in moving]).reshape(-1, 2, 3), axis=2)
+        return Places(np.array([x.rotation for x in at]), np.array([x.translation for x in at])), speeds
 
     def free_acceleration(self, t: float, q: Array, w: Array, numbers: Array) -> Array:
         """w' (nv,) without contacts; what is asked for then is at this q."""
@@ -93,7 +99,7 @@ class Multibody:
         for joint in self.moving_axes:
             first = joint.v.start
             if joint.kind == "free-flyer":
-                yield slice(first, first + 3), _rotations(q[joint.q.start + 3 : joint.q.stop])
+                yield slice(first, first + 3), pin.Quaternion(q[joint.q.start + 3 : joint.q.stop]).toRotationMatrix()
             else:
                 c, s = q[joint.q.start + 2 : joint.q.stop]
                 yield slice(first, first + 2), np.array([[c, -s], [s, c]])
@@ -103,6 +109,8 @@ class Multibody:
         equations = self.equations
         if not equations.effects:
             return -np.array(pin.nonLinearEffects(self.model, self.data, q, v))
+        if self.compiled is not None:
+            return np.asarray(self.compiled(np.concatenate([[t], q, v, numbers])))
         motion = motion_of(equations, equations.mechanism, t, np.concatenate([q, v]), Numbers)
         loads = effect_loads(equations, motion, list(numbers), equations.effects)
         forces = pin.StdVec_Force()
@@ -173,6 +181,21 @@ class FreeBodies(Multibody):
             column = np.repeat(self.first[joints], 3)[:, None] + np.arange(6)
             parts.append(sparse.csr_array((rows.ravel(), (row, column.ravel())), shape=(count, self.model.nv)))
         return parts[0] + parts[1]
+
+
+def _compiled_forces(equations: Equations) -> Any:
+    """heyoka's function of (t, x) for tau - h; None where there is none, or compiling takes long."""
+    module = heyoka()
+    if module is None or compiling_seconds(equations.operations) > PAYS:
+        return None
+
+    def build() -> Any:
+        xp = Expressions(module)
+        x = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
+        values = unbalanced_forces(equations, mechanism(equations.robot.model), x[0], x[1:], xp)
+        return module.cfunc([xp.lift(value) for value in values], vars=list(x), **UNOPTIMIZED)
+
+    return compiled_function(equations.key("unbalanced"), build)[0]
 
 
 def _turning(v: Array, lin: slice) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +28,8 @@ class SteppedSolution:
         Times of the samples, s.
     q, v, a : ndarray (n, nq), (n, nv), (n, nv)
         Configurations, velocities, and the mean accelerations over the step before each sample.
-    forces : dict of str to ndarray (n, 3)
-        Contact forces by pair on the first of the two, means over the step before each sample, N.
+    pressing : sequence of dict
+        Of each sample by pair the points that pressed in the step before it, with their mean forces, N.
     record : Record
         What the steps were and how they obey the laws.
     overlap : float
@@ -44,7 +45,7 @@ class SteppedSolution:
     q: Array
     v: Array
     a: Array
-    forces: dict[str, Array]
+    pressing: Sequence[dict[str, list[tuple[Array, Array]]]]
     record: Record
     overlap: float
     step: float
@@ -66,9 +67,17 @@ class SteppedSolution:
         states = np.concatenate([self.q, self.v], axis=1).T
         return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T
 
-    def contact_forces(self) -> dict[str, Array]:
-        """The force between each pair of bodies that press at some sample, on the first (n, 3), N."""
-        return self.forces
+    def contacts(self) -> dict[str, tuple[Array, Array]]:
+        """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
+        most: dict[str, int] = {}
+        for found in self.pressing:
+            for pair, rows in found.items():
+                most[pair] = max(most.get(pair, 0), len(rows))
+        out = {pair: np.full((2, len(self.t), k, 3), np.nan) for pair, k in most.items()}
+        for sample, found in enumerate(self.pressing):
+            for pair, rows in found.items():
+                out[pair][:, sample, : len(rows)] = np.array(rows).swapaxes(0, 1)
+        return {pair: (points, forces) for pair, (points, forces) in out.items()}
 
 
 def solve_stepped(
@@ -83,7 +92,8 @@ def solve_stepped(
     nq, own = equations.space.nq, stepper.bodies.own
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
     stepper.record, memory, interrupted = record, stepper.start(), False
-    states, forces, overlap = [(q, v, np.zeros_like(v))], dict[str, Array](), stepper.overlap(q)[0]
+    states, overlap = [(q, v, np.zeros_like(v))], stepper.overlap(q)[0]
+    pressing: list[dict[str, list[tuple[Array, Array]]]] = [{}]
     v = own(q, v, -1.0)
     grid = np.union1d(times, equations.breaks(float(times[-1])))
     try:
@@ -97,15 +107,14 @@ def solve_stepped(
                     progress(begin + k * h)
             if stop != times[len(states)]:
                 continue
-            for pair, impulse in zip(done.pair.tolist(), done.impulse, strict=True):
-                series = forces.setdefault(stepper.detector.names[pair], np.zeros((len(times), 3)))
-                series[len(states)] += impulse / done.h
+            pressing.append({})
+            for pair, place, impulse in zip(done.pair.tolist(), done.place, done.impulse, strict=True):
+                pressing[-1].setdefault(stepper.detector.names[pair], []).append((place, impulse / done.h))
             states.append((q, own(q, v), own(q, v - before) / h))
             overlap = max(overlap, stepper.overlap(q)[0])
     except KeyboardInterrupt:
         interrupted = True
     qs, vs, accelerations = (np.array(column) for column in zip(*states, strict=True))
     n = len(qs)
-    return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations,
-                           {name: series[:n] for name, series in forces.items()}, record, overlap, step,
-                           interrupted)  # fmt: skip
+    return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations, pressing[:n],
+                           record, overlap, step, interrupted)  # fmt: skip

@@ -52,7 +52,7 @@ class Memory:
 
 @dataclass(frozen=True)
 class Step:
-    """The end of a step of length h: q, v, the memory, the pairs of the points that pressed and their impulses.
+    """The end of a step of length h: q, v, the memory, and of the points that pressed the pairs, places and impulses.
 
     Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey the laws.
     """
@@ -62,6 +62,7 @@ class Step:
     v: Array
     memory: Memory
     pair: Array
+    place: Array
     impulse: Array
     worth: Impulses | None
 
@@ -133,7 +134,7 @@ class Stepper:
             change = a if not len(memory.keys) else np.zeros_like(a)
             none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), change)
             end = self.bodies.moved(middle, 0.5 * h * free)
-            return Step(h, end, free, none, points.pair, np.empty((0, 3)), None)
+            return Step(h, end, free, none, points.pair, points.position, np.empty((0, 3)), None)
         if (-points.gap > DEEPEST * self.detector.thickness[points.pair]).any():
             return None
         return self._with_contacts(h, middle, v, free, points, memory)
@@ -165,7 +166,16 @@ class Stepper:
         stuck = np.hypot(*worth.u[pressing, :2].T) < STILL
         passed = Memory(keys[order], p[order] / h, stuck[order], (ends - v) / h if smooth else np.zeros_like(v))
         impulse = np.einsum("ni,nij->nj", p, axes[chosen])
-        return Step(h, self.bodies.moved(middle, move), ends, passed, points.pair[chosen], impulse, worth)
+        return Step(
+            h,
+            self.bodies.moved(middle, move),
+            ends,
+            passed,
+            points.pair[chosen],
+            points.position[chosen],
+            impulse,
+            worth,
+        )
 
 
 class _Law:
@@ -181,7 +191,10 @@ class _Law:
     ) -> None:
         self.points, self.after, self.h = points, after, h
         u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
-        known = np.isin(points.key, memory.keys)
+        place = np.searchsorted(memory.keys, points.key)
+        known = np.zeros(len(place), dtype=bool)
+        inside = place < len(memory.keys)
+        known[inside] = memory.keys[place[inside]] == points.key[inside]
         self.hits = ~known & (u > np.maximum(b * h, STILL))
         start = np.maximum(points.gap + 0.5 * h * u, 0.0)
         u = np.where(self.hits, u, 1.0)
@@ -195,8 +208,7 @@ class _Law:
         late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
         self.late = np.where(self.hits, late, 0.0)
         self.guess, stuck = np.zeros_like(before), np.zeros(len(u), dtype=bool)
-        place = np.searchsorted(memory.keys, points.key[known])
-        self.guess[known], stuck[known] = h * memory.forces[place], memory.stuck[place]
+        self.guess[known], stuck[known] = h * memory.forces[place[known]], memory.stuck[place[known]]
         self.slower = detector.friction[points.pair]
         self.mu = np.where(stuck, detector.static[points.pair], self.slower)
         closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
