@@ -1,5 +1,7 @@
 """identify: exact data give exact values, noisy ones intervals that hold, and what cannot be told is named."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -195,3 +197,10 @@ def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> N
     assert part in str(caught.value)
     assert caught.value.code == code
     assert caught.value.remedy
+
+
+def test_the_figure_shows_residuals_region_and_all_intervals(tmp_path: Path) -> None:
+    found = identify(ARM, T, Q, V, noisy(TAU, NOISE), WANTED, a=A)
+    text = found.plot(tmp_path / "found.svg").read_text()
+    for part in ("shoulder", "elbow", "95 % region", "95 % interval", *found.combinations):
+        assert f"<!-- {part}" in text, part

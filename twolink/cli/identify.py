@@ -7,6 +7,7 @@ from typer import Argument, Option
 
 from twolink.cli.options import Folders, Gravity, Json, Lock, Mimic, RobotName, Root, Unphysical, robot_from
 from twolink.cli.output import finish, require_writable, show, write
+from twolink.show.figure import FORMATS
 
 
 def identify(
@@ -28,7 +29,8 @@ def identify(
     ] = None,
     confidence: Annotated[float, Option(help="Probability of the intervals.")] = 0.95,
     out: Annotated[
-        list[Path] | None, Option("--out", metavar="FILE", help="Write a .urdf with what was found.")
+        list[Path] | None,
+        Option("--out", metavar="FILE", help="Write a .urdf with what was found, or a figure (.png .svg .pdf)."),
     ] = None,
     root: Root = "fixed",
     lock: Lock = None,
@@ -58,12 +60,16 @@ def identify(
     from twolink.identification.identify import identify as find
     from twolink.identification.measurements import read_measurements
 
-    require_writable(out or [], (".urdf",))
+    require_writable(out or [], (".urdf", *FORMATS))
     loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     wanted = None if parameters is None else [name.strip() for text in parameters for name in text.split(",")]
     found = find(loaded, **read_measurements(loaded, data), parameters=wanted, method=method, half=half,
                  confidence=confidence)  # fmt: skip
-    written, failures = write(out or [], lambda path: write_urdf(found, robot, path))
+
+    def write_one(path: Path) -> Path:
+        return write_urdf(found, robot, path) if path.suffix.lower() == ".urdf" else found.plot(path)
+
+    written, failures = write(out or [], write_one)
     files = "".join(f"\nwrote {path}" for path in written)
     show(found.to_dict() | {"files": written}, f"{found}{files}", as_json)
     finish(failures, interrupted=False)

@@ -1,14 +1,38 @@
-"""The figure of a fit by simulation."""
+"""The figures of a fit by simulation, and of an identification by regression."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 
-MAX_LINES = 6
+MAX_LINES, MAX_SPANS = 6, 20
 MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "alpha": 0.5}
+
+
+class Estimated(Protocol):
+    """What an estimate is drawn from; as of `Estimate`, with the probability of the region."""
+
+    @property
+    def combinations(self) -> tuple[str, ...]:
+        """Names (r,)."""
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Values (r,)."""
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the values (r, r)."""
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """Of the intervals (r,)."""
+
+    @property
+    def confidence(self) -> float:
+        """The probability of the region."""
 
 
 class Drawn(NamedTuple):
@@ -41,6 +65,36 @@ def plot_fit(fit: Drawn, path: Path) -> Path:
     return save_figure(figure, path)
 
 
+def plot_identification(
+    title: str, found: Estimated, t: np.ndarray, residuals: dict[str, np.ndarray], path: Path
+) -> Path:
+    """Draw residuals (n,) by joint in their standard deviations, the covariance of two values, and all their intervals.
+
+    The intervals are relative to the values, in the order of their widths.
+    """
+    figure, axes = new_figure(2, 2, size=(9, 6.5), height_ratios=(1, 1.3))
+    axes[0, 1].remove()
+    above, ellipse, spans = axes[0, 0], axes[1, 0], axes[1, 1]
+    above.set_subplotspec(above.get_gridspec()[0, :])
+    for (name, values), colour in zip(list(residuals.items())[:MAX_LINES], COLOURS, strict=False):
+        above.plot(t, values, color=colour, label=plain(name), **MEASURED)
+    above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
+    above.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
+    _draw_ellipse(ellipse, found)
+    relative = found.half_width / np.maximum(np.abs(found.estimate), 1e-300)
+    order = np.argsort(relative)[-MAX_SPANS:]
+    spans.semilogx(relative[order], np.arange(len(order)), "o", color=COLOURS[0])
+    spans.set_yticks(np.arange(len(order)), [plain(_short(found.combinations[k])) for k in order], fontsize=7)
+    spans.axvline(1.0, color="0.4", linewidth=1)
+    spans.set_title(f"{100 * found.confidence:g} % interval, relative", loc="left", fontsize=10)
+    figure.suptitle(plain(title))
+    return save_figure(figure, path)
+
+
+def _short(name: str) -> str:
+    return name if len(name) < 40 else f"{name[:37]}..."
+
+
 def _draw_motion(above: Any, below: Any, fit: Drawn) -> None:
     """The channels above; what is left of them, in noise, below."""
     for k, (name, colour) in enumerate(zip(fit.channels[:MAX_LINES], COLOURS, strict=False)):
@@ -53,9 +107,9 @@ def _draw_motion(above: Any, below: Any, fit: Drawn) -> None:
     below.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
 
 
-def _draw_ellipse(axis: Any, fit: Drawn) -> None:
+def _draw_ellipse(axis: Any, fit: Estimated) -> None:
     """The region of the two values that are correlated most; the interval of a single one."""
-    names = [name if len(name) < 40 else f"{name[:37]}..." for name in fit.combinations]
+    names = [_short(name) for name in fit.combinations]
     if len(names) == 1:
         axis.errorbar(fit.estimate, [0.0], xerr=fit.half_width, fmt="o", color=COLOURS[0], capsize=4)
         axis.set(xlabel=plain(names[0]), yticks=[])

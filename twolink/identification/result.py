@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -104,6 +105,32 @@ class Identification(Estimate):
             "correlated": self.correlated,
             "consistency": self.consistency.to_dict(),
         }
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw residuals, the covariance of the two values that are correlated most, and all intervals.
+
+        Parameters
+        ----------
+        path : str or path
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        ShowError
+            The file cannot be written.
+        """
+        from twolink.identification.fit_plot import plot_identification
+
+        title = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"
+        scaled = (self.residuals / np.maximum(self.noise, 1e-300)).T
+        return plot_identification(
+            title, self, self.t, dict(zip(_dof_names(self.robot), scaled, strict=True)), Path(path)
+        )
 
     def __str__(self) -> str:
         percent = f"{100 * self.confidence:g} %"

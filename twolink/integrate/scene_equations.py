@@ -49,6 +49,8 @@ def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
     """The same equations with physical constants kept as run-time inputs; code for them serves any values of those."""
+    if tuple(parameters) == equations.parameters:
+        return equations
     other, ones = replace(equations, parameters=tuple(parameters)), dict.fromkeys(parameters, 1.0)
     model = with_values(equations.robot.model, physical(ones))
     return replace(other, content=_content(with_effect_numbers(other, ones), model))
