@@ -11,7 +11,7 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError, ShowError
 from twolink.sweeps import load_study, open_sweep, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
-from twolink.sweeps.plot import _edges
+from twolink.sweeps.plot import _colours, _edges
 from twolink.sweeps.studies import SweepStudy, bundled_studies
 from twolink.sweeps.tables import column, turns_of
 
@@ -79,6 +79,14 @@ def test_names_and_decades_keep_their_places_on_the_axes(tmp_path: Path) -> None
     edges = _edges(np.array([1e-6, 1e-4, 1e-2]))
     np.testing.assert_allclose(edges, [1e-7, 1e-5, 1e-3, 1e-1], rtol=1e-12)
     np.testing.assert_allclose(_edges(np.array([0.0, 1.0, 2.0])), [-0.5, 0.5, 1.5, 2.5])
+
+
+def test_a_few_extreme_values_do_not_take_the_colours_of_the_others() -> None:
+    values = np.append(np.linspace(-1.0, 1.0, 999), 100.0)
+    low, high, beyond = _colours(values)
+    assert (-1.0 <= low < -0.9, 0.9 < high <= 1.0, beyond) == (True, True, "both")
+    assert _colours(np.array([[0.0, np.nan], [3.0, 1.0]])) == (0.0, 3.0, "neither")
+    assert _colours(np.array([0.0] * 999 + [5.0])) == (0.0, 5.0, "neither")
 
 
 def test_turns_that_the_error_bar_does_not_decide_are_left_out(store: Path, tmp_path: Path) -> None:

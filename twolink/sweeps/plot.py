@@ -13,6 +13,7 @@ from twolink.sweeps.tables import column, column_names, run_dims, turns_of
 
 WITHOUT = {FAILED: "failed", ABANDONED: "given up", PENDING: "not computed"}
 GREY = "0.55"
+RARE = 1.0  # %: of the values at each end that have no colours of their own where they take half of the range
 
 
 def plot_sweep(
@@ -120,6 +121,17 @@ def _edges(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.exp(edges) if _scale(x) == "log" else edges)
 
 
+def _colours(values: np.ndarray) -> tuple[float, float, str]:
+    """The values of the first and the last colour, and how the colour bar shows that there are values beyond."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0, 1.0, "neither"
+    least, low, high, most = np.percentile(finite, (0.0, RARE, 100.0 - RARE, 100.0))
+    if low == high or high - low > (most - least) / 2:
+        return float(least), float(most), "neither"
+    return float(low), float(high), "both"
+
+
 def _map(
     path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, shown: np.ndarray, status: np.ndarray,
     label: str,
@@ -127,6 +139,8 @@ def _map(
     (down, y), (across, x) = axes
     figure, ((axis,),) = new_figure(1, size=(7.4, max(6.0, 0.14 * len(y) if y.dtype.kind in "OU" else 0.0)))
     kept = np.where(shown, values, np.nan)
+    low, high, beyond = _colours(kept)
+    limits = {"vmin": low, "vmax": high}
     if values.squeeze().ndim == 2:
         x, y = _positions(axis.xaxis, x), _positions(axis.yaxis, y)
         order = np.ix_(np.argsort(y), np.argsort(x))
@@ -134,14 +148,16 @@ def _map(
         x, y = np.sort(x), np.sort(y)
         axis.set_facecolor(GREY)
         norm = _scale(kept[np.isfinite(kept)]) if np.isfinite(kept).any() else None
-        image = axis.pcolormesh(_edges(x), _edges(y), kept, rasterized=True, norm=norm)
+        if norm == "log":
+            limits, beyond = {}, "neither"
+        image = axis.pcolormesh(_edges(x), _edges(y), kept, rasterized=True, norm=norm, **limits)
         rows, columns = np.nonzero(np.isin(status, (FAILED, ABANDONED)))
         axis.plot(x[columns], y[rows], "x", color=COLOURS[5], markersize=3)
     else:
         failed = ~shown.ravel()
-        image = axis.scatter(x[~failed], y[~failed], c=kept.ravel()[~failed], s=8)
+        image = axis.scatter(x[~failed], y[~failed], c=kept.ravel()[~failed], s=8, **limits)
         axis.plot(x[failed], y[failed], "x", color=COLOURS[5], markersize=3)
-    figure.colorbar(image, ax=axis, label=label)
+    figure.colorbar(image, ax=axis, label=label, extend=beyond)
     axis.grid(False)
     share = float((~shown).mean())
     note = f"; grey: {share:.1%} without a number that can be trusted" if share else ""
