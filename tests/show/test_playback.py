@@ -261,6 +261,54 @@ def test_the_page_plays_offline(
 
 
 @pytest.mark.browser
+def test_what_is_drawn_over_the_robot_is_where_it_belongs(
+    arm: Robot,
+    tmp_path: Path,
+    browser: Browser,  # noqa: F811
+) -> None:
+    t = np.linspace(0.0, 1.0, 61)
+    q = np.column_stack([t, -2.0 * t])
+    points = np.full((61, 1, 3), np.nan)
+    points[30:] = [1.5, 0.0, 0.25]
+    contacts = {"tip - ground": (points, np.where(np.isfinite(points), [0.0, 0.0, 7.0], np.nan))}
+    page = write_playback(*arm, t, q, tmp_path / "a.html", contacts=contacts, trails=["tip"], beside=(*arm, t, -q))
+    browser.open(page.as_uri())
+    browser.wait_for("window.viewer?.ghost")
+
+    def at(moment: float, expression: str) -> Any:
+        return browser.evaluate(f"viewer.timeline.pause(), viewer.timeline.seek({moment}), {expression}")
+
+    place = "[...{}.position.toArray()]"
+    arrow = "viewer.overlays.parts.get('contacts').object.children[0]"
+    assert at(0.25, f"{arrow}.visible") is False
+    assert at(0.75, f"{arrow}.visible") is True
+    assert at(0.75, place.format(arrow)) == [1.5, 0.0, 0.25]
+    assert "contact forces, up to 7 N" in browser.evaluate("document.getElementById('view-menu').textContent")
+    tip = np.array([np.cos(0.5) + np.cos(-0.5), 0.0, np.sin(0.5) + np.sin(-0.5)])
+    end = """(() => {
+        const { geometry } = viewer.overlays.parts.get('trail tip').object;
+        const { start, count } = geometry.drawRange, { array } = geometry.attributes.position;
+        const ring = [0, 1, 2, 3, 4, 5].map(i => geometry.index.getX(start + count + 6 * i));
+        return [0, 1, 2].map(k => ring.reduce((sum, i) => sum + array[3 * i + k], 0) / 6); })()"""
+    np.testing.assert_allclose(at(0.5, end), tip, atol=0.01)
+    ghost = at(0.5, place.format("viewer.ghost.robot.links.get('elbow').group"))
+    np.testing.assert_allclose(ghost, [np.cos(0.5), 0.0, -np.sin(0.5)], atol=1e-6)
+    click = "[...document.querySelectorAll('#view-menu label')].find(e => e.textContent.includes('{}')).control.click()"
+    browser.evaluate(click.format("frames"))
+    browser.evaluate(click.format("centre"))
+    assert browser.evaluate("viewer.overlays.parts.get('frames').object.children.length") == 3
+    centre = at(0.5, place.format("viewer.overlays.parts.get('centre').object.children[0]"))
+    expected = pin.centerOfMass(arm[0], arm[0].createData(), np.array([0.5, -1.0]))
+    np.testing.assert_allclose(centre, expected, atol=1e-6)
+    # the camera goes with the link that it is on
+    browser.evaluate("""(() => { const select = document.querySelector('#view-menu select'); select.value = 'tip';
+        select.dispatchEvent(new Event('change')); })()""")
+    look = "viewer.stage.viewer.controls.target.toArray()"  # y is up
+    np.testing.assert_allclose(at(0.5, look), [tip[0], tip[2], -tip[1]], atol=1e-3)
+    assert browser.errors == []
+
+
+@pytest.mark.browser
 def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
     page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")
     browser.open(page.as_uri())

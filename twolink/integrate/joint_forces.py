@@ -3,6 +3,7 @@
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.contact_law import Touching
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.snapshot import Evaluator
@@ -47,7 +48,7 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
         Of each, the pair of bodies, the point where it acts, m, and the force on the first body, N; world's axes.
     """
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
-    if constraints is None:
+    if constraints is None or not any(isinstance(loop, Touching) for loop in constraints.loops):
         return found
     states = _full(equations, x)
     every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)

@@ -122,7 +122,11 @@ def _results(path: str, kind: str) -> list[Any]:
 
 @get("/v1/simulations/{job:str}/motion", tags=["simulations"], summary="Where the links are over time")
 async def motion(service: Shared, job: FromPath[str], frames: Frames = 600) -> Response[bytes]:
-    """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}."""
+    """{"t": [s], "links": [name], "poses": [[[x, y, z, qx, qy, qz, qw], ...a link], ...a frame]}.
+
+    With "centre_of_mass": [[x, y, z], ...a frame], "direction": from a motion in a plane to the camera, else null, and
+    "contacts": [{"pair", "points" [m], "forces" [N]}], three numbers a frame, NaN where the pair is apart.
+    """
     await service.jobs.require_done("simulation", job)
     folder, quotas = str(service.store.result_folder(job)), service.settings.quotas
     content = await service.read("motion", folder=folder, frames=frames, quotas=quotas)

@@ -24,11 +24,13 @@ from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
 from twolink.service.problems import Refusal
 from twolink.service.robot_pickle import read_robot, write_robot
+from twolink.service.run_marks import with_marks, write_marks
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
 from twolink.show.meshcat_view import plane_direction
 from twolink.show.motion_samples import resample
+from twolink.show.viewer_data import contact_data
 from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.records import run_record
 from twolink.simulation.scene_run import simulate as simulate_scene
@@ -103,6 +105,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
         what = f"the result takes more than {quotas.result_mb:g} MB"
         raise SceneError(what, argument="samples", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
+    write_marks(run, Path(folder), quotas.result_mb * 2**20)
     return {"title": scene.title, **run_record(run)}
 
 
@@ -167,10 +170,11 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
         "poses": np.round(poses, 7).tolist(),
         "centre_of_mass": np.round(run.robot.centre_of_mass(q), 7).tolist(),
         "direction": plane_direction(poses),
+        "contacts": contact_data(run.t, run.contacts, times),
     }
     return msgspec.json.encode(content)
 
 
 def _run_in(folder: Path) -> Trajectory:
     """The run that `simulate` has written into a folder."""
-    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))
+    return with_marks(Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes())), folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -71,6 +71,8 @@ class Trajectory:
         The scene's title.
     estimated : bool
         The error is an estimate and no bound: contacts were stepped.
+    recorded_contacts : mapping of str to (ndarray (n, k, 3), ndarray (n, k, 3)), or None
+        Contact points, m, and forces, N, by pair, of a run without its solution: they are shown.
     """
 
     robot: Robot
@@ -88,6 +90,7 @@ class Trajectory:
     recorded_energy: np.ndarray | None = None
     title: str = ""
     estimated: bool = False
+    recorded_contacts: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -176,13 +179,13 @@ class Trajectory:
         trajectory.
         """
         self._solution("contact_forces")
-        return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self._contacts.items())
+        return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self.contacts.items())
 
     @functools.cached_property
-    def _contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Points and forces by pair, (n, k, 3) each; none for a loaded trajectory."""
+    def contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Points [m] and forces [N] by pair, (n, k, 3) each, NaN where it is apart."""
         if self.solution is None:
-            return {}
+            return dict(self.recorded_contacts or {})
         kept = np.searchsorted(self.solution.t, self.t)
         return {pair: (points[kept], forces[kept]) for pair, (points, forces) in self.solution.contacts().items()}
 
@@ -386,7 +389,7 @@ class Trajectory:
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()
         ]
-        return {"title": self.title or self.robot.name, "events": events, "contacts": self._contacts}
+        return {"title": self.title or self.robot.name, "events": events, "contacts": self.contacts}
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any
