@@ -78,3 +78,18 @@ def test_the_schema_knows_every_effect_and_the_bundled_scenes_satisfy_it() -> No
         assert not list(validator.iter_errors(tomllib.loads(text))), name
     assert list(validator.iter_errors({"robot": "arm", "effects": [{"type": "gravty"}]}))
     assert list(validator.iter_errors({"robot": "arm", "durtion": 1.0}))
+
+
+def test_the_schema_says_what_each_field_of_an_effect_is() -> None:
+    """Forms and editors show it: the equation of the effect, and quantity and unit of each field."""
+    definitions = scene_schema()["$defs"]
+    friction = definitions["DryFriction"]
+    assert "tau_k = -c_k sign(v_k)" in friction["description"]
+    assert "Parameters" not in friction["description"]
+    assert friction["properties"]["static"]["description"] == "s, N m or N, not below c; c by default."
+    assert definitions["Payload"]["properties"]["frame"]["format"] == "link"
+    effects = [part for part in definitions.values() if "type" in part.get("properties", {})]
+    assert len(effects) > 20
+    bare = [f"{part['title']}.{name}" for part in effects for name, field in part["properties"].items()
+            if name != "type" and not field.get("description")]  # fmt: skip
+    assert bare == []

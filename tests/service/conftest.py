@@ -7,7 +7,9 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
+from tests.service.page_driver import Page
 from tests.service.serving import Served, serving
+from tests.show.browser import Browser, browser  # noqa: F401
 
 
 @pytest.fixture(scope="session")
@@ -21,3 +23,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 def http(served: Served) -> Iterator[httpx.Client]:
     with served.client() as client:
         yield client
+
+
+@pytest.fixture
+def page(served: Served, browser: Browser) -> Iterator[Page]:  # noqa: F811
+    """The service's page. Afterwards: nothing was asked of others, and no script has failed."""
+    opened = Page(browser, served.url)
+    yield opened
+    assert opened.outside() == []
+    assert opened.faults() == []

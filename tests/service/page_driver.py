@@ -73,9 +73,9 @@ class Page:
             e.dispatchEvent(new Event('change', {{bubbles: true}})); return e.value; }})()"""
         assert self.evaluate(script) == value or not stays
 
-    def upload(self, path: Path) -> None:
-        """Give the file input a file, as its dialog does."""
-        element = self.browser.call("Runtime.evaluate", expression="document.getElementById('file')")
+    def upload(self, path: Path, identifier: str = "file") -> None:
+        """Give a file input a file, as its dialog does."""
+        element = self.browser.call("Runtime.evaluate", expression=f"document.getElementById('{identifier}')")
         self.browser.call("DOM.setFileInputFiles", files=[str(path)], objectId=element["result"]["objectId"])
 
     def drop(self, name: str, content: str) -> None:

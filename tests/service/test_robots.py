@@ -95,6 +95,30 @@ def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx
         assert at.isApprox(expected[piece["name"]], 1e-6)
 
 
+def test_large_answers_are_compressed_for_those_who_take_that(http: httpx.Client) -> None:
+    plain = http.get("/v1/robots/ur5/visuals", headers={"Accept-Encoding": "identity"})
+    packed = http.get("/v1/robots/ur5/visuals", headers={"Accept-Encoding": "gzip"})
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert int(packed.headers["content-length"]) < 0.8 * len(plain.content)
+    assert packed.content == plain.content
+    refused = http.get("/v1/methods", headers={"Accept-Encoding": "br, gzip;q=0"})
+    taken = http.get("/v1/methods", headers={"Accept-Encoding": "br, gzip;q=0.5"})
+    assert "content-encoding" not in refused.headers
+    assert taken.headers["content-encoding"] == "gzip"
+    assert taken.json() == refused.json()
+
+
+def test_a_zip_with_several_urdfs_names_them(http: httpx.Client) -> None:
+    content = zipped({"a/one.urdf": pendulum(name="one"), "two.urdf": pendulum(name="two")})
+    problem = http.post("/v1/robots", content=content, headers=ZIP).json()
+    assert (problem["code"], problem["data"]) == ("several-urdfs", {"urdfs": ["a/one.urdf", "two.urdf"]})
+    chosen = http.post("/v1/robots?urdf=a/one.urdf", content=content, headers=ZIP)
+    assert chosen.json()["name"] == "one"
+    bad = zipped({"a/one.urdf": pendulum().replace('value="2"', 'value="-2"')})
+    assert http.post("/v1/robots", content=bad, headers=ZIP).json()["where"].startswith("a/one.urdf:3")
+
+
 def test_an_upload_is_deleted_and_the_catalogue_is_not(http: httpx.Client) -> None:
     key = http.post("/v1/robots", content=pendulum(name="gone"), headers=XML).json()["id"]
     assert http.delete(f"/v1/robots/{key}").status_code == 204

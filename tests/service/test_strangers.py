@@ -1,6 +1,7 @@
 """Uploads that name files of the host: they load, without those files; and nothing outside the upload is opened."""
 
 import asyncio
+import gzip
 import io
 import stat
 import zipfile
@@ -79,8 +80,8 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str
                 (folder / "body").write_bytes(content)
                 also = str(secret.with_suffix(".png")) if name == "control" else ""
                 traced = await workers.run("upload", 60, folder=str(folder), kind=kind, also=also)
-                drawn = folder / "visuals.json"
-                results.append((name, traced, drawn.read_text() if drawn.exists() else ""))
+                drawn = folder / "visuals.json.gz"
+                results.append((name, traced, gzip.decompress(drawn.read_bytes()).decode() if drawn.exists() else ""))
         finally:
             await workers.close()
         return results

@@ -29,7 +29,7 @@ def upload(*, folder: str, kind: str, also: str) -> dict[str, Any]:
     about = receive(folder=folder, kind=kind, options=RobotOptions(), quotas=Quotas()).description
     refused = ""
     try:
-        draw(key=Path(folder).name, robots=str(robots), path=str(Path(folder) / "visuals.json"))
+        draw(key=Path(folder).name, robots=str(robots), path=str(Path(folder) / "visuals.json.gz"))
     except Exception as error:
         refused = str(error)
     if also:

@@ -87,7 +87,7 @@ def mechanism(model: pin.Model, parameters: Mapping[str, Scalar] | None = None) 
 def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = None) -> Mechanism:
     """The model's constants with the inertias of the single bodies; parameters as in `mechanism`."""
     chosen = dict(parameters or {})
-    values = _nominal_values(model)
+    values = nominal_values(model)
     for name, value in chosen.items():
         require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
@@ -115,12 +115,12 @@ def parameter_names(model: pin.Model) -> tuple[str, ...]:
     name of the first. Of a joint: JOINT.origin.x|y|z, where it sits in its parent's joint frame; and with one
     degree of freedom, JOINT.armature and JOINT.damping.
     """
-    return tuple(_nominal_values(model))
+    return tuple(nominal_values(model))
 
 
 def nominal(model: pin.Model, name: str) -> float:
     """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
-    values = _nominal_values(model)
+    values = nominal_values(model)
     require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
     return values[name]
 
@@ -157,7 +157,8 @@ def with_nominal(model: pin.Model, name: str, value: float) -> None:
         values[model.joints[joint].idx_v] = value
 
 
-def _nominal_values(model: pin.Model) -> dict[str, float]:
+def nominal_values(model: pin.Model) -> dict[str, float]:
+    """The model's own values of all parameters, SI units, by name."""
     names = body_names(model)
     values = dict(zip(("gravity.x", "gravity.y", "gravity.z"), model.gravity.linear.tolist(), strict=True))
     for i in range(1, model.njoints):

@@ -21,7 +21,7 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     dict
         name, nq, nv, mass [kg], gravity [m/s^2] and neutral (nq numbers); joints: dictionaries with name, kind
         (Pinocchio's), layout, q and v (start and stop of the joint's entries), limits (None where there is none) and
-        the mass moved [kg]; links (names); report (the load report).
+        the mass moved [kg]; links (names), and those fixed to the ground; report (the load report).
     """
     return {
         "name": robot.name,
@@ -32,6 +32,9 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         "neutral": robot.neutral.tolist(),
         "joints": [_joint(robot, i) for i in range(len(robot.joints))],
         "links": list(robot.frame_names),
+        "fixed_links": [
+            robot.model.frames[i].name for i in link_frames(robot) if not robot.model.frames[i].parentJoint
+        ],
         "report": robot.report.to_dict(),
     }
 

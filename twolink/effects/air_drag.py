@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from twolink.algorithms.spatial import add, dot, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative, number
+from twolink.effects.effect import Effect, LinkName, NotNegative, number
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
@@ -43,7 +43,7 @@ class AirDrag(Effect, frozen=True):
     Rayleigh's drag equation: Batchelor, An Introduction to Fluid Dynamics, 1967, section 5.11.
     """
 
-    frame: str
+    frame: LinkName
     area: NotNegative
     coefficient: NotNegative = 1.0
     density: NotNegative = 1.225

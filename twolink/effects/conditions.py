@@ -6,6 +6,7 @@ import msgspec
 
 from twolink.algorithms.spatial import Scalar, Vec, cross, dot
 from twolink.dynamics import Robot
+from twolink.effects.effect import JointName, LinkName
 from twolink.effects.frame_checks import check_frame
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.motion import Motion
@@ -25,7 +26,7 @@ class JointReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         The quantity.
     """
 
-    joint: str
+    joint: JointName
     value: float
     of: Literal["position", "velocity"] = "position"
 
@@ -57,7 +58,7 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
         In the link's axes, m.
     """
 
-    frame: str
+    frame: LinkName
     value: float
     of: Literal["position", "velocity"] = "position"
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)

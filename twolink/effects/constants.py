@@ -1,7 +1,9 @@
 """Other values of the robot's physical constants."""
 
 from collections.abc import Mapping
+from typing import Annotated
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -25,7 +27,9 @@ class Constants(Effect, frozen=True):
         that is written here also where an earlier payload changed it.
     """
 
-    values: Mapping[str, float]
+    values: Annotated[
+        Mapping[str, float], msgspec.Meta(extra_json_schema={"propertyNames": {"type": "string", "format": "constant"}})
+    ]
 
     def check(self, robot: Robot) -> None:
         """Require names of constants that forward dynamics uses, and masses and armatures that are not negative."""

@@ -2,7 +2,7 @@
 
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import check_name
+from twolink.effects.effect import JointName, check_name
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.errors import SceneError
@@ -21,8 +21,8 @@ class Coupling(Loop, frozen=True):
         rad or m.
     """
 
-    joint: str
-    other: str
+    joint: JointName
+    other: JointName
     ratio: float
     offset: float = 0.0
 

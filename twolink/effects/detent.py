@@ -2,7 +2,7 @@
 
 from twolink.dynamics import Robot
 from twolink.effects.conditions import JointReaches
-from twolink.effects.effect import NotNegative
+from twolink.effects.effect import JointName, NotNegative
 from twolink.effects.joint_checks import check_joint
 from twolink.effects.switching import Catch, Hold, SwitchingEffect, Trigger
 from twolink.errors import SceneError
@@ -34,7 +34,7 @@ class Detent(SwitchingEffect, frozen=True):
     An ideal detent: the width of the notch and the spring's force on its flanks are left out.
     """
 
-    joint: str
+    joint: JointName
     torque: NotNegative
     positions: tuple[float, ...] = (0.0,)
     speed: NotNegative = 0.0

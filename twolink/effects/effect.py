@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 # A number that is not negative, for fields. The bound is for JSON Schema and `field_checks`, which names the field.
 NotNegative = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
+# Names, for fields. The format is for JSON Schema: forms offer the robot's names. Each effect checks its names.
+LinkName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link"})]
+JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]
 
 
 class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=kebab_case):

@@ -39,8 +39,10 @@ def _check(value: Any, kind: Any, field: str, words: tuple[str, ...] = ()) -> No
     origin, arguments = get_origin(kind), get_args(kind)
     if kind is float:
         finite(value, field)
-    elif origin is Annotated:
+    elif origin is Annotated and arguments[0] is float:
         finite(value, field, least=arguments[1].extra_json_schema["minimum"])
+    elif origin is Annotated:  # names of links and joints, which the effect checks
+        _check(value, arguments[0], field)
     elif origin is Literal:
         require_known(value, arguments, SceneError, where=field)
     elif origin is Mapping:

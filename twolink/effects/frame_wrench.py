@@ -5,7 +5,7 @@ from typing import Literal
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.spatial import Vec, add, cross, force_to_parent
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect
+from twolink.effects.effect import Effect, LinkName
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
@@ -32,7 +32,7 @@ class FrameWrench(Effect, frozen=True):
         Where the force acts, in the link's frame, m.
     """
 
-    frame: str
+    frame: LinkName
     force: Three = (0.0, 0.0, 0.0)
     moment: Three = (0.0, 0.0, 0.0)
     axes: Literal["world", "frame"] = "world"

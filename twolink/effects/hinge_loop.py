@@ -3,6 +3,7 @@
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
 from twolink.effects.conditions import across, unit
+from twolink.effects.effect import LinkName
 from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
@@ -21,10 +22,10 @@ class HingeLoop(Loop, frozen=True):
         In the links' axes, m.
     """
 
-    a: str
+    a: LinkName
     axis_a: tuple[float, float, float]
     axis_b: tuple[float, float, float]
-    b: str = GROUND
+    b: LinkName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.effect import Effect, LinkName, NotNegative
 from twolink.effects.frame_checks import check_frame
 from twolink.errors import SceneError
 from twolink.robots.physical_checks import is_impossible
@@ -25,7 +25,7 @@ class Payload(Effect, frozen=True):
         (xx, xy, xz, yy, yz, zz) about the body's centre of mass, along the link's axes, kg m^2; 0 for a point mass.
     """
 
-    frame: str
+    frame: LinkName
     mass: NotNegative
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6

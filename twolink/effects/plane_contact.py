@@ -3,7 +3,7 @@
 from twolink.dynamics import Robot
 from twolink.effects.conditions import unit
 from twolink.effects.contact_law import contact_point
-from twolink.effects.effect import NotNegative
+from twolink.effects.effect import LinkName, NotNegative
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.gaps import Ball, PlaneGap
 from twolink.effects.joint_stops import check_restitution
@@ -39,7 +39,7 @@ class PlaneContact(SwitchingEffect, frozen=True):
         mu, not negative.
     """
 
-    frame: str
+    frame: LinkName
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: NotNegative = 0.0
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)

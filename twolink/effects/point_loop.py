@@ -2,6 +2,7 @@
 
 from twolink.algorithms.spatial import Scalar
 from twolink.dynamics import Robot
+from twolink.effects.effect import LinkName
 from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
@@ -18,8 +19,8 @@ class PointLoop(Loop, frozen=True):
         In the links' axes, m.
     """
 
-    a: str
-    b: str = GROUND
+    a: LinkName
+    b: LinkName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

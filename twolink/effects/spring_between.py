@@ -2,7 +2,7 @@
 
 from twolink.algorithms.spatial import add, dot, plus, reciprocal, scale, times
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, NotNegative, number
+from twolink.effects.effect import Effect, LinkName, NotNegative, number
 from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.motion import Loads, Motion
@@ -39,8 +39,8 @@ class SpringBetween(Effect, frozen=True):
     Haug, Computer Aided Kinematics and Dynamics of Mechanical Systems, 1989: the spring-damper-actuator.
     """
 
-    first: str
-    second: str
+    first: LinkName
+    second: LinkName
     stiffness: NotNegative = 0.0
     rest_length: NotNegative = 0.0
     damping: NotNegative = 0.0

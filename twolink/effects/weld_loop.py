@@ -4,6 +4,7 @@ import pinocchio as pin
 
 from twolink.algorithms.spatial import Scalar, dot
 from twolink.dynamics import Robot
+from twolink.effects.effect import LinkName
 from twolink.effects.frame_checks import apart, check_frame
 from twolink.effects.loop import Loop
 from twolink.effects.motion import GROUND, Motion
@@ -24,8 +25,8 @@ class WeldLoop(Loop, frozen=True):
         The orientation of a in b: roll, pitch, yaw as in URDF, rad.
     """
 
-    a: str
-    b: str = GROUND
+    a: LinkName
+    b: LinkName = GROUND
     point_a: tuple[float, float, float] = (0.0, 0.0, 0.0)
     point_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -1,6 +1,7 @@
 """What a scene file may say: the schema of its tables, and the JSON Schema that editors and clients use."""
 
 import functools
+import inspect
 import operator
 from typing import Annotated, Any, Literal
 
@@ -38,4 +39,22 @@ def scene_schema() -> dict[str, Any]:
     for name in ("Engage", "Release"):
         schema["$defs"][name]["properties"]["of"] = effects
     schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
+    for definition in schema["$defs"].values():
+        _describe_fields(definition)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+def _describe_fields(definition: dict[str, Any]) -> None:
+    """Move the description of each field from the section "Parameters" of a class's docstring to the field."""
+    summary, _, sections = inspect.cleandoc(definition.get("description", "")).partition("\nParameters\n----------\n")
+    lines = sections.partition("\n\n")[0].splitlines()
+    fields: list[str] = []
+    for line in lines:
+        if line.startswith(" "):
+            for field in fields:
+                text = definition["properties"][field].get("description", "")
+                definition["properties"][field]["description"] = f"{text} {line.strip()}".lstrip()
+        else:
+            fields = [name for name in line.partition(" : ")[0].split(", ") if name in definition["properties"]]
+    if lines:
+        definition["description"] = summary.strip()

@@ -5,12 +5,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from twolink.algorithms.mechanism import nominal_values
 from twolink.control.linearization import linearize as linearize_scene
 from twolink.errors import QueryError, SceneError
 from twolink.identification.identify import identify as identify_robot
 from twolink.identification.measurements import measurements_of
+from twolink.integrate.effect_numbers import all_effect_numbers
 from twolink.io.csv_text import parse_csv
-from twolink.service.job_requests import IdentificationRequest, LinearizationRequest, SensitivityRequest
+from twolink.service.job_requests import IdentificationRequest, LinearizationRequest, SceneRequest, SensitivityRequest
 from twolink.service.json_keys import decode_unique
 from twolink.service.robot_tasks import robot_by_id
 from twolink.service.scene_body import scene_of
@@ -19,8 +21,24 @@ from twolink.service.settings import Quotas
 from twolink.service.worker import Report
 from twolink.simulation.records import run_record
 from twolink.simulation.sensitivities import sensitivities
+from twolink.sweeps.quantities import quantities as quantities_of
 
 _NUMBER_BYTES = 20  # of a number as JSON
+_SHOWN = 2000  # samples of residuals in a record
+
+
+def quantities(*, body: bytes, robots: str) -> bytes:
+    """What can be varied in a scene, with the scene's own values, as JSON. body: a SceneRequest."""
+    scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
+    values: dict[str, Any] = {**nominal_values(scene.robot.model), **all_effect_numbers(scene)}
+    rows = []
+    for name, asked in quantities_of(scene).items():
+        if asked.kind in ("q", "v"):
+            part = (scene.q if asked.kind == "q" else scene.v)[list(asked.entries)]
+            values[name] = float(np.arctan2(part[1], part[0]) if len(part) == 2 else part[0])
+        row = {"name": name, "kind": asked.kind, "unit": asked.units, "about": asked.description}
+        rows.append({**row, "value": values.get(name)})
+    return msgspec.json.encode(rows)
 
 
 def linearize(*, body: bytes, robots: str) -> bytes:
@@ -44,7 +62,9 @@ def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
         raise SceneError(what, argument="samples", remedy="ask for fewer samples, or fewer names")
     names = {name: {"q": found.q[name].tolist(), "v": found.v[name].tolist(), "error": found.error[name].tolist()}
              for name in found.q}  # fmt: skip
-    return {"title": scene.title, **run_record(found.run), "t": found.run.t.tolist(), "sensitivities": names}
+    run = found.run
+    samples = {"t": run.t.tolist(), "samples_q": run.q.tolist(), "samples_v": run.v.tolist()}
+    return {"title": scene.title, **run_record(run), **samples, "sensitivities": names}
 
 
 def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
@@ -55,4 +75,7 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     samples = measurements_of(robot, parse_csv(request.data, "data", QueryError), "data")
     found = identify_robot(robot, **samples, parameters=request.parameters, method=request.method,
                            confidence=request.confidence)  # fmt: skip
-    return {"title": f"{robot.name}: identification", **found.to_dict()}
+    kept = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _SHOWN)).round().astype(int))
+    measured = np.asarray(samples["tau"])[np.isin(samples["t"], found.t)]
+    curves = {"t": found.t[kept].tolist(), "residuals": found.residuals[kept].tolist(), "tau": measured[kept].tolist()}
+    return {"title": f"{robot.name}: identification", **found.to_dict(), "curves": curves}

@@ -2,6 +2,7 @@
 
 import asyncio
 import functools
+import gzip
 import hashlib
 from typing import Any
 
@@ -15,7 +16,7 @@ from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
 from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
-from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, body_limit, media_type, too_large
+from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, accepts_gzip, body_limit, media_type, too_large
 from twolink.service.json_keys import decode_unique
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
@@ -28,7 +29,7 @@ _PARAMETERS = ("root", "mimic", "unphysical", "urdf", "gravity", "lock")  # of u
 @get("/v1/robots", tags=["robots"], summary="List robots")
 async def list_robots(service: Shared) -> list[dict[str, Any]]:
     """The robots of the catalogue, whose names are their ids, and those uploaded."""
-    shown = ("id", "name", "origin", "nq", "nv", "mass", "root")
+    shown = ("id", "name", "origin", "nq", "nv", "mass", "root", "source", "lock")
     uploaded = await service.store.run(service.store.robots, shown)
     return [*({"name": name, **_about(name)} for name in catalogue()), *uploaded]
 
@@ -143,17 +144,19 @@ async def _receive(service: Service, key: str, kind: str, options: RobotOptions,
 
 
 @get("/v1/robots/{robot:str}/visuals", tags=["robots"], summary="What a robot looks like")
-async def visuals(service: Shared, robot: FromPath[str]) -> Response[bytes]:
+async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromPath[str]) -> Response[bytes]:
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     await service.robots.require(robot)
     store, limit = service.store, service.settings.quotas.disk_mb * 2**20
-    path = store.visuals(f"{__version__}-{robot}.json")
+    path = store.visuals(f"{__version__}-{robot}.json.gz")
     if robot not in catalogue():
-        path = store.robot_folder(robot) / "visuals.json"
+        path = store.robot_folder(robot) / "visuals.json.gz"
     await service.make(path, "draw", key=robot)
     content = await asyncio.to_thread(path.read_bytes)
     await store.run(store.measure_robot, robot, limit)
-    return Response(content, media_type=MediaType.JSON)
+    if accepts_gzip(request.scope):
+        return Response(content, media_type=MediaType.JSON, headers={"Content-Encoding": "gzip"})
+    return Response(await asyncio.to_thread(gzip.decompress, content), media_type=MediaType.JSON)
 
 
 @delete("/v1/robots/{robot:str}", tags=["robots"], summary="Delete an uploaded robot", status_code=204)

@@ -1,5 +1,6 @@
 """/v1/scenes: list, show, validate and explain."""
 
+import functools
 from typing import Any
 
 from litestar import MediaType, Request, Response, get, post
@@ -30,7 +31,10 @@ async def show_scene(scene: FromPath[str]) -> dict[str, Any]:
 @get("/v1/scene-schema", tags=["scenes"], summary="The JSON Schema of scenes")
 async def schema() -> dict[str, Any]:
     """The schema of scene files, with all effects and their fields."""
-    return scene_schema()
+    return _schema()
+
+
+_schema = functools.cache(scene_schema)
 
 
 @get("/v1/methods", tags=["scenes"], summary="The methods that simulate")
@@ -52,10 +56,19 @@ async def explain(request: Request[Any, Any, Any], service: Shared) -> Response[
     return Response(content, media_type=MediaType.JSON)
 
 
+@post("/v1/scenes/quantities", tags=["scenes"], summary="What can be varied in a scene", status_code=200)
+async def quantities(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
+    """By name: initial states, physical constants, numbers of effects; each with kind, unit and the scene's own value.
+
+    Sensitivities and sweeps take these names.
+    """
+    return Response(await service.read("quantities", body=await request.body()), media_type=MediaType.JSON)
+
+
 @post("/v1/scenes/linearize", tags=["scenes"], summary="A scene's equations near a state", status_code=200)
 async def linearize(request: Request[Any, Any, Any], service: Shared) -> Response[bytes]:
     """dx/dt = A x + B u about the state: A, B, names, the bound on their entries' error, eigenvalues, stability."""
     return Response(await service.read("linearize", body=await request.body()), media_type=MediaType.JSON)
 
 
-HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain, linearize]
+HANDLERS = [list_scenes, show_scene, schema, list_methods, validate, explain, quantities, linearize]

@@ -20,6 +20,7 @@ from twolink.service.http_io import (
     SECURITY,
     Header,
     body_limit,
+    compressed,
     header,
     media_type,
     read_body,
@@ -183,10 +184,13 @@ class Shell:
                 return
             body, more = message.get("body", b""), message.get("more_body", False)
             if start_message is not None:
+                headers = list(start_message["headers"])
+                if not more:
+                    headers, body = await compressed(scope, headers, body)
                 hold().add(len(body))
-                has_policy = any(name == DENY_ALL[0] for name, _ in start_message["headers"])
+                has_policy = any(name == DENY_ALL[0] for name, _ in headers)
                 added = [*SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
-                await send({**start_message, "headers": [*start_message["headers"], *added]})
+                await send({**start_message, "headers": [*headers, *added]})
                 start_message = None
             complete = not more
             await send_body(send, body, more)

@@ -1,5 +1,6 @@
 """Tasks of worker processes about robots: receive an upload, load one that was kept, and draw it."""
 
+import gzip
 import re
 from pathlib import Path
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from twolink.errors import RobotError
 from twolink.io.text import decode
 from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
+from twolink.service.http_io import GZIP_LEVEL
 from twolink.service.robot_cache import RobotCache
 from twolink.service.robot_pickle import write_robot
 from twolink.service.settings import Quotas
@@ -76,10 +78,15 @@ def _load(folder: str) -> Robot:
         raise RobotError(what, argument="source", remedy="GET /v1/robots lists the names")
     if not chosen.source and "<" not in source:  # it would be taken for a name or a path
         raise RobotError("not XML: no element", where="URDF text", remedy="send a URDF")
-    return load_model(
-        Robot, source, root=chosen.root, lock=chosen.lock, gravity=chosen.gravity, mimic=chosen.mimic,
-        unphysical=chosen.unphysical, meshes=None if chosen.source else upload_folders(place / _FILES, chosen.urdf),
-    )  # fmt: skip
+    try:
+        return load_model(
+            Robot, source, root=chosen.root, lock=chosen.lock, gravity=chosen.gravity, mimic=chosen.mimic,
+            unphysical=chosen.unphysical, meshes=None if chosen.source else upload_folders(place / _FILES, chosen.urdf),
+        )  # fmt: skip
+    except RobotError as error:
+        if chosen.urdf in ("", _URDF):
+            raise
+        raise error.at(error.where.replace("URDF text", chosen.urdf)) from None
 
 
 def robot_by_id(key: str, robots: str) -> Robot:
@@ -99,5 +106,5 @@ def load(*, key: str, robots: str) -> bytes:
 
 
 def draw(*, key: str, robots: str, path: str) -> None:
-    """Write what a robot looks like into a file."""
-    Path(path).write_bytes(visuals_of(robot_by_id(key, robots)))
+    """Write what a robot looks like into a file, as JSON by gzip."""
+    Path(path).write_bytes(gzip.compress(visuals_of(robot_by_id(key, robots)), GZIP_LEVEL))

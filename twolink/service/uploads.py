@@ -62,14 +62,16 @@ def _copy(opened: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> Non
 
 def choose_urdf(names: list[str], wanted: str) -> str:
     """The URDF among the files: the one that is named, or the only one."""
-    urdfs = [name for name in names if name.lower().endswith(".urdf")]
+    urdfs = sorted(name for name in names if name.lower().endswith(".urdf"))
     if wanted:
         if wanted not in urdfs:
             raise _refused(f"there is no {wanted[:80]!r} in it", nearest(wanted, urdfs))
         return wanted
     if len(urdfs) != 1:
-        remedy = f"say which: ?urdf={urdfs[0]}" if urdfs else "its name must end in .urdf"
-        raise _refused(f"{len(urdfs)} URDFs are in it, expected one", remedy)
+        if not urdfs:
+            raise _refused("no URDF is in it", "the name of one must end in .urdf")
+        what, remedy = f"{len(urdfs)} URDFs are in it, expected one", f"say which: ?urdf={urdfs[0]}"
+        raise RobotError(what, where="upload", remedy=remedy, code="several-urdfs", urdfs=urdfs)
     return urdfs[0]
 
 

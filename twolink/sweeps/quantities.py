@@ -51,15 +51,20 @@ def quantity(scene: Scene, name: str) -> Quantity:
     SceneError
         The name is unknown; code "unknown-quantity".
     """
-    known = _states(scene) | _others(scene)
+    known = quantities(scene)
     require_known(name, known, SceneError, "there is nothing named {!r} to vary", argument="vary",
                   code="unknown-quantity")  # fmt: skip
     return known[name]
 
 
+def quantities(scene: Scene) -> dict[str, Quantity]:
+    """All that can be varied, by name."""
+    return _states(scene) | _others(scene)
+
+
 def quantity_names(scene: Scene) -> tuple[str, ...]:
     """The names of all that can be varied."""
-    return (*_states(scene), *_others(scene))
+    return tuple(quantities(scene))
 
 
 def _states(scene: Scene) -> dict[str, Quantity]:

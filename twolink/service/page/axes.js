@@ -1,5 +1,8 @@
 // Helpers for axes: round numbers, search in increasing numbers, ranges.
 
+export const LEFT = 58,
+  RIGHT = 12; // px beside the axes of a plot
+
 /** At most about `count` round numbers in [from, to]. */
 export function ticks(from, to, count) {
   const span = to - from;

@@ -23,15 +23,23 @@ export function clearProblem(host) {
   host.replaceChildren();
 }
 
+/** What a check of JSON says, as a person says it. */
+function plainly(text) {
+  return text
+    .replace(/Expected `(?:float|int)` (>=?) ([\d.]+)/, (_, sign, least) => `a number ${sign === ">" ? "above" : "not below"} ${Number(least)} is needed`)
+    .replace(/Expected `(?:float|int)`, got `(\w+)`/, (_, got) => `a number is needed, not ${got}`)
+    .replace(/Expected `(\w+)`, got `(\w+)`/, (_, wanted, got) => `${wanted} is needed, not ${got}`);
+}
+
 /** Show a problem in an element: what is wrong, where, and what to do. */
 export function showProblem(host, problem) {
   if (problem.name === "AbortError") return;
   if (!("remedy" in problem)) console.warn(problem); // a fault of this page, not an answer of the service
-  const what = problem.message || String(problem);
+  const what = plainly(problem.message || String(problem));
   const box = el("div", { className: "problem", role: "alert" }, el("p", { className: "what" }, sentence(what)));
   const where = problem.where && !["scene", "path"].includes(problem.where) ? problem.where : "";
   if (where) box.append(el("p", {}, el("span", { className: "hint" }, "At "), el("code", {}, where)));
-  if (problem.remedy) {
+  if (problem.remedy && !problem.remedy.endsWith("/docs")) {
     box.append(el("p", {}, el("span", { className: "hint" }, "What to do: "), sentence(problem.remedy)));
   }
   host.replaceChildren(box);
@@ -42,6 +50,20 @@ export function sentence(text) {
   const first = text.slice(0, 1);
   const begun = /^[a-z]+\b(?!=)/.test(text) ? first.toUpperCase() + text.slice(1) : text;
   return /[.!?]$/.test(begun) ? begun : `${begun}.`;
+}
+
+/** A table that scrolls where it is wide. rows: texts; those of columns `words` stand left. */
+export function table(caption, heads, rows, words = [0]) {
+  const cell = (text, i) => el("td", { className: words.includes(i) ? "words" : "" }, text);
+  const head = (text, i) => el("th", { scope: "col", className: words.includes(i) ? "words" : "" }, text);
+  const content = el(
+    "table",
+    { className: "numbers" },
+    el("caption", {}, caption),
+    el("thead", {}, el("tr", {}, ...heads.map(head))),
+    el("tbody", {}, ...rows.map(row => el("tr", {}, ...row.map(cell)))),
+  );
+  return el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": caption }, content);
 }
 
 /** 0.00031 -> "310 µs" */

@@ -1,35 +1,50 @@
 // The page: connects the robot, the scene, the run and the view.
 
-import { get, onTokenWanted, post, setToken } from "./api.js";
-import { announce, byId, clearProblem, el, showProblem, wireTabs } from "./dom.js";
-import { Job } from "./jobs.js";
+import { readAddress, writeAddress } from "./address.js";
+import { get, post } from "./api.js";
+import { Comparison } from "./comparison.js";
+import { byId, clearProblem, debounce, el, showProblem, wireTabs } from "./dom.js";
+import { Identify } from "./identify.js";
+import { finished, Job } from "./jobs.js";
+import { Linear } from "./linear.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
 import { Robots } from "./robots.js";
-import { SceneEditor } from "./scene.js";
+import { OWN, SceneEditor } from "./scene.js";
+import { watchService } from "./service.js";
+import { differences } from "./settings.js";
 import { Sliders } from "./sliders.js";
+import { Sensitivity } from "./sensitivity.js";
+import { listSpeeds, speedsOf } from "./speeds.js";
 import { listPast, Study } from "./study.js";
+import { Sweep } from "./sweep.js";
 import { Viewer } from "./viewer/viewer.js";
 import { loadMeshcat } from "./viewer_script.js";
 
 const FIRST = "arm-swing";
 const FRAMES = 600;
-const OWN = "own"; // id of the scene that is in no file
 
 const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
-const robots = new Robots(robot => useRobot(robot));
-const editor = new SceneEditor({ onPick: useScene, onChange: () => {} });
+const robots = new Robots(useRobot);
+const editor = new SceneEditor({ onPick: pickScene, onChange: noteChange, pose: () => ({ q: sliders.q, ...placed }) });
 const sliders = new Sliders(byId("sliders"), (q, joint) => {
   viewer.timeline.unload();
   editor.move(joint.name, sliders.part(joint));
   poseAt(q);
 });
-const results = new Results((t, kind) => {
-  if (kind === "hover" && viewer.timeline.playing) results.cursor(t);
-  else {
-    if (kind !== "hover") viewer.timeline.pause();
-    viewer.seek(t);
-  }
+const results = new Results(
+  (t, kind) => {
+    if (kind === "hover" && viewer.timeline.playing) results.cursor(t);
+    else {
+      if (kind !== "hover") viewer.timeline.pause();
+      viewer.seek(t);
+    }
+  },
+  () => comparison.keep(results.job, robots.robot.joints),
+);
+const comparison = new Comparison(results, () => {
+  remember();
+  showGhost();
 });
 const query = new QueryForm(() => sliders.q);
 const run = new Job(
@@ -42,64 +57,89 @@ const run = new Job(
     problem: byId("run-problem"),
   },
   showRun,
+  job => {
+    running = job.id;
+    remember(true);
+  },
 );
 new Study(() => editor.current());
+const sweep = new Sweep(() => editor.request, runCell);
+const sensitivity = new Sensitivity(() => editor.request);
+new Linear(
+  () => editor.request,
+  () => ({ q: sliders.q, v: speedsOf(robots.robot, editor.v) }),
+);
+new Identify(() => robots.robot);
 
+let running = null; // id of the run that the address names
 let drawn = null; // id of the robot in the 3D view
-let start = []; // q at the scene's start
+let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
+let restoring = false; // the page follows the address, and does not write it
 
 // Picking ---------------------------------------------------------------------------------------------------------
 
-async function useRobot(robot) {
+async function useRobot(robot, changes) {
   turn += 1;
   editor.offer(robots.source, OWN);
-  await arrange(editor.own(robot), robot, OWN);
+  await arrange(editor.own(robot), robot, OWN, changes);
+  remember(true);
 }
 
-/** Show a bundled scene by its id, or a scene that the user wrote. */
-async function useScene(id, written = null) {
+async function pickScene(id, written = null) {
+  await useScene(id, written);
+  remember(true);
+}
+
+/** Show a bundled scene by its id, or a scene that the user wrote; changes: see SceneEditor. */
+async function useScene(id, written = null, changes = {}) {
   const thisTurn = ++turn;
   const problem = byId("scene-problem");
   clearProblem(problem);
   try {
     if (id === OWN) {
-      await arrange(editor.own(robots.robot), robots.robot, OWN);
+      await arrange(editor.own(robots.robot), robots.robot, OWN, changes);
       return;
     }
     const content = written ?? (await get(`/v1/scenes/${encodeURIComponent(id)}`));
-    const checked = written === null ? null : await post("/v1/scenes/validate", { scene: content });
+    if (written !== null) await post("/v1/scenes/validate", { scene: content });
     const robot = await robots.ofScene(content.robot);
     if (robot === null || thisTurn !== turn) return;
     editor.offer(robots.source, id ?? OWN);
-    await arrange(content, robot, id ?? OWN, checked);
+    const base = id === null ? editor.own(robot) : content;
+    await arrange(base, robot, id ?? OWN, id === null ? { ...content, ...changes } : changes);
   } catch (failure) {
     if (thisTurn === turn) showProblem(problem, failure);
   }
 }
 
-async function arrange(content, robot, id, checked = null) {
+async function arrange(content, robot, id, changes = {}) {
+  running = null;
   viewer.stop();
   results.clear();
-  editor.set(content, robot, id);
-  history.replaceState(
-    null,
-    "",
-    id === OWN ? `#robot=${encodeURIComponent(robot.id)}` : `#scene=${encodeURIComponent(id)}`,
-  );
+  comparison.clear();
+  editor.set(content, robot, id, changes);
+  sliders.set(robot, robot.neutral);
+  query.set(robot);
+  await showStart();
+  await draw(robot);
+}
+
+/** Show the start of the scene: sliders, velocities and the robot. */
+async function showStart() {
+  const { robot } = robots;
   let q = robot.neutral;
   try {
-    q = (checked ?? (await post("/v1/scenes/validate", { scene: editor.current() }))).q;
+    q = (await post("/v1/scenes/validate", { scene: editor.current() })).q;
   } catch {
     /* explain says what is wrong with it */
   }
-  start = q;
   sliders.set(robot, q);
-  query.set(robot);
-  await draw(robot, q);
+  listSpeeds(byId("speeds"), robot, editor.v, (joint, value) => editor.push(joint, value));
+  await poseAt(q);
 }
 
-async function draw(robot, q) {
+async function draw(robot) {
   try {
     if (drawn !== robot.id) {
       viewer.note.textContent = "Drawing…";
@@ -107,52 +147,110 @@ async function draw(robot, q) {
       if (robots.robot.id !== robot.id) return;
       viewer.load(visuals);
       drawn = robot.id;
+      await poseAt(sliders.q);
     }
-    await poseAt(q);
     viewer.fit();
   } catch (failure) {
     viewer.note.textContent = `It cannot be drawn: ${failure.message}`;
   }
 }
 
+// The address -------------------------------------------------------------------------------------------------------
+
+/** Write what is shown into the address; step: a new one in the browser's history. */
+function remember(step = false) {
+  if (restoring || !robots.robot) return;
+  const scene = editor.id === OWN ? null : editor.id;
+  const { changes } = editor;
+  writeAddress({ robot: robots.robot.id, scene, changes, run: running, compared: comparison.ids }, step);
+  document.title = `${editor.current().title || robots.robot.name} · twolink`;
+}
+
+function noteChange() {
+  if (results.job) results.outdated(differences(editor.request, results.job.request));
+  relearn();
+  remember();
+}
+
+/** Show what the address says. */
+async function restore() {
+  const { robot, scene, changes, run: id, compared } = readAddress();
+  restoring = true;
+  try {
+    const job = id ? await finished(id).catch(() => null) : null;
+    if (scene) await useScene(scene, null, changes ?? {});
+    else if (robot) await robots.pick(robot, changes ?? {});
+    else if (job) await useScene(null, job.request.scene, {});
+    else await useScene(FIRST);
+    const failed = byId("scene-problem").firstChild ?? byId("robot-problem").firstChild;
+    if (!robots.robot) {
+      await useScene(FIRST);
+      if (failed) byId("robot-problem").replaceChildren(failed);
+    }
+    if (job) await showAgain(job);
+    else if (id) byId("run-status").textContent = "The run of this address is not kept here. Press Run.";
+    for (const other of await Promise.all(compared.map(each => finished(each).catch(() => null)))) {
+      if (other?.state === "done") await comparison.keep(other, robots.robot.joints);
+    }
+  } finally {
+    restoring = false;
+  }
+  remember();
+}
+
+/** Show a run that was asked for earlier, or wait for it. */
+async function showAgain(job) {
+  runRobot = robots.robot.id;
+  running = job.id;
+  if (job.state === "done") await showRun(job);
+  else if (["queued", "running"].includes(job.state)) run.follow(job);
+  else byId("run-status").textContent = `The run of this address was ${job.state}. Press Run.`;
+}
+
+addEventListener("popstate", () => restore());
+
 // The 3D robot ----------------------------------------------------------------------------------------------------
 
 let nextQ = null,
-  asking = false;
+  posing = null;
 
 /** Pose the robot at q. While a request is under way only the newest q waits. */
-async function poseAt(q) {
+function poseAt(q) {
   nextQ = [...q];
-  if (asking) return;
-  asking = true;
+  posing ??= posedAll().finally(() => {
+    posing = null;
+  });
+  return posing;
+}
+
+async function posedAll() {
   try {
     while (nextQ) {
       const [id, sentQ] = [robots.robot.id, nextQ];
       nextQ = null;
       const { frames, poses } = await post(`/v1/robots/${encodeURIComponent(id)}/kinematics`, { q: sentQ });
-      if (id === robots.robot.id && !viewer.timeline.playing) viewer.pose(frames, poses);
+      if (id !== robots.robot.id) continue;
+      placed = { frames, poses };
+      if (!viewer.timeline.playing) viewer.pose(frames, poses);
     }
   } catch (failure) {
     viewer.note.textContent = failure.message;
-  } finally {
-    asking = false;
   }
 }
 
-byId("sliders-reset").addEventListener("click", () => {
-  sliders.set(robots.robot, start);
-  for (const name of Object.keys(editor.q)) if (!(name in (editor.base.q ?? {}))) delete editor.q[name];
-  Object.assign(editor.q, editor.base.q);
+byId("start-reset").addEventListener("click", async () => {
+  editor.q = { ...(editor.base.q ?? {}) };
+  editor.v = { ...(editor.base.v ?? {}) };
   editor.changed(false);
   viewer.timeline.unload();
-  poseAt(start);
+  await showStart();
 });
 
 // Running ---------------------------------------------------------------------------------------------------------
 
 byId("run-button").addEventListener("click", () => {
   runRobot = robots.robot.id;
-  run.run({ scene: editor.current(), accuracy: editor.accuracy, ...editor.how });
+  run.run(editor.request);
 });
 
 /** When the accuracy cannot be kept, offer the run that can: a shorter one, or one in higher precision. */
@@ -187,77 +285,83 @@ async function showRun(job) {
   }
   const loaded = await get(`/v1/simulations/${job.id}/motion?frames=${FRAMES}`);
   await results.show(job, robots.robot.joints);
-  viewer.play({ ...loaded, events: results.moments });
+  results.outdated(differences(editor.request, job.request));
+  comparison.refresh();
+  viewer.play({ ...loaded, events: results.events });
+  await showGhost();
   if (matchMedia("(max-width: 899px)").matches) byId("results-title").scrollIntoView({ block: "start" });
 }
 
+/** Lay the run that was kept last over the one shown. */
+async function showGhost() {
+  const other = comparison.kept.findLast(({ job }) => job.id !== results.job?.id);
+  if (!other || !results.job) {
+    viewer.uncompare();
+    return;
+  }
+  other.motion ??= await get(`/v1/simulations/${other.job.id}/motion?frames=${FRAMES}`);
+  viewer.compare(other.motion, null, "the run kept to compare");
+}
+
+/** Set the controls as they were for the run that is shown. */
+byId("stale-back").addEventListener("click", () => openPast(results.job));
+
+/** Set the controls to a request for a run. */
+async function useRequest({ scene, accuracy, method = "auto", precision = "double" }) {
+  const exponent = Math.round(-Math.log10(accuracy));
+  await useScene(null, scene, { accuracy: String(exponent), method, precision });
+}
+
+/** Show one run of a sweep. */
+async function runCell(request) {
+  await useRequest(request);
+  remember(true);
+  byId("run-button").click();
+  byId("results-title").scrollIntoView({ block: "start" });
+}
+
 async function openPast(job) {
-  const { scene } = job.request;
-  await useScene(typeof scene === "string" ? scene : null, typeof scene === "string" ? null : scene);
-  runRobot = robots.robot.id;
-  await showRun(job);
+  const compared = comparison.kept;
+  await useRequest(job.request);
+  comparison.kept = compared.filter(each => each.job.result.robot === job.result.robot);
+  await showAgain(job);
+  remember(true);
   byId("results-title").scrollIntoView({ block: "start" });
 }
 
 wireTabs(document.querySelector("[role=tablist]"), id => {
-  if (id === "tab-past") listPast(openPast);
+  if (["tab-sense", "tab-sweep"].includes(id)) learnQuantities();
+  if (id === "tab-past") listPast(openPast, job => comparison.keep(job, robots.robot.joints), () => robots.robot);
 });
 
-// The service: ask for a token when it needs one, and say when it is gone --------------------------------------------------
+const relearn = debounce(() => {
+  if (!byId("panel-sense").hidden || !byId("panel-sweep").hidden) learnQuantities();
+}, 400);
 
-onTokenWanted(
-  () =>
-    new Promise(done => {
-      const dialog = byId("token-dialog");
-      byId("token").value = "";
-      byId("token-button").hidden = false;
-      dialog.addEventListener("close", () => done(dialog.returnValue === "ok" ? byId("token").value.trim() : null), {
-        once: true,
-      });
-      dialog.returnValue = "cancel";
-      dialog.showModal();
-    }),
-);
-byId("token-button").addEventListener("click", () => {
-  setToken("");
-  location.reload();
-});
-
-let watching = false;
-addEventListener("service-gone", async () => {
-  if (watching) return;
-  watching = true;
-  const banner = byId("banner");
-  banner.textContent =
-    "The service does not answer. Is “twolink serve” still running? What is shown here stays; this page goes on when it is back.";
-  banner.hidden = false;
-  for (;;) {
-    await new Promise(wait => setTimeout(wait, 2000));
-    try {
-      if ((await fetch("/health")).ok) break;
-    } catch {
-      /* not yet */
-    }
+/** What can be varied in the scene, for the panels that offer it. */
+async function learnQuantities() {
+  try {
+    const rows = await post("/v1/scenes/quantities", { scene: editor.current() });
+    sensitivity.set(rows, robots.robot);
+    sweep.set(rows);
+  } catch (failure) {
+    showProblem(byId("scene-problem"), failure);
   }
-  watching = false;
-  banner.hidden = true;
-  announce("The service answers again.");
-  if (robots.robot) editor.refresh();
-  else begin();
-});
+}
 
 async function begin() {
   try {
     await Promise.all([robots.list(), editor.list()]);
-    const address = new URLSearchParams(location.hash.slice(1));
-    if (address.get("robot")) await robots.pick(address.get("robot"));
-    else await useScene(address.get("scene") ?? FIRST);
-    if (!robots.robot) await useScene(FIRST);
+    await restore();
   } catch (failure) {
     showProblem(byId("robot-problem"), failure);
   }
 }
 
+watchService(() => {
+  if (robots.robot) editor.refresh();
+  else begin();
+});
 await loadMeshcat();
 viewer.start();
 await begin();

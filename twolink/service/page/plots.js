@@ -1,35 +1,36 @@
 // Curves over time on a canvas: zoom, cursor, legend, events. A plot does not know where its numbers come from.
 
-import { locate, range, tickText, ticks } from "./axes.js";
+import { LEFT, locate, range, RIGHT, tickText, ticks } from "./axes.js";
 import { el, short } from "./dom.js";
+import { wirePointing } from "./pointing.js";
 
 const LIGHT = ["#1f6fb2", "#d9730d", "#2a8a57", "#b8427a", "#6b56c0", "#8a6d1c", "#2b93a1", "#7a7f87"];
 const DARK = ["#62b0f0", "#f59e4c", "#5fc98f", "#ec7fb2", "#a798f5", "#d6b656", "#5ecbd9", "#a3aab3"];
 const DASHES = [[], [6, 3], [2, 3]];
-const MOST_SHOWN = 8; // curves at first; the others wait in the legend
-const LEFT = 58,
-  RIGHT = 12,
-  TOP = 8,
+const OTHERS = [[7, 4], [2, 3], [9, 3, 2, 3]]; // dashes of the curves of other runs
+const TOP = 8,
   BOTTOM = 22,
   HEIGHT = 190; // px
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
 
 export class Plot {
-  /** options: title, unit, log. onZoom(from, to) or onZoom(null), onPoint(t, kind): "hover", "click" or "key". */
-  constructor(host, { title, unit, log = false, onZoom, onPoint }) {
-    Object.assign(this, { title, unit, log, onZoom, onPoint });
+  /** options: title, unit, log; across: the unit of the horizontal axis. onZoom(from, to) or onZoom(null), onPoint(t, kind): "hover", "click" or "key". */
+  constructor(host, { title, unit, log = false, across = "s", onZoom, onPoint }) {
+    Object.assign(this, { title, unit, log, across, onZoom, onPoint });
     this.hidden = new Set();
     this.cursor = null;
     this.canvas = el("canvas", { tabIndex: 0, role: "img", "aria-describedby": "plots-help" });
     this.legend = el("ul", { className: "legend", "aria-label": `Curves of ${title}` });
     this.offset = el("span", { className: "hint" });
+    this.caption = el("span", { className: "hint" });
     const caption = el(
       "figcaption",
       {},
       el("b", {}, title),
       el("span", { className: "hint" }, ` ${unit}`),
       this.offset,
+      this.caption,
     );
     host.append(el("figure", { className: "plot" }, caption, this.canvas, this.legend));
     new ResizeObserver(() => this.draw()).observe(this.canvas);
@@ -37,21 +38,30 @@ export class Plot {
       this.#names();
       this.draw();
     });
-    this.#pointer();
-    this.canvas.addEventListener("keydown", event => this.#key(event));
+    wirePointing(this);
   }
 
-  /** t: increasing numbers; series: [{name, values}]; marks: [{t, text}]. */
-  setData(t, series, marks = []) {
-    Object.assign(this, { t, series, marks });
+  /** t: increasing numbers; series: [{name, values, colour, band}], band: [low, high] values, which are filled.
+   *
+   * marks: [{t, text}]. others: curves of other runs, [{t, series}]. */
+  setData(t, series, marks = [], others = []) {
+    Object.assign(this, { t, series, marks, others });
     this.from = t[0];
     this.to = t[t.length - 1];
-    this.hidden = new Set(series.slice(MOST_SHOWN).map(line => line.name));
+    this.hidden = new Set();
     const spans = series.slice(0, 6).map(line => {
       const [low, high] = range(line.values);
       return `${line.name} from ${short(low)} to ${short(high)}`;
     });
     this.canvas.setAttribute("aria-label", `${this.title} over time: ${spans.join("; ")}`);
+    this.#names();
+    this.draw();
+  }
+
+  /** Show the curves that fit, and offer no others. */
+  show(fits) {
+    this.hidden = new Set(this.series.filter(line => !fits(line)).map(line => line.name));
+    this.offered = this.series.filter(fits);
     this.#names();
     this.draw();
   }
@@ -74,18 +84,22 @@ export class Plot {
     return a + part * (b - a);
   }
 
-  #colour(i) {
-    return (dark.matches ? DARK : LIGHT)[i % LIGHT.length];
+  #colour(line) {
+    return (dark.matches ? DARK : LIGHT)[(line.colour ?? this.series.indexOf(line)) % LIGHT.length];
+  }
+
+  #dash(line) {
+    return DASHES[Math.floor((line.colour ?? this.series.indexOf(line)) / LIGHT.length) % DASHES.length];
   }
 
   #names() {
     if (!this.series) return;
-    this.values = [];
-    const entries = this.series.map((line, i) => {
+    this.values = new Map();
+    const entries = (this.offered ?? this.series).map(line => {
       const swatch = el("span", { className: "swatch" });
-      swatch.style.background = this.#colour(i);
+      swatch.style.background = this.#colour(line);
       const value = el("span", { className: "value" });
-      this.values.push(value);
+      this.values.set(line, value);
       const toggle = el(
         "button",
         {
@@ -118,6 +132,20 @@ export class Plot {
       const [lowest, highest] = range(line.values, begin, end, this.log);
       low = Math.min(low, lowest);
       high = Math.max(high, highest);
+      for (const edge of line.band ?? []) {
+        const [below, above] = range(edge, begin, end, this.log);
+        low = Math.min(low, below);
+        high = Math.max(high, above);
+      }
+    }
+    for (const { t, series } of this.others) {
+      const [first, last] = [locate(t, this.from)[0], Math.min(locate(t, this.to)[0] + 2, t.length)];
+      for (const line of series) {
+        if (this.hidden.has(line.name) || !this.series.some(each => each.name === line.name)) continue;
+        const [below, above] = range(line.values, first, last, this.log);
+        low = Math.min(low, below);
+        high = Math.max(high, above);
+      }
     }
     if (!(low <= high)) return this.log ? [-16, 0] : [-1, 1];
     if (this.log)
@@ -170,9 +198,10 @@ export class Plot {
     c.textBaseline = "top";
     const columns = ticks(this.from, this.to, Math.max(2, Math.floor((right - LEFT) / 70)));
     const gap = columns.length > 1 ? columns[1] - columns[0] : 1;
+    this.caption.textContent = this.across === "s" ? "" : ` over ${this.across}`;
     for (const column of columns) {
       c.fillText(
-        `${tickText(column, gap)}${column === columns.at(-1) ? " s" : ""}`,
+        `${tickText(column, gap)}${this.across === "s" && column === columns.at(-1) ? " s" : ""}`,
         Math.min(this.x(column), right - 8),
         bottom + 6,
       );
@@ -192,23 +221,44 @@ export class Plot {
     c.lineJoin = "round";
     const begin = Math.max(0, locate(this.t, this.from)[0]),
       end = Math.min(locate(this.t, this.to)[0] + 2, this.t.length);
-    this.series.forEach((line, i) => {
-      if (this.hidden.has(line.name)) return;
-      c.strokeStyle = this.#colour(i);
-      c.setLineDash(DASHES[Math.floor(i / LIGHT.length) % DASHES.length]);
-      c.beginPath();
-      for (let k = begin, down = false; k < end; k++) {
-        const value = this.log ? Math.log10(line.values[k]) : line.values[k];
-        if (!Number.isFinite(value)) {
-          down = false;
-          continue;
-        }
-        if (down) c.lineTo(this.x(this.t[k]), y(value));
-        else c.moveTo(this.x(this.t[k]), y(value));
-        down = true;
+    const path = (times, values, from = 0, to = values.length) => {
+      let down = false;
+      for (let k = from; k < to; k++) {
+        const value = this.log ? Math.log10(values[k]) : values[k];
+        if (Number.isFinite(value)) c[down ? "lineTo" : "moveTo"](this.x(times[k]), y(value));
+        down = Number.isFinite(value);
       }
-      c.stroke();
+    };
+    const shown = this.series.filter(line => !this.hidden.has(line.name));
+    for (const line of shown.filter(line => line.band)) {
+      const [below, above] = line.band;
+      c.globalAlpha = 0.25;
+      c.fillStyle = this.#colour(line);
+      c.beginPath();
+      for (let k = begin; k < end; k++) c.lineTo(this.x(this.t[k]), y(above[k]));
+      for (let k = end - 1; k >= begin; k--) c.lineTo(this.x(this.t[k]), y(below[k]));
+      c.fill();
+    }
+    c.globalAlpha = 0.7;
+    this.others.forEach(({ t, series }, i) => {
+      for (const line of shown) {
+        const other = series.find(each => each.name === line.name);
+        if (!other) continue;
+        c.strokeStyle = this.#colour(line);
+        c.setLineDash(OTHERS[i % OTHERS.length]);
+        c.beginPath();
+        path(t, other.values);
+        c.stroke();
+      }
     });
+    c.globalAlpha = 1;
+    for (const line of shown) {
+      c.strokeStyle = this.#colour(line);
+      c.setLineDash(this.#dash(line));
+      c.beginPath();
+      path(this.t, line.values, begin, end);
+      c.stroke();
+    }
     c.setLineDash([]);
     if (this.drag) {
       c.fillStyle = colour("--select");
@@ -218,75 +268,19 @@ export class Plot {
       c.strokeStyle = c.fillStyle = colour("--text");
       c.lineWidth = 1;
       stroke(c, Math.round(this.x(this.cursor)) + 0.5, TOP, Math.round(this.x(this.cursor)) + 0.5, bottom);
-      this.series.forEach((line, i) => {
+      for (const line of shown) {
         const value = this.value(line, this.cursor);
-        if (this.hidden.has(line.name) || !Number.isFinite(value)) return;
-        c.fillStyle = this.#colour(i);
+        if (!Number.isFinite(value)) continue;
+        c.fillStyle = this.#colour(line);
         c.beginPath();
         c.arc(this.x(this.cursor), y(this.log ? Math.log10(value) : value), 3, 0, 7);
         c.fill();
-      });
+      }
     }
     c.restore();
-    this.series.forEach((line, i) => {
-      this.values[i].textContent = this.cursor === null ? "" : short(this.value(line, this.cursor), 4);
-    });
-  }
-
-  #time(event) {
-    const inside = event.clientX - this.canvas.getBoundingClientRect().left;
-    const at = Math.min(Math.max(inside, LEFT), this.canvas.clientWidth - RIGHT);
-    return [at, this.from + ((at - LEFT) / (this.canvas.clientWidth - RIGHT - LEFT)) * (this.to - this.from)];
-  }
-
-  #pointer() {
-    let start = null;
-    const canvas = this.canvas;
-    canvas.addEventListener("pointerdown", event => {
-      if (event.button !== 0 || !this.t) return;
-      start = this.#time(event);
-      canvas.setPointerCapture(event.pointerId);
-    });
-    canvas.addEventListener("pointermove", event => {
-      if (!this.t) return;
-      const [at, t] = this.#time(event);
-      if (start && Math.abs(at - start[0]) > 4) {
-        this.drag = [start[0], at];
-        this.draw();
-      } else if (!start) this.onPoint(t, "hover");
-    });
-    canvas.addEventListener("pointerup", event => {
-      if (!start) return;
-      const [, t] = this.#time(event),
-        from = start[1],
-        dragged = this.drag;
-      start = this.drag = null;
-      if (dragged && Math.abs(t - from) > 0) this.onZoom(Math.min(t, from), Math.max(t, from));
-      else this.onPoint(t, "click");
-    });
-    canvas.addEventListener("pointercancel", () => {
-      start = this.drag = null;
-      this.draw();
-    });
-    canvas.addEventListener("dblclick", () => this.onZoom(null));
-  }
-
-  #key(event) {
-    if (!this.t || event.ctrlKey || event.metaKey || event.altKey) return;
-    const at = this.cursor ?? this.from,
-      span = this.to - this.from;
-    const moved = { ArrowLeft: at - span / 50, ArrowRight: at + span / 50, Home: this.t[0], End: this.t.at(-1) }[
-      event.key
-    ];
-    const zoom = { "+": 0.5, "=": 0.5, "-": 2 }[event.key];
-    if (moved !== undefined) this.onPoint(Math.min(Math.max(moved, this.t[0]), this.t.at(-1)), "key");
-    else if (zoom) {
-      const from = Math.max(this.t[0], at - (at - this.from) * zoom),
-        to = Math.min(this.t.at(-1), at + (this.to - at) * zoom);
-      this.onZoom(from, to);
-    } else if (event.key === "0" || event.key === "Escape") this.onZoom(null);
-    else return;
-    event.preventDefault();
+    for (const [line, value] of this.values) {
+      value.textContent = this.cursor === null ? "" : short(this.value(line, this.cursor), 4);
+    }
   }
 }
 

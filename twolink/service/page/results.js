@@ -1,16 +1,12 @@
-// The results of a run: a summary, four plots with one time axis, events, downloads.
+// The results of a run: a summary, plots with one time axis, events, downloads; and runs kept to compare with.
 
-import { download, get } from "./api.js";
+import { download } from "./api.js";
+import { locate } from "./axes.js";
+import { CurveChoice } from "./curves.js";
 import { announce, byId, count, el, seconds, short, showProblem } from "./dom.js";
 import { Plot } from "./plots.js";
+import { byMotion, samplesOf, unitOf } from "./samples.js";
 
-const KINDS = [
-  { title: "q", unit: "rad, m", prefix: "q." },
-  { title: "v", unit: "rad/s, m/s", prefix: "v." },
-  { title: "Energy", unit: "J", prefix: "energy" },
-  { title: "Error bar", unit: "of q, rad or m", prefix: "error", log: true },
-];
-const POINTS = 2000;
 const FILES = [
   ["csv", "CSV"],
   ["parquet", "Parquet"],
@@ -18,41 +14,76 @@ const FILES = [
 ];
 
 export class Results {
-  /** onPoint(t, kind) is called when the user points at a time in a plot. */
-  constructor(onPoint) {
-    this.onPoint = onPoint;
+  /** onPoint(t, kind) is called when the user points at a time in a plot. onKeep(): the run shown is to be kept. */
+  constructor(onPoint, onKeep) {
+    Object.assign(this, { onPoint, onKeep });
     this.plots = [];
+    this.kept = [];
+    this.choice = new CurveChoice(byId("curves"), () => this.#showChosen());
   }
 
   clear() {
     byId("empty").hidden = false;
     byId("result").hidden = true;
-    this.job = null;
+    this.job = this.samples = null;
+    this.outdated([]);
   }
 
   /** Fetch and show the curves of a finished simulation. */
   async show(job, joints) {
-    const { columns } = await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`);
-    this.job = job;
+    const samples = await samplesOf(job, joints);
+    Object.assign(this, { job, joints, samples });
     byId("empty").hidden = true;
     byId("result").hidden = false;
-    const events = job.result.events.map(event => ({ t: event.t, text: wordsOf(event) }));
+    this.outdated([]);
+    this.events = job.result.events.map(event => ({ t: event.t, text: wordsOf(event) }));
     this.#summary(job.result);
-    this.moments = events;
-    this.#draw(renamed(columns, joints), events);
-    this.#events(events);
+    this.choice.set(byMotion(samples));
+    this.#draw();
+    this.#events(this.events);
     this.#downloads(job);
-    const { error } = job.result;
-    announce(`The run is done${error === null ? "" : `: error ${job.result.bound === "estimated" ? "about" : "at most"} ${short(error, 2)}`}. The robot plays.`);
+    const { error, bound } = job.result;
+    const kind = bound === "estimated" ? "about" : "at most";
+    announce(`The run is done${error === null ? "" : `: error ${kind} ${short(error, 2)}`}. The robot plays.`);
+  }
+
+  /** Say that the curves are not those of the settings. words: what differs; none: they are. */
+  outdated(words) {
+    byId("stale").hidden = !words.length;
+    byId("stale-what").textContent = words.join(", ");
+    byId("result").classList.toggle("stale", words.length > 0);
+  }
+
+  /** Draw the curves of other runs too: [{name, samples}]. */
+  compare(kept) {
+    this.kept = kept;
+    if (this.samples) this.#draw();
+  }
+
+  /** The largest difference of q between the run shown and another, while both last. */
+  distance(samples) {
+    let most = 0;
+    for (const line of [...this.samples.q, ...this.samples.turn]) {
+      const other = [...samples.q, ...samples.turn].find(each => each.name === line.name);
+      if (!other) continue;
+      this.samples.t.forEach((t, k) => {
+        if (t > samples.t.at(-1)) return;
+        const [i, part] = locate(samples.t, t);
+        const [a, b] = [other.values[i], other.values[Math.min(i + 1, other.values.length - 1)]];
+        most = Math.max(most, Math.abs(line.values[k] - (a + part * (b - a))));
+      });
+    }
+    return most;
   }
 
   #summary(result) {
     const { cost, error } = result;
+    const unit = unitOf(this.joints).replace(", ", " or ");
     const missed = result.trusted_until < result.duration * (1 - 1e-9);
     const facts = [
       [
-        "Error",
-        error === null ? "not estimated" : result.bound === "estimated" ? `about ${short(error, 2)}` : `≤ ${short(error, 2)}`,
+        "Error of q",
+        error === null ? "not estimated" : `${result.bound === "estimated" ? "about" : "≤"} ${short(error, 2)} ${unit}`,
         error !== null && error > result.accuracy ? "bad" : "good",
       ],
       ["Trusted", missed ? `until ${short(result.trusted_until)} s` : "to the end", missed ? "bad" : ""],
@@ -73,35 +104,38 @@ export class Results {
     byId("results-title").textContent = result.title || "Motion";
   }
 
-  #draw(columns, events) {
+  #draw() {
     byId("plots").replaceChildren();
-    this.plots = [];
-    for (const kind of KINDS) {
-      const names = Object.keys(columns).filter(
-        name => name === kind.prefix || (kind.prefix.endsWith(".") && name.startsWith(kind.prefix)),
-      );
-      if (!names.length) continue;
-      const plot = new Plot(byId("plots"), {
-        ...kind,
-        onZoom: (from, to) => this.zoom(from, to),
-        onPoint: (t, how) => {
-          this.onPoint(t, how);
-          if (how === "key")
-            announce(
-              plot.series
-                .slice(0, 4)
-                .map(line => `${line.name} ${short(plot.value(line, t), 3)}`)
-                .join(", ") + ` at ${short(t)} s`,
-            );
-        },
-      });
-      const series = names.map(name => ({
-        name: name === kind.prefix ? kind.title.toLowerCase() : name.slice(2),
-        values: columns[name],
-      }));
-      plot.setData(columns.t, series, events);
-      this.plots.push(plot);
-    }
+    const kinds = [
+      { key: "q", title: "q", unit: unitOf(this.joints) },
+      { key: "turn", title: "Orientation", unit: "cos, sin, quaternion" },
+      { key: "v", title: "v", unit: unitOf(this.joints, "/s") },
+      { key: "energy", title: "Energy", unit: "J" },
+      { key: "error", title: "Error bar", unit: `of q, ${unitOf(this.joints).replace(", ", " or ")}`, log: true },
+    ];
+    this.plots = kinds.filter(kind => this.samples[kind.key].length).map(kind => this.#plot(kind));
+    this.#showChosen();
+  }
+
+  #plot(kind) {
+    const plot = new Plot(byId("plots"), {
+      ...kind,
+      onZoom: (from, to) => this.zoom(from, to),
+      onPoint: (t, how) => {
+        this.onPoint(t, how);
+        if (how !== "key") return;
+        const shown = plot.series.filter(line => !plot.hidden.has(line.name)).slice(0, 4);
+        const values = shown.map(line => `${line.name} ${short(plot.value(line, t), 3)}`);
+        announce(`${values.join(", ")} at ${short(t)} s`);
+      },
+    });
+    const others = this.kept.map(({ samples }) => ({ t: samples.t, series: samples[kind.key] }));
+    plot.setData(this.samples.t, this.samples[kind.key], this.events, others);
+    return plot;
+  }
+
+  #showChosen() {
+    for (const plot of this.plots) plot.show(line => line.joint === null || this.choice.shown.has(line.joint));
   }
 
   zoom(from, to) {
@@ -156,6 +190,7 @@ export class Results {
       );
     const name = `${job.result.robot}-${job.id.slice(-6)}`;
     byId("downloads").replaceChildren(
+      el("button", { type: "button", id: "keep", onclick: () => this.onKeep() }, "Keep to compare"),
       el("span", { className: "hint" }, "Download "),
       ...FILES.map(([format, text]) => button(text, `${path}/result?format=${format}`, `${name}.${format}`)),
       button("Figure", `${path}/figure?format=svg`, `${name}.svg`),
@@ -164,29 +199,7 @@ export class Results {
   }
 }
 
-const PARTS = {
-  "q free-flyer": ["x", "y", "z", "qx", "qy", "qz", "qw"],
-  "v free-flyer": ["vx", "vy", "vz", "ωx", "ωy", "ωz"],
-  "q quaternion": ["qx", "qy", "qz", "qw"],
-  "v quaternion": ["ωx", "ωy", "ωz"],
-  "q planar": ["x", "y", "cos", "sin"],
-  "v planar": ["vx", "vy", "ω"],
-  "q cos-sin": ["cos", "sin"],
-};
-
-/** The columns under names that say what the parts of q and v are: q.base.0 -> q.base x. */
-function renamed(columns, joints) {
-  const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
-  return Object.fromEntries(
-    Object.entries(columns).map(([name, values]) => {
-      const match = /^([qv])\.(.*)\.(\d+)$/.exec(name);
-      const part = match && PARTS[`${match[1]} ${layouts.get(match[2])}`]?.[Number(match[3])];
-      return [part ? `${match[1]}.${match[2]} ${part}` : name, values];
-    }),
-  );
-}
-
-/** An event in a line: {kind, what, detail, energy} -> "impact ball: with the floor, 0.3 J lost" */
+/** An event in a line: {kind, what, detail, energy} -> "impact: ball, at 2 m/s, 0.3 J lost" */
 function wordsOf({ kind, what, detail, energy }) {
-  return `${kind} ${what}${detail && `: ${detail}`}${energy ? `, ${short(energy, 6)} J lost` : ""}`;
+  return `${kind}: ${what}${detail && `, ${detail}`}${energy ? `, ${short(energy, 6)} J lost` : ""}`;
 }

@@ -2,6 +2,7 @@
 
 import { get, post, request } from "./api.js";
 import { announce, byId, clearProblem, count, el, short, showProblem } from "./dom.js";
+import { searchable } from "./search.js";
 
 const TITLES = {
   read: ["Read", "what the file says"],
@@ -11,7 +12,7 @@ const TITLES = {
 };
 
 export class Robots {
-  /** onRobot(robot) is called when the user has picked or uploaded another. */
+  /** onRobot(robot, changes) is called when another was picked or uploaded; changes: those given to `pick`. */
   constructor(onRobot) {
     this.onRobot = onRobot;
     this.visuals = new Map();
@@ -19,6 +20,7 @@ export class Robots {
     this.turn = 0;
     this.select = byId("robot-select");
     this.select.addEventListener("change", () => this.pick(this.select.value));
+    this.searched = searchable(this.select, byId("robot-search"));
     byId("file").addEventListener("change", event => {
       if (event.target.files.length) this.upload(event.target.files[0]);
       event.target.value = "";
@@ -42,13 +44,7 @@ export class Robots {
       el(
         "optgroup",
         { label },
-        ...members.map(robot => {
-          const about =
-            robot.origin === "uploaded"
-              ? ` (${[robot.root === "free" ? "free" : "", robot.id.slice(0, 6)].filter(Boolean).join(", ")})`
-              : "";
-          return el("option", { value: robot.id }, robot.name + about);
-        }),
+        ...members.map(robot => el("option", { value: robot.id }, titleOf(robot, members))),
       );
     const uploaded = robots.filter(robot => robot.origin === "uploaded");
     const shipped = robots.filter(robot => robot.from === "twolink");
@@ -62,18 +58,19 @@ export class Robots {
         .filter(([, members]) => members.length)
         .map(([label, members]) => group(label, members)),
     );
+    this.searched();
     if (this.robot) this.select.value = this.robot.id;
   }
 
   /** A robot of the list, with the options that are set. */
-  async pick(id) {
+  async pick(id, changes = {}) {
     const options = id.startsWith("u-") ? {} : this.#options();
     this.file = null;
     await this.#take(
       Object.keys(options).length
         ? () => post("/v1/robots", { source: id, ...options })
         : () => get(`/v1/robots/${encodeURIComponent(id)}`),
-      { picked: id },
+      { picked: id, changes },
     );
   }
 
@@ -92,9 +89,10 @@ export class Robots {
     return robot;
   }
 
-  async upload(file) {
+  /** urdf: which file of a zip is the robot. */
+  async upload(file, urdf = "") {
     this.file = file;
-    const query = new URLSearchParams(this.#options()).toString();
+    const query = new URLSearchParams({ ...this.#options(), ...(urdf && { urdf }) }).toString();
     const type = /\.zip$/i.test(file.name) || file.type.includes("zip") ? "application/zip" : "application/xml";
     await this.#take(
       async () => {
@@ -109,12 +107,18 @@ export class Robots {
     );
   }
 
+  /** Offer the robots of a zip. */
+  #chooseUrdf(problem, urdfs) {
+    const buttons = urdfs.map(name => el("button", { type: "button", onclick: () => this.upload(this.file, name) }, name));
+    problem.firstChild.append(el("p", {}, "Which of them?"), el("p", { className: "buttons choices" }, ...buttons));
+  }
+
   async #again() {
     if (this.file) await this.upload(this.file);
     else if (this.source && !this.source.startsWith("u-")) await this.pick(this.source);
   }
 
-  async #take(load, { picked = null, uploaded = false }) {
+  async #take(load, { picked = null, uploaded = false, changes = {} }) {
     const turn = ++this.turn;
     const problem = byId("robot-problem");
     clearProblem(problem);
@@ -125,10 +129,12 @@ export class Robots {
       if (turn !== this.turn) return;
       this.source = picked ?? robot.id;
       await this.show(robot, uploaded);
-      await this.onRobot(robot);
+      await this.onRobot(robot, changes);
     } catch (failure) {
       if (turn !== this.turn) return;
+      if (uploaded) failure.where = failure.where?.replace("URDF text", this.file.name);
       showProblem(problem, failure);
+      if (failure.code === "several-urdfs") this.#chooseUrdf(problem, failure.data.urdfs);
       byId("robot-facts").textContent = this.robot ? `Still ${this.robot.name}: ${facts(this.robot)}` : "";
       if (this.robot) this.select.value = this.robot.id;
       byId("root").value = this.robot?.root ?? "fixed";
@@ -155,6 +161,7 @@ export class Robots {
       .map(key => `${report[key].length} ${TITLES[key][0].toLowerCase()}`);
     byId("report").hidden = false;
     byId("report-summary").replaceChildren("Load report ", el("span", { className: "hint" }, sizes.join(" · ")));
+    byId("report").open = false;
     byId("report-body").replaceChildren(
       ...Object.entries(TITLES)
         .filter(([key]) => report[key].length)
@@ -203,6 +210,17 @@ export class Robots {
       if (event.dataTransfer.files.length) this.upload(event.dataTransfer.files[0]);
     });
   }
+}
+
+/** An uploaded robot's name, with what sets it apart from others of that name. */
+function titleOf(robot, members) {
+  if (robot.origin !== "uploaded") return robot.name;
+  const locked = Object.keys(robot.lock ?? {}).length;
+  const words = [robot.root === "free" ? "free base" : "", locked ? `${count(locked, "joint")} locked` : ""];
+  const twin = other => other.name === robot.name && other.root === robot.root && other !== robot;
+  if (members.some(twin) && !locked) words.push(robot.id.slice(0, 6));
+  const about = words.filter(Boolean).join(", ");
+  return about ? `${robot.name} (${about})` : robot.name;
 }
 
 function facts(robot) {

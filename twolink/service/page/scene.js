@@ -1,78 +1,53 @@
-// The scene: its choice, its effects and their switches, its start, and the estimated cost of a run.
+// The scene: its choice, its effects, its start, and the estimated cost of a run.
 
 import { get, post } from "./api.js";
-import { byId, clearProblem, debounce, el, seconds, sentence, short, showProblem } from "./dom.js";
+import { byId, clearProblem, debounce, el, seconds, sentence, showProblem } from "./dom.js";
+import { listEffects } from "./effects.js";
+import { searchable } from "./search.js";
+import { canonical } from "./settings.js";
+import { templates } from "./templates.js";
 
-const OWN = "own"; // id of the scene that is in no file: the robot released at rest
+export const OWN = "own"; // id of the scene that is in no file: the robot released at rest
 const G = -9.81;
-
-/** Effects that can be added to any robot, with values to start from. */
-function templates(robot) {
-  const single = robot.joints
-    .filter(joint => joint.v[1] - joint.v[0] === 1 && joint.layout !== "mimic")
-    .map(joint => joint.name);
-  const tip = robot.links.at(-1);
-  const each = value => Object.fromEntries(single.map(name => [name, value]));
-  const jointed = single.length
-    ? {
-        "Damping in the joints": { type: "joint-damping", damping: each(0.5) },
-        "Springs in the joints": { type: "joint-spring", stiffness: each(10) },
-        "Dry friction in the joints": { type: "dry-friction", friction: each(0.5) },
-        "A sine torque at the first joint": {
-          type: "torque",
-          inputs: { [single[0]]: { kind: "sine", amplitude: 2, frequency: 3 } },
-        },
-        "PD control to zero": { type: "joint-pd", target: each(0), kp: each(100), kd: each(10) },
-        "Motors that carry the weight": { type: "gravity-compensation" },
-      }
-    : {};
-  return {
-    Gravity: { type: "gravity", field: [0, 0, G] },
-    ...jointed,
-    [`1 kg at ${tip}`]: { type: "payload", frame: tip, mass: 1 },
-    [`Air drag at ${tip}`]: { type: "air-drag", frame: tip, area: 0.01 },
-  };
-}
+const CONTROLS = { accuracy: "6", method: "auto", precision: "double" }; // with what they show at first
 
 export class SceneEditor {
-  /** onPick(content, id): the user chose a scene. onChange(): what current() gives has changed. */
-  constructor({ onPick, onChange }) {
-    Object.assign(this, { onPick, onChange });
+  /** onPick(content, id): the user chose a scene. onChange(): what current() gives has changed. pose(): q, and where
+   * the links are, {frames, poses}. */
+  constructor({ onPick, onChange, pose }) {
+    Object.assign(this, { onPick, onChange, pose });
     this.effects = []; // [{content, on}]
     this.refresh = debounce(() => this.explain(), 150);
     byId("scene-select").addEventListener("change", event => this.onPick(event.target.value));
     byId("accuracy").addEventListener("input", () => {
-      byId("accuracy-value").textContent = `1e-${byId("accuracy").value}`;
-      byId("accuracy").setAttribute("aria-valuetext", `1e-${byId("accuracy").value}`);
-      this.refresh();
+      this.#sayAccuracy();
+      this.changed(false);
     });
-    byId("accuracy").setAttribute("aria-valuetext", "1e-6");
-    for (const id of ["duration", "method", "precision"]) byId(id).addEventListener("change", () => this.changed());
+    for (const id of ["duration", "method", "precision"]) byId(id).addEventListener("change", () => this.changed(false));
     byId("scene-apply").addEventListener("click", () => this.#apply());
-    byId("add-effect").addEventListener("change", event => {
-      const added = templates(this.robot)[event.target.value];
-      event.target.value = "";
-      if (!added) return;
-      this.effects.push({ content: added, on: true });
-      this.changed();
-    });
+    byId("add-effect").addEventListener("change", event => this.#add(event.target));
   }
 
   async list() {
-    this.scenes = await get("/v1/scenes");
-    const methods = (await get("/v1/methods")).filter(method => method.kind !== "scipy");
+    const [scenes, methods, schema] = await Promise.all([get("/v1/scenes"), get("/v1/methods"), get("/v1/scene-schema")]);
+    this.scenes = scenes;
     byId("method").append(
-      ...methods.map(method => el("option", { value: method.name }, `${method.name}: ${method.good_for}`)),
+      ...methods
+        .filter(method => method.kind !== "scipy")
+        .map(method => el("option", { value: method.name }, `${method.name}: ${method.good_for}`)),
     );
+    const defs = schema.$defs;
+    const tagged = Object.values(defs).filter(part => part.properties?.type?.enum?.length === 1);
+    const effects = Object.fromEntries(tagged.map(part => [part.properties.type.enum[0], part]));
+    this.names = { defs, effects, joints: [], links: [], constants: {} };
+    this.searched = searchable(byId("scene-select"), byId("scene-search"));
   }
 
   /** The scenes for a robot first, then the others. */
   offer(source, chosen) {
     const option = scene => el("option", { value: scene.id }, scene.title || scene.id);
-    const [fit, rest] = [
-      this.scenes.filter(scene => scene.robot === source),
-      this.scenes.filter(scene => scene.robot !== source),
-    ];
+    const fit = this.scenes.filter(scene => scene.robot === source);
+    const rest = this.scenes.filter(scene => scene.robot !== source);
     byId("scene-select").replaceChildren(
       el(
         "optgroup",
@@ -82,20 +57,28 @@ export class SceneEditor {
       ),
       el("optgroup", { label: "With a robot of their own" }, ...rest.map(option)),
     );
+    this.searched();
     byId("scene-select").value = chosen;
   }
 
-  /** Show a scene of a robot. start: its q, as the service gives it. */
-  set(content, robot, id) {
-    this.id = id;
-    this.robot = robot;
-    this.base = content;
-    this.q = { ...(content.q ?? {}) };
-    this.effects = (content.effects ?? []).map(effect => ({ content: effect, on: true }));
-    byId("duration").value = content.duration ?? 10;
-    const offered = Object.keys(templates(robot)).map(name => el("option", { value: name }, name));
-    byId("add-effect").replaceChildren(el("option", { value: "" }, "Add an effect…"), ...offered);
+  /** Show a scene of a robot, changed as `changes` says: parts of the scene, `off` (places of effects that are off),
+   * and the controls of the run. */
+  set(content, robot, id, changes = {}) {
+    Object.assign(this, { id, robot, base: content });
+    const scene = { ...content, ...changes };
+    this.about = { robot: scene.robot, title: scene.title ?? "" };
+    this.q = { ...(scene.q ?? {}) };
+    this.v = { ...(scene.v ?? {}) };
+    const off = new Set(changes.off ?? []);
+    this.effects = (scene.effects ?? []).map((effect, i) => ({ content: effect, on: !off.has(i) }));
+    byId("duration").value = scene.duration ?? 10;
+    for (const [name, first] of Object.entries(CONTROLS)) byId(name).value = changes[name] ?? first;
+    this.#sayAccuracy();
+    const single = robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1);
+    this.names = { ...this.names, joints: single.map(joint => joint.name), links: robot.links, constants: {} };
+    this.#offerEffects();
     this.changed();
+    this.#learnConstants(robot);
   }
 
   /** A scene for any robot: it is released at rest, under gravity. */
@@ -112,19 +95,41 @@ export class SceneEditor {
 
   /** The scene as the service takes it, always with its content. */
   current() {
-    const duration = Number(byId("duration").value);
+    const duration = Number(byId("duration").value) || this.base.duration;
     const effects = this.effects.filter(effect => effect.on).map(effect => effect.content);
-    return { ...this.base, duration: duration || this.base.duration, q: this.q, effects };
+    const moving = Object.keys(this.v).length ? { v: this.v } : {};
+    return { ...this.about, duration, q: this.q, ...moving, effects };
+  }
+
+  /** What differs from the scene that was picked, for `set`. */
+  get changes() {
+    const now = {
+      ...this.about,
+      duration: Number(byId("duration").value) || this.base.duration,
+      q: this.q,
+      v: this.v,
+      effects: this.effects.map(effect => effect.content),
+    };
+    const first = { title: "", duration: 10, q: {}, v: {}, effects: [], ...this.base };
+    const changed = Object.entries(now).filter(([name, value]) => canonical(value) !== canonical(first[name]));
+    const off = this.effects.flatMap((effect, i) => (effect.on ? [] : [i]));
+    const controls = Object.entries(CONTROLS).filter(([name, value]) => byId(name).value !== value);
+    return {
+      ...Object.fromEntries(changed),
+      ...(off.length ? { off } : {}),
+      ...Object.fromEntries(controls.map(([name]) => [name, byId(name).value])),
+    };
   }
 
   get accuracy() {
     return Number(`1e-${byId("accuracy").value}`);
   }
 
-  /** Options of the run beside the accuracy. Short motions are sampled more often than 200 times a second. */
-  get how() {
-    const samples = Math.max(200, Math.ceil(1000 / this.current().duration));
-    return { method: byId("method").value, precision: byId("precision").value, samples };
+  /** The request for a run. Short motions are sampled more often than 200 times a second. */
+  get request() {
+    const scene = this.current();
+    const samples = Math.max(200, Math.ceil(1000 / scene.duration));
+    return { scene, accuracy: this.accuracy, method: byId("method").value, precision: byId("precision").value, samples };
   }
 
   /** Set a control as the user does. */
@@ -138,11 +143,66 @@ export class SceneEditor {
     this.changed(false);
   }
 
+  push(joint, value) {
+    this.v[joint] = value;
+    if ([value].flat().every(x => x === 0)) delete this.v[joint];
+    this.changed(false);
+  }
+
   changed(redraw = true) {
-    if (redraw) this.#effects();
+    if (redraw) {
+      listEffects(byId("effects"), this.effects, this.names, {
+        onChange: () => this.changed(false),
+        onRemove: effect => {
+          this.effects.splice(this.effects.indexOf(effect), 1);
+          this.changed();
+        },
+      });
+    }
     byId("scene-json").value = JSON.stringify(this.current(), null, 2);
     this.refresh();
     this.onChange();
+  }
+
+  /** The robot's physical constants, for forms. They wait for nobody: forms work without. */
+  async #learnConstants(robot) {
+    try {
+      const rows = await post("/v1/scenes/quantities", { scene: { robot: this.about.robot } });
+      if (robot !== this.robot) return;
+      const constants = rows.filter(row => row.kind === "parameter" && !row.name.endsWith(".damping"));
+      this.names.constants = Object.fromEntries(constants.map(row => [row.name, row.value]));
+    } catch (failure) {
+      console.warn("The robot's constants are not known:", failure.message);
+    }
+  }
+
+  get #templates() {
+    const { q, frames, poses } = this.pose();
+    const fixed = new Set(this.robot.fixed_links);
+    const tip = this.robot.links.filter(link => !fixed.has(link)).at(-1);
+    const place = poses?.[frames.indexOf(tip)]?.slice(0, 3) ?? [0, 0, 0];
+    return templates({ robot: this.robot, q, place, constants: this.names.constants });
+  }
+
+  #offerEffects() {
+    const groups = Object.entries(this.#templates).map(([label, effects]) =>
+      el("optgroup", { label }, ...Object.keys(effects).map(name => el("option", {}, name))),
+    );
+    byId("add-effect").replaceChildren(el("option", { value: "" }, "Add an effect…"), ...groups);
+  }
+
+  #add(select) {
+    const added = Object.values(this.#templates).find(effects => select.value in effects)?.[select.value];
+    select.value = "";
+    if (!added) return;
+    this.effects.push({ content: added, on: true, open: true });
+    this.changed();
+  }
+
+  #sayAccuracy() {
+    const text = `1e-${byId("accuracy").value}`;
+    byId("accuracy-value").textContent = text;
+    byId("accuracy").setAttribute("aria-valuetext", text);
   }
 
   async #apply() {
@@ -151,12 +211,8 @@ export class SceneEditor {
     try {
       content = JSON.parse(byId("scene-json").value);
     } catch (failure) {
-      showProblem(
-        byId("scene-problem"),
-        Object.assign(new Error(`This is not JSON: ${failure.message}`), {
-          remedy: "Mend it, or pick the scene again.",
-        }),
-      );
+      const remedy = "Mend it, or pick the scene again.";
+      showProblem(byId("scene-problem"), Object.assign(new Error(`This is not JSON: ${failure.message}`), { remedy }));
       return;
     }
     await this.onPick(null, content);
@@ -166,15 +222,10 @@ export class SceneEditor {
   async explain() {
     this.abort?.abort();
     const abort = (this.abort = new AbortController());
-    const scene = this.current();
     byId("price").textContent = "Counting…";
     try {
-      const { method } = this.how;
-      const explanation = await post(
-        "/v1/scenes/explain",
-        { scene, accuracy: this.accuracy, method },
-        { signal: abort.signal },
-      );
+      const { scene, accuracy, method } = this.request;
+      const explanation = await post("/v1/scenes/explain", { scene, accuracy, method }, { signal: abort.signal });
       clearProblem(byId("scene-problem"));
       this.#showCost(explanation);
     } catch (failure) {
@@ -209,63 +260,4 @@ export class SceneEditor {
     );
     byId("price").title = explanation.why;
   }
-
-  #effects() {
-    const rows = this.effects.map(effect => {
-      const box = el("input", {
-        type: "checkbox",
-        role: "switch",
-        checked: effect.on,
-        onchange: () => {
-          effect.on = box.checked;
-          effect.row.classList.toggle("off", !effect.on);
-          this.changed(false);
-        },
-      });
-      effect.price = el("span", { className: "price" });
-      effect.bar = el("span", { className: "bar" });
-      const name = effect.content.type.replaceAll("-", " ");
-      const about = wordsOf(effect.content);
-      effect.row = el(
-        "li",
-        { className: effect.on ? "" : "off" },
-        el(
-          "label",
-          { title: JSON.stringify(effect.content) },
-          box,
-          el("span", { className: "effect-name" }, sentence(name).slice(0, -1)),
-          el("span", { className: "about" }, about),
-        ),
-        el(
-          "span",
-          { className: "cost", title: "operations an evaluation" },
-          effect.price,
-          el("span", { className: "track" }, effect.bar),
-        ),
-      );
-      return effect.row;
-    });
-    byId("effects").replaceChildren(
-      ...(rows.length ? rows : [el("li", { className: "hint" }, "None: nothing acts on it.")]),
-    );
-  }
-}
-
-/** The values of an effect in one line. */
-function wordsOf(content) {
-  const say = value => {
-    if (typeof value === "number") return short(value);
-    if (Array.isArray(value)) return `(${value.map(say).join(", ")})`;
-    if (value && typeof value === "object") {
-      return Object.entries(value)
-        .filter(([key]) => key !== "kind")
-        .map(([key, item]) => `${key} ${say(item)}`)
-        .join(", ");
-    }
-    return String(value);
-  };
-  return Object.entries(content)
-    .filter(([key]) => key !== "type")
-    .map(([key, value]) => `${key} ${say(value)}`)
-    .join(" · ");
 }

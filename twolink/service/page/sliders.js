@@ -3,6 +3,7 @@
 import { el, short } from "./dom.js";
 
 const TURN = Math.PI;
+const LONG = 13; // letters of a name from which on it has a line of its own
 
 /** What a joint's sliders show, and how they make its part of q: {name, unit, low, high, value} each. */
 function knobs(joint, part) {
@@ -144,7 +145,7 @@ export class Sliders {
       });
       return el(
         "div",
-        { className: "slider" },
+        { className: label.length - this.prefix > LONG ? "slider long" : "slider" },
         el("span", { className: "name", title: label }, label.slice(this.prefix)),
         range,
         exact,

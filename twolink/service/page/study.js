@@ -1,8 +1,8 @@
 // The accuracy study: its job, its figure and the cost of each digit; and the list of earlier runs.
 
 import { download, get, request } from "./api.js";
-import { byId, clearProblem, count, el, seconds, short, showProblem } from "./dom.js";
-import { Job } from "./jobs.js";
+import { byId, clearProblem, count, el, seconds, short, showProblem, table } from "./dom.js";
+import { finished, Job } from "./jobs.js";
 
 const FEW = { methods: ["rk4", "rk45", "dop853", "taylor"], tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11] };
 
@@ -37,29 +37,7 @@ export class Study {
       price.method,
       price.tolerance === null ? `step ${short(price.step, 2)}` : `tolerance ${short(price.tolerance, 2)}`,
     ];
-    const table = el(
-      "table",
-      { className: "numbers" },
-      el("caption", {}, "The price of each digit"),
-      el(
-        "thead",
-        {},
-        el(
-          "tr",
-          {},
-          ...["Accuracy", "Seconds", "To the row before", "Method", "Setting"].map(head =>
-            el("th", { scope: "col" }, head),
-          ),
-        ),
-      ),
-      el(
-        "tbody",
-        {},
-        ...prices.map(price =>
-          el("tr", {}, ...cells(price).map((text, i) => el("td", { className: i > 2 ? "words" : "" }, text))),
-        ),
-      ),
-    );
+    const heads = ["Accuracy", "Seconds", "To the row before", "Method", "Setting"];
     const name = `${robot}-${job.id.slice(-6)}`;
     const button = (text, address, file) =>
       el(
@@ -74,7 +52,7 @@ export class Study {
     byId("study-result").replaceChildren(
       figure,
       el("p", { className: "hint" }, `Errors are against ${reference.how}.`),
-      el("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "The price of each digit" }, table),
+      table("The price of each digit", heads, prices.map(cells), [3, 4]),
       el(
         "p",
         { className: "downloads" },
@@ -86,45 +64,49 @@ export class Study {
   }
 }
 
-/** List earlier runs; onOpen(job) is called when the user wants to see one. */
-export async function listPast(onOpen) {
+/** List earlier runs. onOpen(job): the user wants to see one. onKeep(job): to compare with it, if its robot is robot(). */
+export async function listPast(onOpen, onKeep, robot) {
   clearProblem(byId("past-problem"));
   try {
     const jobs = (await get("/v1/simulations")).sort((a, b) => b.created - a.created).slice(0, 30);
     byId("past").replaceChildren(
-      ...(jobs.length ? jobs.map(job => pastRow(job, onOpen)) : [el("li", { className: "hint" }, "None yet.")]),
+      ...(jobs.length ? jobs.map(job => pastRow(job, onOpen, onKeep, robot())) : [el("li", { className: "hint" }, "None yet.")]),
     );
   } catch (failure) {
     showProblem(byId("past-problem"), failure);
   }
 }
 
-function pastRow(job, onOpen) {
+function pastRow(job, onOpen, onKeep, robot) {
   const { scene, accuracy } = job.request ?? { scene: { title: "a large scene" } }; // lists leave large ones out
   const title = typeof scene === "string" ? scene : scene.title || scene.robot?.source || scene.robot;
   const when = new Date(job.created * 1000).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
-  const open = el(
-    "button",
-    {
-      type: "button",
-      className: "quiet",
-      disabled: job.state !== "done",
-      onclick: async () => {
-        try {
-          await onOpen(await get(`/v1/simulations/${job.id}`));
-        } catch (failure) {
-          showProblem(byId("past-problem"), failure);
-        }
+  const button = (text, act, enabled) => {
+    const element = el(
+      "button",
+      {
+        type: "button",
+        className: "quiet",
+        disabled: job.state !== "done" || !enabled,
+        onclick: async () => {
+          try {
+            await act(await finished(job.id));
+          } catch (failure) {
+            showProblem(byId("past-problem"), failure);
+          }
+        },
       },
-    },
-    "Show",
-  );
-  open.setAttribute("aria-label", `Show ${title}, ${when}`);
+      text,
+    );
+    element.setAttribute("aria-label", `${text} ${title}, ${when}`);
+    return element;
+  };
+  const same = [robot?.id, robot?.source].includes(scene.robot?.source ?? scene.robot);
   return el(
     "li",
     {},
     el("span", { className: "past-title" }, title),
     el("span", { className: "hint" }, `accuracy ${short(accuracy, 1)} · ${job.state} · ${when}`),
-    open,
+    el("span", { className: "past-buttons" }, button("Show", onOpen, true), button("Compare", onKeep, same)),
   );
 }

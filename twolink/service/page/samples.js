@@ -1,0 +1,54 @@
+// The samples of a run as curves: each with its joint, under names that say what the parts of q and v are.
+
+import { get } from "./api.js";
+import { range } from "./axes.js";
+
+const POINTS = 2000;
+const PARTS = {
+  "q free-flyer": ["x", "y", "z", "qx", "qy", "qz", "qw"],
+  "v free-flyer": ["vx", "vy", "vz", "ωx", "ωy", "ωz"],
+  "q quaternion": ["qx", "qy", "qz", "qw"],
+  "v quaternion": ["ωx", "ωy", "ωz"],
+  "q planar": ["x", "y", "cos", "sin"],
+  "v planar": ["vx", "vy", "ω"],
+  "q cos-sin": ["cos", "sin"],
+};
+const TURN = /^(q[xyzw]|cos|sin)$/; // parts of an orientation, which have no unit
+
+/** {t, q, turn, v, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. */
+export async function samplesOf(job, joints) {
+  const { columns } = await get(`/v1/simulations/${job.id}/result?format=json&points=${POINTS}`);
+  const out = { t: columns.t, q: [], turn: [], v: [], energy: [], error: [] };
+  const layouts = new Map(joints.map(joint => [joint.name, joint.layout]));
+  const places = new Map(joints.map(joint => [joint.name, joint.v[0]]));
+  for (const [column, values] of Object.entries(columns)) {
+    if (column in out && column !== "t") out[column].push({ name: column, joint: null, colour: 0, values });
+    const [letter, name] = [column.slice(0, 1), column.slice(2)];
+    if (!/^[qv]\./.test(column)) continue;
+    const numbered = /^(.*)\.(\d+)$/.exec(name);
+    const part = numbered && PARTS[`${letter} ${layouts.get(numbered[1])}`]?.[Number(numbered[2])];
+    const joint = part ? numbered[1] : layouts.has(name) ? name : (numbered?.[1] ?? name);
+    const colour = (places.get(joint) ?? 0) + Number(numbered?.[2] ?? 0);
+    const kind = part && TURN.test(part) ? "turn" : letter;
+    out[kind].push({ name: part ? `${joint} ${part}` : name, joint, colour, values });
+  }
+  return out;
+}
+
+/** The joints, those that move most first. */
+export function byMotion(samples) {
+  const moved = new Map();
+  for (const { joint, values } of [...samples.q, ...samples.turn]) {
+    const [low, high] = range(values);
+    moved.set(joint, Math.max(moved.get(joint) ?? 0, high - low));
+  }
+  return [...moved.keys()].sort((a, b) => moved.get(b) - moved.get(a));
+}
+
+/** The unit of q: rad, m, or both. v's: the same with "/s". */
+export function unitOf(joints, suffix = "") {
+  const both = joints.some(joint => ["free-flyer", "planar"].includes(joint.layout));
+  const slides = joints.map(joint => /^P[XYZ]|Prismatic|Translation/.test(joint.kind));
+  if (both || (slides.includes(true) && slides.includes(false))) return `rad${suffix}, m${suffix}`;
+  return slides.includes(true) ? `m${suffix}` : `rad${suffix}`;
+}
