@@ -64,6 +64,7 @@ def full(page: Page) -> Page:
     page.click("#keep")
     page.wait_for("!document.getElementById('compared').hidden")
     page.choose("#add-effect", "A sine torque", stays=False)
+    page.evaluate("document.querySelectorAll('#effects [role=switch]')[1].click()")
     page.evaluate("document.querySelectorAll('details').forEach(x => { x.open = true; })")
     page.wait_for("document.querySelectorAll('#effects .form').length >= 3")
     page.evaluate("document.getElementById('tab-identify').click()")
@@ -89,6 +90,10 @@ def test_nothing_sticks_out_and_all_text_can_be_read(full: Page) -> None:
                     if wrong := full.evaluate(script):
                         found[f"{scheme}, {width} px, {tab}, {what}"] = wrong[:5]
     assert found == {}
+    full.evaluate("document.querySelector('h2').style.color = '#555'")  # so both checks can fail
+    full.evaluate("document.querySelector('.tagline').append(Object.assign(new Image(), {width: 3000}))")
+    assert any("Robot" in text for text in full.evaluate(FAINT))
+    assert any("IMG" in name for name in full.evaluate(STICKS_OUT))
 
 
 def test_the_keyboard_reaches_every_control(full: Page) -> None:

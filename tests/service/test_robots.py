@@ -96,8 +96,8 @@ def test_visuals_with_the_links_poses_are_where_pinocchio_draws_them(http: httpx
 
 
 def test_large_answers_are_compressed_for_those_who_take_that(http: httpx.Client) -> None:
-    plain = http.get("/v1/robots/ur5/visuals", headers={"Accept-Encoding": "identity"})
-    packed = http.get("/v1/robots/ur5/visuals", headers={"Accept-Encoding": "gzip"})
+    plain = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "identity"})
+    packed = http.get("/v1/robots/two_link/visuals", headers={"Accept-Encoding": "gzip"})
     assert "content-encoding" not in plain.headers
     assert packed.headers["content-encoding"] == "gzip"
     assert int(packed.headers["content-length"]) < 0.8 * len(plain.content)

@@ -62,11 +62,6 @@ def quantities(scene: Scene) -> dict[str, Quantity]:
     return _states(scene) | _others(scene)
 
 
-def quantity_names(scene: Scene) -> tuple[str, ...]:
-    """The names of all that can be varied."""
-    return tuple(quantities(scene))
-
-
 def _states(scene: Scene) -> dict[str, Quantity]:
     robot, found = scene.robot, dict[str, Quantity]()
     for joint in robot.joints:
