@@ -61,7 +61,8 @@ def test_a_bundled_scene_runs_plots_and_plays(page: Page) -> None:
     assert "≤" in page.text("#summary .good")
     assert page.evaluate("document.querySelectorAll('#plots canvas').length") == 4
     assert min(page.colours(i) for i in range(4)) > 20
-    assert page.moves()
+    page.choose("#speed", "0.1")  # so that it does not end before it is paused
+    assert page.moves(seconds=5)
     page.click("#play")
     assert page.evaluate("document.getElementById('play').getAttribute('aria-label')") == "Play"
     assert not page.moves()

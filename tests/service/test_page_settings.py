@@ -165,15 +165,15 @@ def test_runs_are_compared(page: Page) -> None:
 
 
 def test_a_run_goes_on_after_a_reload(page: Page) -> None:
-    page.open("#robot=two_link")
+    page.open("#scene=arm-human")
     page.choose("#method", "midpoint")
-    page.choose("#duration", "500")
-    page.choose("#accuracy", "3")
+    page.choose("#duration", "1000")
+    page.choose("#accuracy", "7")
     page.click("#run-button")
     page.wait_for("location.hash.includes('run=')")
-    page.open(page.evaluate("location.hash"))
+    page.open(page.evaluate("location.hash"), until="document.documentElement?.dataset.ready")
     page.wait_for("!document.getElementById('cancel-button').hidden", 90)
-    assert page.evaluate("document.getElementById('duration').value") == "500"
+    assert page.evaluate("document.getElementById('duration').value") == "1000"
     page.wait_for("/Running|Queued/.test(document.getElementById('run-status').innerText)")
     page.evaluate("document.getElementById('cancel-button').click()")
     page.wait_for("document.getElementById('cancel-button').hidden", 60)
