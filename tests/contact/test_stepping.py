@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
+from twolink.contact import multibody
 from twolink.contact.hulls import hull_of, touching
 
 E = tl.effects
@@ -213,3 +214,19 @@ def test_what_cannot_be_stepped_is_refused() -> None:
         tl.simulate(tl.Scene(robot, [0, 1, 0], effects=effects), 0.1, contact="stepped")
     with pytest.raises(tl.errors.SceneError, match=r"overlap by 0\.05 m"):
         tl.simulate(tl.Scene(robot, [0, 0.05, 0], effects=effects[1:]), 0.1, contact="stepped")
+
+
+def test_many_free_bodies_move_as_few_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By sparse matrices, of bodies that spin with their centres of mass beside their origins, and touch."""
+    body = ('<link name="{0}"><inertial><origin xyz="0.02 -0.01 0.03"/><mass value="2"/><inertia ixx="0.01" iyy="0.02" '
+            'izz="0.025" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{0}_joint" type="floating"><parent '
+            'link="ground"/><child link="{0}"/></joint>')  # fmt: skip
+    robot = tl.load_robot(f'<robot name="two"><link name="ground"/>{body.format("a")}{body.format("b")}</robot>')
+    effects = [E.Gravity(), E.Contact(("ground", "self"), 0.4, shapes={name: (E.Sphere(0.1),) for name in "ab"})]
+    q = [0, 0, 0.11, 0, 0, 0, 1, 0.05, 0, 0.32, 0, 0, 0, 1]
+    scene = tl.Scene(robot, q, [0, 0, 0, 3, 1, 2, 0, 0, 0, -2, 1, 4], effects)
+    few = stepped(scene, 0.4, 0.01)
+    monkeypatch.setattr(multibody, "MANY", 1)
+    many = stepped(scene, 0.4, 0.01)
+    assert np.abs(many.q - few.q).max() < 1e-9
+    assert few.contact_forces.keys() >= {"a - ground", "a - b"}

@@ -25,7 +25,7 @@ class Detector:
         laws = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution))
                 for _, e in pairs]  # fmt: skip
         self.friction, self.static, self.restitution = np.array(laws).reshape(-1, 3).T
-        self.thickness = np.array([_thickness(pair) for pair, _ in pairs])  # of the thinner body of each pair, m
+        self.thickness = np.array([_thickness(pair) for pair, _ in pairs])  # m, of each pair
         kinds: dict[type[Group], list[tuple[int, Pair]]] = {}
         for number, (pair, _) in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append((number, pair))
@@ -56,10 +56,10 @@ def _kind(pair: Pair) -> type[Group]:
 
 
 def _thickness(pair: Pair) -> float:
-    """Half of the thinner body's smallest extent, m; planes have no end."""
+    """How deep bodies can go before they are out on the other side, m: half of their smallest extents together."""
     if isinstance(pair.second, Plane):
         return np.inf
-    return min(_inner(solid.shape) for solid in (pair.first, pair.second))
+    return sum(_inner(solid.shape) for solid in (pair.first, pair.second))
 
 
 def _inner(shape: AnyShape) -> float:

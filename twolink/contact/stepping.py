@@ -34,7 +34,8 @@ from twolink.integrate.state import Array
 
 CLOSED = 1e-10  # m: what counts as no gap
 STILL = 1e-9  # m/s: a slip that counts as none
-DEEPEST = 0.25  # of the thinner body: a step that brings bodies deeper into each other is taken as two
+DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
+FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 ROUNDS = 20  # of adding contacts that the others push together
 FAR = 1e3  # m: a gap that plays no part
@@ -145,6 +146,8 @@ class Stepper:
         axes = axes_of(points.normal)
         rows = self.bodies.jacobian(points, axes)
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
+        if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.detector.thickness[points.pair]).any():
+            return None
         law = _Law(self.detector, points, before, after, h, memory)
         solution = law.solved(rows, self.bodies.inverse, free)
         if solution is None:

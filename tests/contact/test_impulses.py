@@ -1,0 +1,85 @@
+"""The contact problem: each way to its solution, what a solution obeys, and steps without one."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+
+import twolink as tl
+from tests.effects.bodies import ball, free_bodies
+from twolink.contact import stepping
+from twolink.contact.impulses import Impulses, Problem, admm, newton, solve_impulses, sweeps
+
+E = tl.effects
+
+
+def random_problem(seed: int, redundant: bool = False) -> Problem:
+    """Six contacts of 20 degrees of freedom, or of 6, which do not determine their forces."""
+    random = np.random.default_rng(seed)
+    rows = random.standard_normal((18, 6 if redundant else 20))
+    b = rows @ random.standard_normal(rows.shape[1]) if redundant else random.standard_normal(18)
+    return Problem(rows @ rows.T, b.reshape(6, 3), np.full(6, 0.4))
+
+
+def require_laws(problem: Problem, found: Impulses, small: float) -> None:
+    """Contact, friction's cone, and friction against the slip."""
+    p, u = found.p, problem.velocities(found.p)
+    assert p[:, 2].min() >= -small
+    assert u[:, 2].min() >= -small
+    assert np.abs(p[:, 2] * u[:, 2]).max() < small
+    slip, size = np.hypot(*u[:, :2].T), np.hypot(*p[:, :2].T)
+    assert (size - problem.mu * p[:, 2]).max() < small
+    assert np.abs((p[:, :2] * u[:, :2]).sum(axis=1) + problem.mu * p[:, 2] * slip).max() < small
+
+
+@pytest.mark.parametrize("redundant", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_impulses_obey_the_laws(seed: int, redundant: bool) -> None:
+    problem = random_problem(seed, redundant)
+    found = solve_impulses(problem, np.zeros((6, 3)))
+    assert found.solved
+    require_laws(problem, found, 1e-9)
+
+
+@pytest.mark.parametrize("solver", [admm, sweeps])
+def test_each_solver_comes_near_enough_for_newton(solver: Callable[[Problem, np.ndarray], np.ndarray]) -> None:
+    for seed in range(3):
+        problem = random_problem(seed)
+        near = solver(problem, np.zeros((6, 3)))
+        require_laws(problem, problem.answer(near, "near"), 1e-4)
+        assert problem.answer(newton(problem, near), "exact").solved
+
+
+def test_sparse_problems_have_the_same_solution() -> None:
+    full = random_problem(1)
+    thin = Problem(sparse.csr_array(full.matrix), full.b, full.mu)
+    want = solve_impulses(full, np.zeros((6, 3))).p
+    assert solve_impulses(thin, np.zeros((6, 3))).p == pytest.approx(want, abs=1e-9)
+    assert admm(thin, np.zeros((6, 3))) == pytest.approx(want, abs=1e-4)
+
+
+def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(problem: Problem, guess: np.ndarray) -> Impulses:
+        return dataclasses.replace(solve_impulses(problem, guess), residual=1.0)
+
+    monkeypatch.setattr(stepping, "solve_impulses", never)
+    effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Sphere(0.1),)})]
+    scene = tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+    with pytest.raises(tl.errors.AccuracyError, match="no impulses obey the laws") as failure:
+        tl.simulate(scene, 0.1, contact="stepped", step=0.01)
+    assert failure.value.code == "contact-not-solved"
+
+
+@pytest.mark.parametrize("speed", [90.0, 120.0])
+def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
+    """At the middle of its first step a ball would be inside the other one, or out of it on the other side."""
+    shapes = {name: (E.Sphere(0.1),) for name in "ab"}
+    q = [0, 0, 0, 0, 0, 0, 1, 1.0, 0, 0, 0, 0, 0, 1]
+    scene = tl.Scene(free_bodies("a", "b"), q, [speed, *[0] * 11], [E.Contact(("self",), shapes=shapes)])
+    run = tl.simulate(scene, 0.1, contact="stepped", step=0.02, samples=10, verify=False)
+    assert run.contact_record is not None
+    assert run.contact_record["halved"] > 0
+    assert run.q[-1, 7] - run.q[-1, 0] == pytest.approx(0.2, abs=1e-9)
+    assert run.v[-1, [0, 6]] == pytest.approx([speed / 2, speed / 2])
