@@ -46,6 +46,7 @@ def cluster(port: int = 0) -> Iterator[str]:
             os.killpg(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path) -> None:
     first = contextlib.ExitStack()
     address = first.enter_context(cluster())
