@@ -16,6 +16,8 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 
+import twolink as tl
+
 # `browser` is a fixture: imported, so that pytest finds it here.
 from tests.show.browser import Browser, browser  # noqa: F401
 from tests.show.pieces import DAE, Robot, box_stl, fixed, geometry
@@ -130,6 +132,17 @@ def test_bytes_are_capped_by_dropping_frames_then_refused(arm: Robot, tmp_path: 
     with pytest.raises(ShowError, match="more than max_bytes"):
         write_playback(*arm, *motion, tmp_path / "d.html", max_bytes=100_000)
     assert not (tmp_path / "d.html").exists()
+
+
+@pytest.mark.slow
+def test_a_robot_with_large_meshes_fits_a_small_page(tmp_path: Path) -> None:
+    """ANYmal's mesh files have 18 MB; copies of one mesh are in the page once."""
+    anymal, t = tl.load_robot("anymal"), np.linspace(0.0, 10.0, 11)
+    q = np.array([anymal.integrate(anymal.neutral, np.full(anymal.nv, 0.2 * np.sin(s))) for s in t])
+    page = write_playback(anymal.model, anymal.visual_model(), t, q, tmp_path / "a.html")
+    visuals = film(page)["visuals"]
+    assert page.stat().st_size < 5_000_000
+    assert len(visuals["objects"]) < len(visuals["pieces"]) == len(anymal.visual_model().geometryObjects)
 
 
 def test_quaternions_never_flip(arm: Robot) -> None:
