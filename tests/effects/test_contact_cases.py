@@ -93,6 +93,18 @@ def test_points_without_a_radius_against_solids_are_refused() -> None:
     assert caught.value.code == "no-located-contact"
 
 
+def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
+    """A slider is pressed along x onto a steep wall: N n_x + T t_x is determined, and N and T are not."""
+    mu, n = 0.3, np.array([-0.5, 0.0, math.sqrt(0.75)])
+    contact = E.Contact((("x_link", E.Plane(tuple(map(float, n)))),), mu, shapes={"x_link": (E.Sphere(0.1),)})
+    run = tl.simulate(tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact]), 0.5, samples=10)
+    (force,) = run.contact_forces.values()
+    normal = force @ n
+    across = np.linalg.norm(force - np.outer(normal, n), axis=1)
+    assert force[:, 0] == pytest.approx(np.full(len(run.t), -G), abs=1e-6)
+    assert (across < mu * normal).all()
+
+
 GRIPPER = """<robot name="gripper"><link name="hand"/>{bodies}</robot>"""
 
 

@@ -6,6 +6,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_law import Touching
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import motion_of
+from twolink.integrate.hybrid.force_share import within_laws
 from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
 
@@ -42,6 +43,8 @@ def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) ->
 def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
     """The contacts of bodies at states x (nq + nv, n) of one piece.
 
+    Where forces are not determined they are the smallest ones, or the share that obeys the laws where those do not.
+
     Returns
     -------
     list of (str, ndarray (3, n), ndarray (3, n))
@@ -50,8 +53,11 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
     if constraints is None or not any(isinstance(loop, Touching) for loop in constraints.loops):
         return found
-    states = _full(equations, x)
-    every = constraints.all_multipliers(Evaluator(equations).by_numpy(t, states).multipliers)
+    states, evaluator = _full(equations, x), Evaluator(equations)
+    every = constraints.all_multipliers(evaluator.by_numpy(t, states).multipliers)
+    closed = [loop for loop in constraints.loops if isinstance(loop, Touching)]
+    if closed and len(constraints.kept) < len(constraints.all_rows):
+        every = within_laws(equations, evaluator, closed, t, states, np.array(every, dtype=float))
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
     loops = equations.layout.with_numbers(constraints.loops, list(states[equations.moving :]))
     for loop, rows in zip(loops, np.split(every, np.cumsum(constraints.counts)[:-1]), strict=True):

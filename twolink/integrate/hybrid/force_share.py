@@ -9,13 +9,16 @@ Newton's method along the central path (Boyd, Vandenberghe: Convex Optimization,
 once. Margins beyond ENOUGH of the load are not followed to their optimum.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.integrate.hybrid.modes import Mode, ModeEquations
-from twolink.integrate.hybrid.snapshot import Snapshot
+from twolink.integrate.equations import Equations
+from twolink.integrate.hybrid.modes import Mode, ModeEquations, contact_places
+from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.state import Array
 
 RANK = 1e-9  # relative: singular values below it are 0
@@ -23,6 +26,7 @@ ENOUGH = 0.02  # of the load
 SAME_PLACE = 1e-13  # rad or m: configurations that are one
 GROWTH, LAST, NEWTON = 8.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each
 TIGHT = 1e-2  # of the mean weight of a law in the optimum: it is at its limit
+BROKEN = 1e-9  # of the largest force: a law that is broken
 EMPTY = 1e-6  # of the load: a normal force that is 0
 
 
@@ -118,6 +122,32 @@ class ForceShare:
         size = np.maximum(_square(u), 1e-300)
         forces = scaled + np.einsum("cik,nk->nci", ways, y[:, :-1])
         return Share(load * y[:, -1], load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
+
+
+def within_laws(
+    equations: Equations, evaluator: Evaluator, closed: Sequence[Any], t: Array, x: Array, every: Array
+) -> Array:
+    """Multipliers (rows, n) of all rows at states x (size, n), the best share where those given break a law.
+
+    closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations.
+    """
+    constraints = equations.constraints
+    if constraints is None:
+        return every
+    numbers = list(range(len(closed)))
+    own = ModeEquations(equations, evaluator, contact_places(constraints, numbers))
+    mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed))
+    share = ForceShare(own, mode, np.array([loop.friction for loop in closed]))
+    ends = np.cumsum(constraints.counts)[-len(closed) :]
+    places = [slice(end - (3 if loop.rolling else 1), end) for end, loop in zip(ends, closed, strict=True)]
+    margins = [loop.friction * every[p.start] - np.hypot(*every[p][1:]) if loop.rolling else every[p.start]
+               for p, loop in zip(places, closed, strict=True)]  # fmt: skip
+    bad = np.min(margins, axis=0) < -BROKEN * np.abs(every).max(axis=0, initial=0.0)
+    if bad.any():
+        best = share.best(evaluator.by_numpy(t[bad], x[:, bad]))
+        for c, place in enumerate(places):
+            every[place, bad] = best.forces[:, c, : place.stop - place.start].T
+    return every
 
 
 def _square(u: Array) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import contact_slots
 from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
@@ -159,16 +160,20 @@ class System:
             q = self.robot.normalize(x[None, : self.nq])[0]
             robot = self.switching.robot_with([effect for _, effect in acting])
             equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)
-        rows: dict[int, tuple[int | None, ...]] = {}
-        if closed and equations.constraints is not None:
-            constraints = equations.constraints
-            ends = np.cumsum(constraints.counts)
-            for place, i in zip(range(len(ends) - len(closed), len(ends)), closed, strict=True):
-                own = range(ends[place] - constraints.counts[place], ends[place])
-                rows[i] = tuple(constraints.kept.index(r) if r in constraints.kept else None for r in own)
+        rows = {} if equations.constraints is None else contact_places(equations.constraints, list(closed))
         return ModeEquations(
             equations, Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled), rows
         )
+
+
+def contact_places(constraints: Constraints, contacts: Sequence[int]) -> dict[int, tuple[int | None, ...]]:
+    """Of contacts, whose loops are the last ones, the places of their rows among the kept ones; None: redundant."""
+    ends = np.cumsum(constraints.counts)
+    rows: dict[int, tuple[int | None, ...]] = {}
+    for place, i in zip(range(len(ends) - len(contacts), len(ends)), contacts, strict=True):
+        own = range(ends[place] - constraints.counts[place], ends[place])
+        rows[i] = tuple(constraints.kept.index(r) if r in constraints.kept else None for r in own)
+    return rows
 
 
 class Situation(NamedTuple):
