@@ -68,7 +68,7 @@ def test_a_cylinder_that_meets_a_wall_with_its_end_is_refused() -> None:
     wall, shape = E.Plane((1.0, 0.0, 0.0)), E.Cylinder(0.1, 0.2, rpy=(0.0, math.pi / 2, 0.0))
     contact = E.Contact((("x_link", wall),), shapes={"x_link": (shape,)})
     for start, effects in ((0.1, [E.Gravity((-G, 0.0, 0.0)), contact]), (0.3, [contact])):  # it rests; it arrives
-        with pytest.raises(AccuracyError, match="line or a flat side") as caught:
+        with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
             tl.simulate(tl.Scene(slider(), [start], [-1.0 if start > 0.1 else 0.0], effects), 0.5)
         assert caught.value.code == "no-single-point"
 
@@ -105,34 +105,72 @@ def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
     assert (across < mu * normal).all()
 
 
-GRIPPER = """<robot name="gripper"><link name="hand"/>{bodies}</robot>"""
-
-
-def gripper() -> tl.Robot:
-    """Two fingers of 0.5 kg that slide along x, and a peg of 2 kg between them that may move along x and z."""
+def bodies_on_sliders(**axes: tuple[float, str, str]) -> tl.Robot:
+    """Links by name: mass, the parent link, and the axis of the prismatic joint of the same name."""
     inertial = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+    joint = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{0}"/><axis xyz="{2}"/>'
              '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
-    parts = [("left", 0.5, "hand", "1 0 0"), ("right", 0.5, "hand", "1 0 0"), ("cart", 1e-6, "hand", "1 0 0"),
-             ("peg", 2.0, "cart", "0 0 1")]  # fmt: skip
-    bodies = "".join(f'<link name="{name}">{inertial.format(mass)}</link>{joint.format(name, parent, name, axis)}'
-                     for name, mass, parent, axis in parts)  # fmt: skip
-    return tl.load_robot(GRIPPER.format(bodies=bodies))
+    text = "".join(f'<link name="{name}">{inertial.format(mass)}</link>{joint.format(name, parent, axis)}'
+                   for name, (mass, parent, axis) in axes.items())  # fmt: skip
+    return tl.load_robot(f'<robot name="sliders"><link name="hand"/>{text}</robot>')
 
 
 def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     """Pressed with F = F_0 - k t from both sides it slips where 2 mu F = m g, and falls with g - 2 mu F / m."""
     mu, first, k, mass = 0.4, 30.0, 20.0, 2.0
+    robot = bodies_on_sliders(left=(0.5, "hand", "1 0 0"), right=(0.5, "hand", "1 0 0"), cart=(1e-6, "hand", "1 0 0"),
+                              peg=(mass, "cart", "0 0 1"))  # fmt: skip
     squeeze = E.Torque({"left": E.Polynomial((first, -k)), "right": E.Polynomial((-first, k))})
     shapes = {"left": (E.Sphere(0.02),), "right": (E.Sphere(0.02),), "peg": (E.Box((0.1, 0.1, 1.0)),)}
     contact = E.Contact((("left", "peg"), ("right", "peg")), mu, shapes=shapes)
-    scene = tl.Scene(gripper(), [0, 0, -0.07, 0.07], effects=[E.Gravity(), squeeze, contact])
+    scene = tl.Scene(robot, [0, 0, -0.07, 0.07], effects=[E.Gravity(), squeeze, contact])
     slips = (first - mass * G / (2 * mu)) / k
     run = tl.simulate(scene, slips + 0.2, 1e-9, samples=50)
     assert times(run, "slide") == pytest.approx([slips] * len(times(run, "slide")), abs=1e-9)
     late = np.fmax(run.t - slips, 0.0)
     assert np.abs(run.q[:, 1] + 2 * mu * k / mass * late**3 / 6).max() < 1e-9
     assert np.abs(run.q[:, [0, 2, 3]] - [0, -0.07, 0.07]).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
+    """Friction mu m g brings both to M v0 / (M + m), after v0 / (mu g (1 + m / M))."""
+    mu, v0, mass, own = 0.3, 1.0, 2.0, 1.0
+    robot = bodies_on_sliders(acart=(mass, "hand", "1 0 0"), bx=(1e-6, "hand", "1 0 0"), bz=(own, "bx", "0 0 1"))
+    shapes = {"acart": (E.Box((2.0, 0.5, 0.2)),), "bz": (E.Box((0.4, 0.3, 0.2)),)}
+    contact = E.Contact((("acart", "bz"),), mu, shapes=shapes)
+    run = tl.simulate(tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact]), 0.5, 1e-9, samples=20)
+    own += 1e-6  # with its cart, which friction takes along
+    end = v0 / (mu * G / own + mu * G / mass)
+    t, late = np.fmin(run.t, end), np.fmax(run.t - end, 0.0)
+    assert times(run, "roll") == pytest.approx(end, abs=1e-9)
+    common = mass * v0 / (mass + own)
+    assert np.abs(run.q[:, 0] - (v0 * t - mu * G / mass * t**2 / 2 + common * late)).max() < 1e-9
+    assert np.abs(run.q[:, 1] - (mu * G / own * t**2 / 2 + common * late)).max() < 1e-9
+    assert np.abs(run.q[:, 2] - 0.2).max() < 1e-12
+
+
+def test_boxes_whose_edges_meet_are_refused() -> None:
+    """One is turned by 45 degrees about x and the other about y: their edges cross."""
+    shapes = {"b0": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, math.pi / 4, 0.0)),),
+              "b1": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, 0.0, math.pi / 4)),)}  # fmt: skip
+    scene = tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [E.Contact((("b0", "b1"),), shapes=shapes)])
+    with pytest.raises(AccuracyError, match="edges of b0 - b1 meet") as caught:
+        tl.simulate(scene, 1.0)
+    assert caught.value.code == "no-located-contact"
+
+
+@pytest.mark.slow
+def test_a_stack_of_boxes_stays_at_rest() -> None:
+    """Three boxes, each smaller than the one below: nothing creeps, and the ground gives the weight of all."""
+    robot = bodies_on_sliders(a=(3.0, "hand", "0 0 1"), b=(2.0, "hand", "0 0 1"), c=(1.0, "hand", "0 0 1"))
+    sizes = {"a": 0.4, "b": 0.3, "c": 0.2}
+    shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
+    contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
+    run = tl.simulate(tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact]), 100.0, 1e-9, samples=0.1)
+    assert np.abs(run.q - [0.1, 0.3, 0.5]).max() < 1e-12
+    forces = run.contact_forces
+    assert [forces[pair][-1, 2] for pair in ("a - ground", "a - b", "b - c")] == pytest.approx([6 * G, -3 * G, -G])
 
 
 def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> None:

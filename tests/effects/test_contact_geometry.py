@@ -9,6 +9,7 @@ import twolink as tl
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.box_gaps import separation
 from twolink.effects.contact_pairs import Plane, select_pairs, solids_of
 from twolink.effects.contact_points import gaps_of
 from twolink.effects.motion import Motion
@@ -25,6 +26,7 @@ SHAPES = {
     "convex": E.Convex(CUBE, **TURNED),
 }
 PAIRS = [("sphere", "sphere"), ("sphere", "capsule"), ("capsule", "sphere"), ("capsule", "capsule"), ("sphere", "box"),
+         ("capsule", "box"),
          ("cylinder", "sphere"), *((name, "plane") for name in SHAPES)]  # fmt: skip
 
 
@@ -85,6 +87,31 @@ def test_gaps_are_coals_distances_and_their_rates_those_of_the_nearest_points(ki
             moved = np.subtract(near.first.velocity(motion(robot, q, v)), near.second.velocity(motion(robot, q, v)))
             assert axes @ moved == pytest.approx([rate, *slip], abs=1e-12)
     assert compared > 10
+
+
+def test_boxes_overlap_where_coal_says_so_and_their_corners_are_inside_where_they_are() -> None:
+    robot, seen = free_bodies("a", "b"), set[tuple[bool, bool]]()
+    shapes = {name: (E.Box((0.2, 0.4, 0.6), **TURNED),) for name in "ab"}
+    (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen
+    boxes, gaps = (gaps_of(pair)[-1].box, gaps_of(pair)[0].box), gaps_of(pair)
+    for q, v in states(robot, 5):
+        here = motion(robot, q, v)
+        apart, true = separation(*boxes, here).item(), distance(robot, shapes, q, None)
+        assert (apart > 0) == (true > 0)
+        assert apart <= max(true, 0.0) + 1e-7
+        lowest = min(gaps, key=lambda gap: gap.value(here))
+        inside = bool(lowest.value(here) < 0)
+        seen.add((inside, apart < 0))
+        assert not (inside and apart > 0)
+        for gap in gaps:
+            step = 1e-6
+            beside = [gap.value(motion(robot, pin.integrate(robot.model, q, s * step * v), v)) for s in (1, -1)]
+            assert gap.velocity(here)[0] == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
+            near = gap.nearest(here)
+            assert np.array(near.axes) @ np.array(near.axes).T == pytest.approx(np.eye(3), abs=1e-12)
+            line = np.subtract(near.first.position(here), near.second.position(here))
+            assert line == pytest.approx(gap.value(here) * np.array(near.axes[0]), abs=1e-12)
+    assert {(True, True), (False, False)} <= seen
 
 
 ROD = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -185,7 +212,7 @@ def test_a_robot_without_shapes_is_refused() -> None:
 
 
 def test_a_pair_without_a_formula_is_named() -> None:
-    shapes = {name: (E.Box((1.0, 1.0, 1.0)),) for name in "ab"}
+    shapes = {"a": (E.Box((1.0, 1.0, 1.0)),), "b": (E.Cylinder(0.1, 0.2),)}
     scene = tl.Scene(free_bodies("a", "b"), effects=[E.Contact(("self",), shapes=shapes)])
-    with pytest.raises(tl.errors.SceneError, match="a - b cannot be located: there is no formula for box and box"):
+    with pytest.raises(tl.errors.SceneError, match="a - b cannot be located: there is no formula for box and cylinder"):
         tl.simulate(scene, 0.1, contact="located")

@@ -8,10 +8,10 @@ from typing import Literal
 from twolink.dynamics import Robot
 from twolink.effects.contact_law import contact_point
 from twolink.effects.contact_pairs import Body, Pairs, select_pairs, solids_of
-from twolink.effects.contact_points import gaps_of
+from twolink.effects.contact_points import edges_meet, gaps_of
 from twolink.effects.effect import NotNegative
 from twolink.effects.joint_stops import check_restitution
-from twolink.effects.switching import ContactPoint, SwitchingEffect
+from twolink.effects.switching import ContactPoint, SwitchingEffect, Trigger
 from twolink.errors import SceneError
 from twolink.robots.shapes import AnyShape
 
@@ -57,8 +57,9 @@ class Contact(SwitchingEffect, frozen=True):
     Notes
     -----
     Where bodies rest on more points than determine their forces, only the sums of the forces of a pair are determined.
-    Bodies that touch along a line or a flat side (a cylinder that stands, parallel capsules) are refused with code
-    "no-single-point", pairs of shapes without a formula with "no-located-contact".
+    Boxes touch each other with corners on sides. Refused with code "no-single-point": what touches along a line, a flat
+    side or an edge (a cylinder that stands, parallel capsules, a corner that slides over an edge). With
+    "no-located-contact": pairs of shapes without a formula, and boxes whose edges meet.
     """
 
     pairs: str | tuple[str | tuple[Body, Body], ...] = ("self", "ground")
@@ -91,13 +92,15 @@ class Contact(SwitchingEffect, frozen=True):
             lines.append(f"{len(names)} pairs are left out ({reason}): {_listed(names)}")
         return lines
 
-    def modes(self, robot: Robot) -> list[ContactPoint]:
-        """A gap for each point at which a pair may touch."""
+    def modes(self, robot: Robot) -> list[ContactPoint | Trigger]:
+        """A gap for each point at which a pair may touch, and what refuses pairs of boxes whose edges meet."""
         friction, restitution = float(self.friction), float(self.restitution)
         static = None if self.static is None else float(self.static)
         reflects = self.impacts == "reflections"
-        return [contact_point(pair.name, gap, friction, restitution, static, reflects=reflects)
-                for pair in self.selected(robot).chosen for gap in gaps_of(pair)]  # fmt: skip
+        pairs = self.selected(robot).chosen
+        points = [contact_point(pair.name, gap, friction, restitution, static, reflects=reflects)
+                  for pair in pairs for gap in gaps_of(pair)]  # fmt: skip
+        return [*points, *(trigger for pair in pairs for trigger in edges_meet(pair))]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
+from twolink.effects.box_gaps import CornerGap
 from twolink.effects.gaps import AnyGap
 from twolink.effects.inputs import Slot
 from twolink.effects.loop import Loop
@@ -26,7 +27,7 @@ STILL = 1e-10  # m/s: a slip whose direction is rounding
 
 def contact_point(
     name: str,
-    gap: AnyGap,
+    gap: AnyGap | CornerGap,
     friction: float,
     restitution: float,
     static: float | None = None,
@@ -57,7 +58,7 @@ class Touching(Loop, frozen=True):
     """
 
     pair: str
-    gap: AnyGap
+    gap: AnyGap | CornerGap
     friction: float
     rolling: bool
     before: tuple[Slot, Slot] | tuple[float, float]

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.namespaces import Numbers
+from twolink.effects.contact_law import Touching
 from twolink.errors import SceneError
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.state import Array
@@ -16,6 +17,7 @@ ASSEMBLED = 1e-12  # m or rad
 TRIALS = 50  # of Newton's method
 SPREADS = (1e-3, 1e-2, 0.3, 0.3)  # of random configurations near the start at which the rank is taken
 SAME_SHARE = 1e-8  # a difference of shares at two positions below it is rounding
+BESIDE_CONTACTS = 1e-2  # of both distances where bodies touch: farther away other sides of theirs do
 PLACES, STRIDE = 8, 0.35  # closed positions on each side of the start, rad or m apart
 BETTER = 1.01  # how much larger the smallest singular value must become for an exchange of rows
 
@@ -40,13 +42,14 @@ def assembled(constraints: Constraints, x: Array) -> Array:
 def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     """The constraints without redundant rows, here and along the motion; None where no row constrains anything."""
     random = np.random.default_rng(3)
-    near = [q, *(pin.integrate(constraints.model, q, s * random.standard_normal(constraints.space.nv))
+    far = BESIDE_CONTACTS if any(isinstance(loop, Touching) for loop in constraints.loops) else 1.0
+    near = [q, *(pin.integrate(constraints.model, q, far * s * random.standard_normal(constraints.space.nv))
                  for s in SPREADS)]  # fmt: skip
     places, jacobians = _with_rows(constraints, [_closed(constraints, x)[0] for x in near])
     used = np.flatnonzero(np.max([np.abs(j).max(axis=1, initial=0.0) for j in jacobians], axis=0) > RANK)
     rank = max(_rank(j) for j in jacobians)
     if rank < len(used):  # rows must be chosen: the choice must do along the whole motion
-        places, jacobians = _with_rows(constraints, places + _along_motion(constraints, q, random))
+        places, jacobians = _with_rows(constraints, places + _along_motion(constraints, q, random, far * STRIDE))
         rank = max(_rank(j) for j in jacobians)
     if not rank:
         return None
@@ -108,8 +111,10 @@ def _pivots(matrix: np.ndarray, rank: int) -> list[int]:
     return chosen
 
 
-def _along_motion(constraints: Constraints, q: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
-    """Closed positions on both sides of q, as the mechanism can move."""
+def _along_motion(
+    constraints: Constraints, q: np.ndarray, random: np.random.Generator, stride: float
+) -> list[np.ndarray]:
+    """Closed positions on both sides of q, as the mechanism can move, a stride apart."""
     places = []
     start = random.standard_normal(constraints.space.nv)
     for sign in (1.0, -1.0):
@@ -120,7 +125,7 @@ def _along_motion(constraints: Constraints, q: np.ndarray, random: np.random.Gen
             if not len(free):
                 break
             direction = free.T @ (free @ direction)
-            direction *= STRIDE / max(1e-300, float(np.abs(direction).max()))
+            direction *= stride / max(1e-300, float(np.abs(direction).max()))
             x = _closed(constraints, pin.integrate(constraints.model, x, direction))[0]
             if not np.isfinite(x).all():
                 break

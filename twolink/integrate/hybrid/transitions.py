@@ -92,9 +92,9 @@ def _single(run: RunState, i: int, s: Snapshot) -> Any:
 
 
 def _require_point(i: int, run: RunState) -> None:
-    """Raise AccuracyError for bodies that touch along a line or a flat side."""
-    raise AccuracyError(f"{run.system.contacts[i].name} touch along a line or a flat side, not at single points",
-                        where=f"t = {run.t:.9g} s", remedy="give them shapes with points: boxes, convex hulls, spheres",
+    """Raise AccuracyError for bodies that touch along a line, with a flat side, or over an edge."""
+    raise AccuracyError(f"{run.system.contacts[i].name} touch along a line, a flat side or an edge, not at points",
+                        where=f"t = {run.t:.9g} s", remedy="give them spheres or corners that touch within a side",
                         code="no-single-point", t=run.t)  # fmt: skip
 
 
