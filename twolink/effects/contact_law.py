@@ -63,6 +63,7 @@ class Touching(Loop, frozen=True):
     rolling: bool
     before: tuple[Slot, Slot] | tuple[float, float]
 
+    touches: ClassVar[bool] = True
     max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
 
     def rows(self, motion: Motion) -> list[Scalar]:

@@ -14,6 +14,7 @@ class Loop(Effect, frozen=True):
     Redundant rows are recognized and dropped, so that a planar loop may be given as the whole joint.
     """
 
+    touches: ClassVar[bool] = False  # whether it is that of bodies that touch
     max_rows: ClassVar[int] = 0  # the number of rows in the mode that has most; 0 where it has no modes
 
     def carrier(self, motion: Motion) -> int:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.contact_law import Touching
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.force_share import within_laws
@@ -55,7 +54,7 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
         return found
     states, evaluator = _full(equations, x), Evaluator(equations)
     every = constraints.all_multipliers(evaluator.by_numpy(t, states).multipliers)
-    closed = [loop for loop in constraints.loops if isinstance(loop, Touching)]
+    closed = [loop for loop in constraints.loops if loop.touches]
     if closed and len(constraints.kept) < len(constraints.all_rows):
         every = within_laws(equations, evaluator, closed, t, states, np.array(every, dtype=float))
     motion = motion_of(equations, equations.mechanism, t, states, Numbers)
