@@ -7,7 +7,7 @@ its error can only be estimated.
 from typing import Literal, NamedTuple
 
 from twolink.effects.contact import Contact
-from twolink.effects.contact_points import gaps_of
+from twolink.effects.contact_points import edges_meet, gaps_of
 from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene
 
@@ -37,6 +37,8 @@ def choose_way(scene: Scene, asked: str | None = None) -> Choice:
     points = 0
     for effect in effects:
         for pair in effect.selected(scene.robot).chosen:
+            if edges_meet(pair):
+                return Choice("stepped", f"edges of {pair.name} may meet, for which there is no formula")
             try:
                 points += len(gaps_of(pair))
             except SceneError as error:
