@@ -50,7 +50,7 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
         Of each, the pair of bodies, the point where it acts, m, and the force on the first body, N; world's axes.
     """
     constraints, found = equations.constraints, list[tuple[str, Array, Array]]()
-    if constraints is None or not any(isinstance(loop, Touching) for loop in constraints.loops):
+    if constraints is None or not any(loop.touches for loop in constraints.loops):
         return found
     states, evaluator = _full(equations, x), Evaluator(equations)
     every = constraints.all_multipliers(evaluator.by_numpy(t, states).multipliers)
