@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -21,7 +22,7 @@ from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 OVERLAP = 1e-7  # m: how far two boxes may overlap, by rounding
 
 
-def gaps_of(pair: Pair) -> list[AnyGap] | list[CornerGap]:
+def gaps_of(pair: Pair) -> Sequence[AnyGap | CornerGap]:
     """The gaps of a pair. Raises SceneError where shapes have no formula."""
     a, b = pair.first, pair.second
     if isinstance(b, Plane):
