@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,6 @@ DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deepe
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 ROUNDS = 20  # of adding contacts that the others push together
-FAR = 1e3  # m: a gap that plays no part
 
 
 @dataclass(frozen=True)
@@ -157,10 +157,10 @@ class Stepper:
         move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel()
         gaps = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
         if gaps[law.rests].min(initial=0.0) < -CLOSED:
-            pushed = law.pushed_apart(active, gaps, rows[_rows(active)] @ response)
-            if pushed is None:
+            push = self._apart(rows, gaps, law.rests)
+            if push is None:
                 return None
-            move += response @ pushed.ravel()
+            move += push
         pressing = worth.p[:, 2] > 0.0
         chosen = active[pressing]
         keys, p = points.key[chosen], worth.p[pressing]
@@ -179,6 +179,25 @@ class Stepper:
             impulse,
             worth,
         )
+
+    def _apart(self, rows: Any, gaps: Array, rests: Array) -> Array | None:
+        """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
+        chosen = rests & (gaps < 0.0)
+        for _ in range(ROUNDS):
+            near = np.flatnonzero(chosen)
+            own = rows[_rows(near)]
+            response = self.bodies.inverse @ own.T
+            b = np.zeros((len(near), 3))
+            b[:, 2] = gaps[near]
+            worth = solve_impulses(Problem(own @ response, b, np.zeros(len(near))), np.zeros_like(b))
+            if not worth.solved:
+                return None
+            push = np.asarray(response @ worth.p.ravel())
+            missed = rests & ~chosen & (gaps + (rows @ push).reshape(-1, 3)[:, 2] < -CLOSED)
+            if not missed.any():
+                return push
+            chosen |= missed
+        return None
 
 
 class _Law:
@@ -240,13 +259,6 @@ class _Law:
             self.mu[active[slips]] = self.slower[active[slips]]
             self.active |= missed
         return None
-
-    def pushed_apart(self, active: Array, gaps: Array, matrix: Array) -> Array | None:
-        """nu (n, 3) along the normals of the active points, which removes their overlap."""
-        b = np.zeros((len(active), 3))
-        b[:, 2] = np.where(self.rests[active], gaps[active], FAR)
-        worth = solve_impulses(Problem(matrix, b, np.zeros(len(active))), np.zeros_like(b))
-        return worth.p if worth.solved else None
 
 
 def _rows(points: Array) -> Array:
