@@ -19,7 +19,7 @@ def write_marks(run: Trajectory, folder: Path, most_bytes: float) -> None:
     pairs: dict[str, Any] = {_PAIR + pair: np.stack(both).astype(np.float32) for pair, both in run.contacts.items()}
     if sum(values.nbytes for values in pairs.values()) > most_bytes:
         pairs = {}
-    pairs[_EVENTS] = np.frombuffer(msgspec.json.encode(list(run.events)), np.uint8)
+    pairs[_EVENTS] = np.frombuffer(msgspec.json.encode(list(run.events), enc_hook=np.generic.item), np.uint8)
     with (folder / FILE).open("wb") as file:
         np.savez_compressed(file, **pairs)
 
