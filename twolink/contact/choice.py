@@ -6,8 +6,6 @@ its error can only be estimated.
 
 from typing import Literal, NamedTuple
 
-from twolink.effects.contact import Contact
-from twolink.effects.contact_points import edges_meet, gaps_of
 from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene
 
@@ -25,17 +23,25 @@ class Choice(NamedTuple):
 
 def choose_way(scene: Scene, asked: str | None = None) -> Choice:
     """How the contacts of a scene are computed. asked: "located" or "stepped" forces it. Raises SceneError."""
-    effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
+    effects = [effect for effect in scene.effects if effect.touches]
     if asked is not None:
         require_known(asked, WAYS, SceneError, argument="contact")
         if asked == "stepped" and not effects:
             raise SceneError("the scene has no Contact effect", argument="contact",
                              remedy="add tl.effects.Contact(...)")  # fmt: skip
         return Choice("stepped" if asked == "stepped" else "located", "asked for") if effects else Choice(None)
-    if not effects:
-        return Choice(None)
+    return _by_shapes(scene) if effects else Choice(None)
+
+
+def _by_shapes(scene: Scene) -> Choice:
+    """Located where every pair has formulas, and not too many."""
+    from twolink.effects.contact import Contact  # which scenes without contacts do not load
+    from twolink.effects.contact_points import edges_meet, gaps_of
+
     points = 0
-    for effect in effects:
+    for effect in scene.effects:
+        if not isinstance(effect, Contact):
+            continue
         for pair in effect.selected(scene.robot).chosen:
             if edges_meet(pair):
                 return Choice("stepped", f"edges of {pair.name} may meet, for which there is no formula")

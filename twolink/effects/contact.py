@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import ClassVar, Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.contact_law import contact_point
@@ -62,6 +62,8 @@ class Contact(SwitchingEffect, frozen=True):
     capsules, a corner that slides over an edge). With "no-located-contact": pairs of shapes without a formula, and
     boxes whose edges meet.
     """
+
+    touches: ClassVar[bool] = True
 
     pairs: str | tuple[str | tuple[Body, Body], ...] = ("self", "ground")
     friction: NotNegative = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -31,6 +31,8 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     An effect may change the robot's constants (`change`), or act on the moving robot (`act`), or both. What it does
     is written once, over plain arithmetic: NumPy runs it beside Pinocchio, heyoka compiles it.
     """
+
+    touches: ClassVar[bool] = False  # whether bodies touch by it
 
     @property
     def analytic(self) -> bool:

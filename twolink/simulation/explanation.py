@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from twolink.contact.choice import Choice, choose_way
-from twolink.contact.solver import solve_stepped
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
@@ -19,7 +18,6 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for
-from twolink.simulation.stepped_run import FIRST, stepper_of
 from twolink.simulation.text import ShownAsText
 
 PILOT_STEPS = 20  # of stepped contacts
@@ -173,6 +171,9 @@ def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
     """How a scene with stepped contacts is computed."""
+    from twolink.contact.solver import solve_stepped  # which other scenes do not load
+    from twolink.simulation.stepped_run import FIRST, stepper_of
+
     stepper = stepper_of(scene)
     step = min(FIRST, length / 4)
     pilot = min(length, PILOT_STEPS * step)

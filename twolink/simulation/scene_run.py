@@ -26,7 +26,6 @@ from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import limit_of_loops, refined
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
-from twolink.simulation.stepped_run import simulate_stepped
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import SecondSolutions, Solved, second_solutions
 
@@ -115,6 +114,8 @@ def _stepped(
     verify: bool,
 ) -> Trajectory:
     """The run of a scene whose contacts are stepped, which has a step and no method."""
+    from twolink.simulation.stepped_run import simulate_stepped  # which other scenes do not load
+
     for argument, given in (("method", method != "auto"), ("tolerance", tolerance is not None),
                             ("precision", precision != "double")):  # fmt: skip
         if given:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.contact.solver import SteppedSolution
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
 from twolink.errors import AccuracyError, SceneError
@@ -28,6 +27,7 @@ from twolink.simulation.cost import Cost
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from twolink.contact.solver import SteppedSolution
     from twolink.show.playback import InlinePage
 
 log = logging.getLogger("twolink")
@@ -443,7 +443,7 @@ class Trajectory:
         complementarity: the largest product of impulse and opening or slip that must vanish, J. halved: steps that were
         taken as two, because the laws were not reached. solvers: how many steps each one solved.
         """
-        if not isinstance(self.solution, SteppedSolution):
+        if self.solution is None or isinstance(self.solution, DenseOutput):
             return None
         record = self.solution.record
         return {"overlap": self.solution.overlap, "feasibility": record.feasibility, "halved": record.halved,
