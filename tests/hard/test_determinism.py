@@ -12,7 +12,7 @@ import pytest
 import twolink as tl
 
 METHODS = ("auto", "dop853", "rk45", "taylor", "rk4", "esdirk43", "scipy-dop853")
-SCENES = ("arm-swing", "spinning-top", "four-bar", "panda-hold")
+SCENES = ("arm-swing", "spinning-top", "four-bar", pytest.param("panda-hold", marks=pytest.mark.slow))
 _BATCH = """
 import numpy as np, twolink as tl, hashlib
 q = np.random.default_rng(4).uniform(-1, 1, (130, 2))

@@ -10,7 +10,7 @@ from twolink.errors import QueryError
 from twolink.identification import exciting_motion, identify
 
 
-@pytest.mark.parametrize("name", ["arm", "kinova"])
+@pytest.mark.parametrize("name", ["arm", pytest.param("kinova", marks=pytest.mark.slow)])
 def test_it_keeps_the_limits_and_is_better_than_random_motions(name: str) -> None:
     robot = tl.load_robot(name)
     motion = exciting_motion(robot, 6.0, samples=1000, steps=4)

@@ -48,6 +48,7 @@ def test_exact_measurements_give_the_true_values() -> None:
     assert np.abs(found.residuals).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_true_values_are_inside_the_intervals_as_often_as_stated() -> None:
     hits = []
     for seed in range(25):
@@ -136,6 +137,7 @@ def test_a_common_factor_of_all_masses_cannot_be_told_and_is_not_fitted() -> Non
     assert ratio == pytest.approx(truth[0] / truth[1], rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
     """Known torques set the scale: all six combinations of the arm are told, in the words of `base_parameters`."""
     push = E.Torque({"shoulder": E.Sine(4.0, 1.1), "elbow": E.Sine(1.0, 2.3)})

@@ -170,6 +170,7 @@ def test_pitch_as_json_with_a_figure(tmp_path: Path) -> None:
         assert 0 < by["error"] < 1e-3
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_so_far(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def press(done: int, _total: int, _label: str) -> None:
         if done == 2:

@@ -128,7 +128,7 @@ def test_from_a_new_robot_to_its_playing(page: Page, tmp_path: Path) -> None:
     page.wait_for("document.getElementById('scene-json').value.includes('0.9')")
     page.wait_for("document.getElementById('expected')")
     page.run()
-    assert page.moves()
+    assert page.moves(seconds=10)
     page.choose("#robot-select", "two_link")
     page.wait_for("document.getElementById('robot-facts').innerText.startsWith('two_link')")
     assert page.evaluate("document.getElementById('result').hidden")
@@ -315,6 +315,7 @@ def test_every_query_can_be_asked(page: Page) -> None:
         page.wait_for("document.querySelector('#query-answer table')")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_accuracy_study_is_drawn(page: Page) -> None:
     page.open()
@@ -325,6 +326,7 @@ def test_the_accuracy_study_is_drawn(page: Page) -> None:
     assert "dop853" in page.text("#study-result table") or "taylor" in page.text("#study-result table")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_earlier_runs_are_shown_again(page: Page) -> None:
     page.open("#scene=arm-human")
@@ -356,6 +358,7 @@ def test_the_keyboard_reaches_run(page: Page) -> None:
     page.wait_for("!document.getElementById('result').hidden")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (768, 1024)])
 def test_the_page_fits_small_screens(page: Page, width: int, height: int) -> None:
@@ -366,7 +369,7 @@ def test_the_page_fits_small_screens(page: Page, width: int, height: int) -> Non
     for tab in ("tab-study", "tab-past", "tab-query"):
         page.evaluate(f"document.getElementById('{tab}').click()")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.moves()
+    assert page.moves(seconds=10)
 
 
 @pytest.mark.browser
@@ -378,6 +381,7 @@ def test_the_page_is_dark_when_the_system_is(page: Page) -> None:
     assert page.robot().mean() < 100
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
     with serving(tmp_path / "data") as gone:
@@ -410,7 +414,7 @@ def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:  # noqa
         page.click("#token-form button.primary")
         page.wait_for(READY)
         page.run()
-        assert page.moves()
+        assert page.moves(seconds=10)
         assert "TWOLINK_TOKEN" in page.evaluate("document.getElementById('curl').textContent")
         assert page.faults() == []
 

@@ -75,6 +75,7 @@ def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> No
     assert drawn(page, "#identify-result canvas") > 20
 
 
+@pytest.mark.slow
 def test_a_cell_of_a_sweep_is_seen_to_move(page: Page) -> None:
     page.open("#scene=arm-swing")
     page.choose("#duration", "0.5")

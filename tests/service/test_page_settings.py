@@ -122,6 +122,7 @@ def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     assert page.evaluate(SCENE) == scene
 
 
+@pytest.mark.slow
 def test_an_address_that_names_nothing_says_so(page: Page) -> None:
     page.open("#scene=nonsense")
     assert "There is no scene" in page.text("#robot-problem")
@@ -145,6 +146,7 @@ def test_results_of_other_settings_say_so(page: Page) -> None:
     assert page.text("#accuracy-value") == "1e-6"
 
 
+@pytest.mark.slow
 def test_runs_are_compared(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1")
@@ -207,6 +209,7 @@ def test_long_lists_are_searched(page: Page) -> None:
     assert page.evaluate("document.getElementById('robot-select').options.length") > 20
 
 
+@pytest.mark.slow
 def test_the_curves_of_a_robot_with_many_joints_are_chosen(page: Page) -> None:
     page.open("#robot=panda")
     page.choose("#duration", "0.1")

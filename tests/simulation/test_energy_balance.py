@@ -37,7 +37,7 @@ SCENES = {
 }  # fmt: skip
 
 
-SLOW = {"crank-spring": pytest.mark.slow}
+SLOW = dict.fromkeys(("crank-spring", "a ball that bounces, slides and rolls"), pytest.mark.slow)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW.get(name, ())) for name in SCENES])
