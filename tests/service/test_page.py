@@ -405,6 +405,7 @@ def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None
     assert page.faults() == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
     with serving(tmp_path / "data", environment={"TWOLINK_TOKEN": "let-me-in"}) as guarded:

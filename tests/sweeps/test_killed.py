@@ -169,6 +169,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
         os.killpg(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_cluster_replaces_its_workers_and_its_scheduler_is_killed(
     tmp_path: Path, log: Callable[[], list[float]], cluster: tuple[subprocess.Popen[str], str]
 ) -> None:
