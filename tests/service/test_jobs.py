@@ -196,7 +196,7 @@ def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
     with serving(tmp_path / "data", *(x for q in quotas for x in ("--quota", q))) as served, served.client() as http:
         keys = []
         for k in range(6):  # about 15 kB each
-            job = http.post("/v1/simulations", json={**SWING, "duration": 1.0 + k / 100}).json()
+            job = http.post("/v1/simulations", json={**SWING, "duration": 1.0 + k / 100, "wait": 10}).json()
             keys.append(job["id"])
         assert http.get("/health").json()["bytes"] <= 0.05 * 2**20
         assert http.get(f"/v1/simulations/{keys[0]}").status_code == 404  # the oldest went
