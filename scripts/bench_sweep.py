@@ -35,7 +35,6 @@ from twolink.dynamics.threads import thread_count
 
 DURATION = 10.0
 SHORT = 0.1  # s, of runs that take no time beside the start
-FEW_RUNS = 5  # of which the engines are compared: a fifth
 
 
 def main() -> None:
@@ -104,7 +103,7 @@ def engines(folder: Path, options: argparse.Namespace) -> float:
     """The time by Dask over that by local processes, in turn, on workers that have begun."""
     from distributed import Client, LocalCluster
 
-    vary = releases(options.runs // FEW_RUNS, 0.3)
+    vary = releases(options.runs, 0.3)
     with (
         LocalCluster(n_workers=thread_count(), threads_per_worker=1, dashboard_address=None) as cluster,
         Client(cluster) as client,
@@ -118,7 +117,7 @@ def engines(folder: Path, options: argparse.Namespace) -> float:
                 seconds[name] += [took] if i else []
     ratio = statistics.median(seconds["Dask"]) / statistics.median(seconds["local"])
     shown = ", ".join(f"{name} {statistics.median(times):.2f} s" for name, times in seconds.items())
-    print(f"{options.runs // FEW_RUNS:,} runs: {shown}; ratio {ratio:.3f}", flush=True)
+    print(f"{options.runs:,} runs: {shown}; ratio {ratio:.3f}", flush=True)
     return ratio
 
 

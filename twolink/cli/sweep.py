@@ -24,7 +24,7 @@ SHOWN_REASONS = 5
 
 
 Source = Annotated[
-    str, Argument(metavar="SOURCE", help="A scene with --vary; or a study: basin, release, or a .toml file.")
+    str, Argument(metavar="SOURCE", help="A scene with --vary; or a study: basin, release, price, or a .toml file.")
 ]
 Vary = Annotated[list[str] | None, Option(metavar="NAME=VALUES", help="What varies, see below; repeatable.")]
 Bound = Annotated[
