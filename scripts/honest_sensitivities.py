@@ -1,20 +1,24 @@
 """Do the error bars of sensitivities hold? Random scenes, each differentiated and compared with differences of runs.
 
-    python scripts/honest_sensitivities.py [--scenes 100] [--seed 0] [--first 0]
+    python scripts/honest_sensitivities.py [--scenes 100] [--seed 0] [--first 0] [--out rows.jsonl]
 
 Scenes: those of `honest_scenes` that are smooth, have joints of all kinds, are unstable, have loops or events in closed
 form, and arms with stops, dry friction, releases, detents and planes. By what: the start, and constants drawn at random
 from those of the robot and of the effects.
 
-Truth: differences of order 8 and 6 of tight runs beside the scene, in quad precision where the scene is smooth.
+Truth: differences of order 8 and 6 of tight runs beside the scene, in quad precision where the scene is smooth, by
+code that takes the scene's constants as inputs and so is compiled once for all of them.
 Their distance is the truth's own doubt; samples where it is above a tenth of the bar do not count, such as those beside
 an event. A bar fails where one entry of a sample is farther from the truth than it says. Ends 0 if none does.
 """
 
 import argparse
+import json
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from honest_scenes import Case, events, joints, loops, smooth, unstable
@@ -23,10 +27,16 @@ import twolink as tl
 from twolink import effects as fx
 from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.algorithms.mechanism import nominal, parameter_names
+from twolink.algorithms.namespaces import Expressions
+from twolink.dynamics.kernels import heyoka
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import all_effect_numbers
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.effect_numbers import all_effect_numbers, nominal_value
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import traced_rate
+from twolink.integrate.method_choice import choose
+from twolink.integrate.scene_equations import equations_of, structure_of, with_parameters
+from twolink.simulation.scene_run import run_of
 from twolink.simulation.world_scenes import world_scene
 
 SAMPLES, LONGEST, PATIENCE = 40, 4.0, 20.0  # of a scene; s of motion; s of a run
@@ -35,7 +45,9 @@ KNOWN = 0.1  # of the bar: where the truth's own doubt is larger, it does not ju
 SIXTH = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 EIGHTH = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 STEP, SMOOTH_STEP = 1e-3, 2e-3  # of differences through events, and without any
-NOISE, PRECISE_NOISE = 1e-13, 1e-17  # of the runs
+TIGHT, QUAD = 1e-13, 1e-22  # accuracy of runs in double precision, tolerance of those in quadruple precision
+ROUNDING = 1e-12  # relative: of differences in the tangent space
+FEWEST = 50  # steps in quadruple precision, where the size of a step may be misjudged at symmetric rest
 LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 
 
@@ -96,49 +108,96 @@ def named(scene: tl.Scene, random: np.random.Generator) -> list[str]:
 def beside(scene: tl.Scene, name: str, column: int, shift: float) -> tl.Scene:
     """The scene with one number moved."""
     if name not in ("q", "v"):
-        own = all_effect_numbers(scene)
-        value = own[name] if name in own else nominal(scene.robot.model, name)
-        return world_scene(scene, {name: value + shift})
+        return world_scene(scene, {name: number_of(scene, name) + shift})
     change = np.zeros(scene.robot.nv)
     change[column] = shift
     q = scene.robot.integrate(scene.q, change) if name == "q" else scene.q
     return tl.Scene(scene.base, q, scene.v + change * (name == "v"), scene.effects, scene.duration)
 
 
-def truth(scene: tl.Scene, name: str, column: int, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """d(q, v)/dp (n, 2 nv) at the samples, and its doubt (n,)."""
-    equations = equations_of(scene)
-    precise = equations.analytic
-    step = SMOOTH_STEP if precise or not equations.has_events else STEP
-    samples, limit = SAMPLES / duration, TimeLimit(PATIENCE)
+class Beside:
+    """Tight runs beside a scene at the same times, for differences; one code serves all of them."""
 
-    def state(k: int) -> np.ndarray:
-        moved = beside(scene, name, column, k * step)
-        kept = {"method": "taylor", "precision": "quad"} if precise else {"method": "dop853"}
-        run = tl.simulate(moved, duration, 1e-18 if precise else 1e-13, samples=samples, verify=False, progress=limit,
-                          **kept)  # type: ignore[arg-type]  # fmt: skip
-        x = run.precise if precise and run.precise is not None else np.concatenate([run.q, run.v], axis=1)
-        return np.asarray(x)
+    def __init__(self, scene: tl.Scene, names: list[str], times: np.ndarray) -> None:
+        self.scene, self.times = scene, times
+        own = equations_of(scene)
+        self.precise = own.analytic and not own.breaks(float(times[-1]))
+        self.step = SMOOTH_STEP if not own.has_events else STEP
+        if self.precise:
+            base, known = structure_of(own)[0], parameter_names(scene.robot.model)
+            lengths = [name for name in names if name in known and name not in base.parameters]
+            self.equations = with_parameters(own, (*base.parameters, *lengths))
+            self.integrator = quad_integrator(self.equations)
 
-    states = {k: state(k) for k in range(-4, 5)}
-    nq, length = scene.robot.nq, min(map(len, states.values()))
-    own = states[0][:length]
+    def states(self, moved: tl.Scene, limit: TimeLimit) -> np.ndarray:
+        """(q, v) at the times, (n, nq + nv), up to the event that ends the run."""
+        equations, end = equations_of(moved), float(self.times[-1])
+        if not self.precise:
+            equations = replace(equations, any_numbers=True)
+            choice = choose(equations, TIGHT, end, "dop853")
+            run = run_of(moved, equations, choice, self.times, TIGHT, limit, verify=False)
+            alike = run.t == self.times[: len(run.t)]
+            return np.concatenate([run.q, run.v], axis=1)[alike]
+        real, one = heyoka().real128, self.integrator
+        one.time, one.state[:] = real(0.0), equations.start[: equations.moving].astype(real)
+        numbers = [*equations.start[equations.moving :],
+                   *(nominal_value(equations, name) for name in self.equations.parameters)]  # fmt: skip
+        one.pars[:] = np.array(numbers).astype(real)[: len(one.pars)]
+        found = one.propagate_grid(self.times.astype(real), max_delta_t=real(end / FEWEST))
+        if found[0] != heyoka().taylor_outcome.time_limit:
+            raise AccuracyError("no motion in quadruple precision", where="truth")
+        return np.asarray(found[-1])
 
-    def differences(weights: tuple[tuple[int, float], ...]) -> np.ndarray:
-        change = sum(w * (states[k][:length] - states[-k][:length]).astype(float) for k, w in weights) / step
-        dq = change[:, :nq]
-        base = own[:, :nq].astype(float)
-        if nq != scene.robot.nv:  # from entries to the tangent space: q + h dq for a small h
-            h = 1e-6
-            dq = (scene.robot.difference(base, scene.robot.normalize(base + h * dq))
-                  - scene.robot.difference(base, scene.robot.normalize(base - h * dq))) / (2 * h)  # fmt: skip
-        return np.concatenate([dq, change[:, nq:]], axis=1)
+    def derivatives(self, name: str, column: int) -> tuple[np.ndarray, np.ndarray]:
+        """d(q, v)/dp (n, 2 nv) at the samples, and its doubt (n,)."""
+        scene, limit = self.scene, TimeLimit(PATIENCE, clock=time.process_time)
+        value = 1.0 if name in ("q", "v") else abs(number_of(scene, name))
+        h = self.step * min(1.0, value or 1.0)
+        states = {k: self.states(beside(scene, name, column, k * h), limit) for k in range(-4, 5)}
+        nq, nv, length = scene.robot.nq, scene.robot.nv, min(map(len, states.values()))
+        own = states[0][:length].astype(float)
 
-    best = differences(EIGHTH)
-    size = 1.0 + np.abs(own.astype(float)).max(axis=1)
-    noise = (PRECISE_NOISE if precise else NOISE) * size / step + (1e-9 if nq != scene.robot.nv else 0.0)
-    doubt = np.abs(best - differences(SIXTH)).max(axis=1) + noise * (1.0 + np.abs(best).max(axis=1))
-    return best, np.nan_to_num(doubt, nan=np.inf)
+        def differences(weights: tuple[tuple[int, float], ...]) -> np.ndarray:
+            change = sum(w * (states[k][:length] - states[-k][:length]).astype(float) for k, w in weights) / h
+            along = change[:, :nq]
+            if nq != nv:
+                along = tangent(scene.robot, own[:, :nq], along)
+            return np.concatenate([along, change[:, nq:]], axis=1)
+
+        best = differences(EIGHTH)
+        rounding = 1e-16 * value if self.precise else TIGHT * (1.0 + np.abs(own).max(axis=1))  # of what is moved
+        doubt = np.abs(best - differences(SIXTH)).max(axis=1)
+        doubt += (rounding / h + ROUNDING) * (1.0 + np.abs(best).max(axis=1))
+        return best, np.nan_to_num(doubt, nan=np.inf)
+
+
+def quad_integrator(equations: Equations) -> Any:
+    """heyoka's Taylor integrator in quadruple precision, with the equations' parameters as its own."""
+    module, size = heyoka(), equations.moving
+    rows = equations.space.size - size
+    x = [module.expression(f"x{i}") for i in range(size)] + [module.par[i] for i in range(rows)]
+    constants = {name: module.par[i] for i, name in enumerate(equations.parameters, rows)}
+    xp = Expressions(module)
+    rates = traced_rate(equations, module.time, np.array(x, dtype=object), xp, constants)[:size]
+    start = [module.real128(0.0)] * size
+    return module.taylor_adaptive(list(zip(x[:size], map(xp.lift, rates), strict=True)), start, compact_mode=True,
+                                  fp_type=module.real128, tol=module.real128(QUAD))  # fmt: skip
+
+
+def tangent(robot: tl.Robot, q: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Changes of the entries of q (n, nq) as tangent vectors (n, nv), by differences of order 8 of small steps."""
+    h = 1e-2 / (1.0 + np.abs(along).max())
+
+    def moved(k: int) -> np.ndarray:
+        return np.asarray(robot.difference(q, robot.normalize(q + k * h * along)))
+
+    return np.asarray(sum(weight * (moved(k) - moved(-k)) for k, weight in EIGHTH) / h)
+
+
+def number_of(scene: tl.Scene, name: str) -> float:
+    """The value that a constant has in a scene."""
+    own = all_effect_numbers(scene)
+    return own[name] if name in own else nominal(scene.robot.model, name)
 
 
 def check(number: int, seed: int) -> Row:
@@ -167,15 +226,17 @@ def check(number: int, seed: int) -> Row:
             row.outcome = refused
             return row
     columns = [(name, k) for name in names for k in range(s.q[name].shape[2])]
-    for i in random.permutation(len(columns))[:COLUMNS]:
-        compare(row, scene, s, *columns[i], duration)
+    chosen = [columns[i] for i in random.permutation(len(columns))[:COLUMNS]]
+    runs = Beside(scene, [name for name, _ in chosen], s.run.t)
+    for name, column in chosen:
+        compare(row, runs, s, name, column)
     return row
 
 
-def compare(row: Row, scene: tl.Scene, s: tl.Sensitivities, name: str, column: int, duration: float) -> None:
+def compare(row: Row, runs: Beside, s: tl.Sensitivities, name: str, column: int) -> None:
     """Count how one column compares with its truth."""
     try:
-        exact, doubt = truth(scene, name, column, duration)
+        exact, doubt = runs.derivatives(name, column)
     except (AccuracyError, SceneError, OverBudget) as error:
         row.outcome = f"no truth: {error}"[:60]
         return
@@ -190,17 +251,30 @@ def compare(row: Row, scene: tl.Scene, s: tl.Sensitivities, name: str, column: i
         row.tightness.append(float(bar[-1] / errors[sure].max()))
 
 
+def rows_of(path: Path | None) -> dict[int, Row]:
+    """The rows that a file holds, by number."""
+    lines = path.read_text().splitlines() if path is not None and path.exists() else []
+    kept = [json.loads(line) for line in lines]
+    return {one.pop("number"): Row(**one) for one in kept}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="keeps each row; a row that is there is not computed again")
     options = parser.parse_args()
-    rows = []
+    rows, known = [], rows_of(options.out)
     for number in range(options.first, options.first + options.scenes):
         start = time.perf_counter()
-        row = check(number, options.seed)
+        row = known[number] if number in known else check(number, options.seed)
         rows.append(row)
+        if number in known:
+            continue
+        if options.out is not None:
+            with options.out.open("a") as file:
+                file.write(json.dumps({"number": number} | asdict(row)) + "\n")
         print(f"{number:4d}  {row.kind:<9}{row.what:<28.28}{row.outcome:<24}columns {row.columns:3d}  samples "
               f"{row.samples:5d}  beyond {row.failed:3d}  worst {row.worst:8.2g}  {time.perf_counter() - start:6.1f} s",
               flush=True)  # fmt: skip

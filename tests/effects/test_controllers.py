@@ -73,6 +73,19 @@ def test_computed_torque_errors_fall_as_in_theory(path: str) -> None:
     assert np.abs(reference.T - run.q - expected).max() < 2e-9
 
 
+def test_a_joint_follows_the_paths_of_others() -> None:
+    """A third joint keeps the sum of the angles: with paths of degree 5, and the error's own equation off the path."""
+    feeding, (a, b) = tl.load_robot("feeding_arm"), ((0.6, -2.1), (1.3, -1.5))
+    path = {joint: E.Bezier((p,) * 3 + (q,) * 3, 2.0) for joint, p, q in zip(("shoulder", "elbow"), a, b, strict=True)}
+    follow = E.ComputedTorque(path, 16.0, 8.0, following={"wrist": {"shoulder": -1.0, "elbow": -1.0}})
+    run = tl.simulate(tl.Scene(feeding, [*a, 1.4], effects=[E.Gravity(), follow]), 2.0, accuracy=1e-9)
+    s, t = run.t / 2.0, run.t
+    expected = np.array(a) + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, np.subtract(b, a))
+    assert np.abs(run.q[:, :2] - expected).max() < 2e-9
+    error = 1.5 - 1.4  # of the wrist, which begins beside its path
+    assert np.abs(run.q.sum(axis=1) + error * (1 + 4 * t) * np.exp(-4 * t)).max() < 2e-9
+
+
 def test_computed_torque_on_the_ur5() -> None:
     path = {joint: E.Sine(0.3, 1.0 + 0.2 * i, 0.1 * i) for i, joint in enumerate(robot("ur5").joint_names)}
     q = [0.3 * np.sin(0.1 * i) for i in range(6)]
@@ -100,6 +113,19 @@ LINEAR = E.Sampled((0.0, 1.0), (0.0, 1.0))
         ("arm", E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0), "path", "it has no path for 'shoulder'"),
         ("arm", E.ComputedTorque({**BOTH, "elbow": LINEAR}, 1.0, 1.0), "path.elbow.interpolation", "cubic"),
         ("arm", E.ComputedTorque(BOTH, float("inf"), 1.0), "kp", "finite"),
+        (
+            "arm",
+            E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0, following={"shoulder": {"elbo": 1.0}}),
+            "following.shoulder",
+            "mean 'elbow'",
+        ),
+        ("arm", E.ComputedTorque(BOTH, 1.0, 1.0, following={"elbow": {"shoulder": 1.0}}), "following.elbow", "its own"),
+        (
+            "arm",
+            E.ComputedTorque({"elbow": 1.0}, 1.0, 1.0, following={"shoulder": {"elbow": "x"}}),
+            "following.shoulder.elbow",
+            "finite",
+        ),
         ("arm", E.GravityCompensation(("elbw",)), "joints", "mean 'elbow'"),
         ("arm", E.GravityCompensation(("elbow", "elbow")), "joints", "each once"),
         ("arm", E.GravityCompensation(()), "joints", "each once"),

@@ -20,7 +20,7 @@ def test_every_effect_is_listed_and_completed() -> None:
                 defined.add(value)
     bases = {base for value in defined for base in value.__mro__[1:]}
     assert set(TYPES.values()) == {value.__name__ for value in defined - bases}
-    assert set(TYPES.values()) | {"Polynomial", "Sine", "Sampled"} <= set(dir(tl.effects))
+    assert set(TYPES.values()) | {"Polynomial", "Bezier", "Sine", "Sampled"} <= set(dir(tl.effects))
     assert all(getattr(tl.effects, name).__name__ == name for name in dir(tl.effects))
 
 

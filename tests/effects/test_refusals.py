@@ -38,6 +38,8 @@ BAD = [
     (E.SpringBetween("base", "universe"), "second", "do not move against each other"),
     (E.SpringBetween("base", "tip", rest_length=-1.0), "rest_length", "at least 0"),
     (E.SpringBetween("base", "tip", force=E.Sine(NAN, 1.0)), "force.amplitude", "finite"),
+    (E.Torque({"elbow": E.Bezier((), 1.0)}), "inputs.elbow.points", "expected control points"),
+    (E.Torque({"elbow": E.Bezier((1.0, 2.0), 0.0)}), "inputs.elbow.duration", "above 0 s, got 0.0"),
     (E.Torque({}), "inputs", "names no joint"),
     (E.Torque({"elbw": 1.0}), "inputs", "there is no joint 'elbw'; did you mean 'elbow'"),
     (E.PointLoop(a="tp"), "a", "there is no frame 'tp'; did you mean 'tip'"),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BPoly, CubicSpline
 
 import twolink as tl
 from tests.effects.cases import E, assert_refused, robot
@@ -43,7 +43,8 @@ def test_values(interpolation: str, beyond: str) -> None:
             np.testing.assert_allclose(one, spline(TIMES[INSIDE], k), rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("given", [2.0, E.Polynomial((1.0, -2.0, 0.5, 3.0)), E.Sine(2.0, 3.0, 0.4, 1.0)])
+@pytest.mark.parametrize("given", [2.0, E.Polynomial((1.0, -2.0, 0.5, 3.0)), E.Sine(2.0, 3.0, 0.4, 1.0),
+                                   E.Bezier((1.0, -2.0, 0.5, 3.0, 1.0), 0.8)])  # fmt: skip
 def test_derivatives(given: object) -> None:
     t, h = np.linspace(0, 1, 7), 1e-4
     value, first, second = (np.broadcast_to(x, t.shape) for x in derivatives_at(given, t, np))
@@ -51,6 +52,12 @@ def test_derivatives(given: object) -> None:
     np.testing.assert_allclose(value, here, rtol=0, atol=1e-14)
     np.testing.assert_allclose(first, (after - before) / (2 * h), rtol=0, atol=1e-6)
     np.testing.assert_allclose(second, (after - 2 * here + before) / h**2, rtol=0, atol=1e-5)
+
+
+def test_a_curve_of_control_points_is_bernsteins() -> None:
+    points, t = (0.3, -1.0, 2.0, 0.5, 0.25, 4.0), np.linspace(0, 1.5, 9)
+    ours = value_at(E.Bezier(points, 1.5), t, np)
+    np.testing.assert_allclose(ours, BPoly(np.array(points)[:, None], [0.0, 1.5])(t), rtol=0, atol=1e-14)
 
 
 def exact(interpolation: str, t: np.ndarray) -> np.ndarray:

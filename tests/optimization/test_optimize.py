@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError
 from twolink.optimization.evaluation import Evaluator
-from twolink.optimization.objectives import FramePosition, FrameSpeed, Integral, StateDistance, final_energy
+from twolink.optimization.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
 from twolink.optimization.variables import scene_with, values_of, variables_of
 
 INERTIAL = """<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -59,6 +59,23 @@ def test_the_least_effort_from_rest_to_rest_is_the_textbook_one() -> None:
     assert np.isnan(found.hessian).all()
 
 
+def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
+    """Flash and Hogan 1985: 10 s^3 - 15 s^4 + 6 s^5, of which the squared jerk is 720 D^2 / T^5."""
+    (a, b), duration, level = (np.array([0.6, -2.1]), np.array([1.3, -1.5])), 2.0, {"shoulder": -1.0, "elbow": -1.0}
+    names, rest = ("shoulder", "elbow"), lambda p, q: tl.effects.Bezier((p,) * 3 + (p, q) + (q,) * 3, duration)
+    path = {joint: rest(*ends) for joint, *ends in zip(names, a, b, strict=True)}
+    track = tl.effects.ComputedTorque(path, 100.0, 20.0, following={"wrist": level})
+    scene = tl.Scene(tl.load_robot("feeding_arm"), [*a, -a.sum()], effects=[tl.effects.Gravity(), track])
+    wrt = {f"effects.1.path.{joint}.points.{k}": (-3.0, 3.0) for joint in names for k in (3, 4)}
+    found = tl.optimize(scene, wrt, "jerk", starts=1, duration=duration, samples=50, curvature=False)
+    change = np.append(b - a, -(b - a).sum())
+    assert found.objective == pytest.approx(720 * (change**2).sum() / duration**5, rel=1e-5)
+    share = np.array([2 / 7, 5 / 7])  # of the quintic in control points of degree 7
+    assert list(found.values.values()) == pytest.approx((a[:, None] + np.outer(b - a, share)).ravel(), abs=2e-3)
+    assert set(found.history.select("derivatives").rows) == {("sensitivities",)}
+    assert np.abs(found.run.q.sum(axis=1)).max() < 1e-6  # level
+
+
 CASES = {
     "landing": (thrown, {"v.x": (0, 8), "q.z": (0.1, 3)}, FramePosition("ball", "x")),
     "landing speed": (thrown, {"v.z": (0, 8), "gravity.z": (-12, -5)}, FrameSpeed("ball")),
@@ -66,6 +83,7 @@ CASES = {
     "arm": (lambda: arm(), {"q.elbow": (-1, 1), "forearm.mass": (0.1, 9)}, FramePosition("forearm")),
     "energy": (lambda: arm(), {"v.elbow": (-1, 1), "forearm.mass": (0.1, 9)}, final_energy),
     "effort": (lambda: held(), {"effects.1.kp.elbow": (1, 9), "q.elbow": (-1, 1)}, Integral("effort")),
+    "peak": (lambda: held(), {"effects.1.kp.elbow": (1, 9), "v.elbow": (-1, 1)}, Extreme("min", "a", "elbow")),
     "rest": (lambda: held(), {"effects.1.kd.elbow": (0, 2), "v.elbow": (-1, 1)}, StateDistance((("elbow", 0.3),))),
 }  # fmt: skip
 
@@ -168,6 +186,7 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
         ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
         ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
         ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),
+        ({"v.elbow": (0, 1)}, "max-v:elbw", "scene", "there is no joint 'elbw' with one coordinate"),
         ({"v.elbow": (0, 1)}, "x:hand", "scene", "there is no frame 'hand'"),
         ({"v.elbow": (0, 1)}, lambda run: run.q, "objective", "expected a finite number"),
         ({"v.elbow": (0, 1)}, lambda run: 0.0 * run.t[0] + float("nan"), "objective", "nan"),

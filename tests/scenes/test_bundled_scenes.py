@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import simpson, solve_ivp
+from scipy.interpolate import BPoly, CubicSpline
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
@@ -200,6 +202,41 @@ def test_panda_keeps_its_position_and_then_the_energy_of_the_push() -> None:
         y.append(data.oMf[hand].translation[1])
     assert kinetic[-1] == pytest.approx(20.0 * (y[1] - y[0]), rel=1e-9)  # a constant force: force times path
     assert np.abs(run.q[-1] - scene.q).max() > 0.1
+
+
+def test_the_smoothest_spoon_keeps_its_limits_and_no_other_path_has_less_jerk() -> None:
+    """The best polynomials of degree 9 by SciPy, without robot and simulation. |v| <= 0.8 rad/s, |a| <= 0.85 rad/s^2 of
+    the wrist, whose path of least jerk without limits has 0.86 and 0.88."""
+    scene, run = run_of("meal-smooth")
+    speed, rate = run.v[:, -1], run.acceleration[:, -1]  # of the wrist
+    assert np.abs(run.q.sum(axis=1)).max() < 1e-8
+    assert np.abs(run.v[[0, -1]]).max() < 1e-8
+    assert np.abs(speed).max() == pytest.approx(0.8, abs=1e-6)
+    assert np.abs(rate).max() == pytest.approx(0.85, abs=1e-6)
+    control = scene.effects[1]
+    assert isinstance(control, tl.effects.ComputedTorque)
+    points = np.array([curve.points for curve in control.path.values()])  # type: ignore[union-attr]
+    t = np.linspace(0.0, 3.0, 601)
+
+    def curves(inner: np.ndarray) -> BPoly:
+        every = points.copy()
+        every[:, 3:7] = inner.reshape(2, 4)
+        return BPoly(np.vstack([every, -every.sum(axis=0)]).T[:, None], [0.0, 3.0])
+
+    def limits(inner: np.ndarray) -> np.ndarray:
+        speed, rate = (curves(inner).derivative(k)(t)[:, 2] for k in (1, 2))
+        return np.concatenate([0.8 + speed, 0.85 + rate, 0.85 - rate])
+
+    def jerk(inner: np.ndarray) -> float:
+        return float(simpson((curves(inner).derivative(3)(t) ** 2).sum(axis=1), x=t))
+
+    start = np.linspace(points[:, 2], points[:, 7], 6, axis=1)[:, 1:-1].ravel()
+    best = minimize(jerk, start, method="SLSQP", constraints=[{"type": "ineq", "fun": limits}])
+    assert best.success
+    np.testing.assert_allclose(points[:, 3:7].ravel(), best.x, rtol=0, atol=2e-4)
+    assert jerk(points[:, 3:7]) <= best.fun * (1 + 1e-6)
+    assert float(simpson((CubicSpline(run.t, run.acceleration).derivative()(run.t) ** 2).sum(axis=1), x=run.t)) == (
+        pytest.approx(best.fun, rel=1e-6))  # fmt: skip
 
 
 def test_meal_assist_keeps_the_spoon_level_with_small_acceleration_and_jerk() -> None:

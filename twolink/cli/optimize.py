@@ -46,7 +46,8 @@ def optimize(
     NAME of a number: q.JOINT, v.JOINT, LINK.mass, ..., effects.PLACE.FIELD (its place in the scene, from 0)
     NAME of an objective, at the end of the run: x:LINK, y:LINK, z:LINK, speed:LINK, speed-x:LINK,
           "reach:LINK=X Y Z" (distance), rest:JOINT=VALUE,... (squared distance from rest), energy, time
-          of the whole run: effort, smoothness, motion (integrals of squared torques, accelerations, velocities)
+          of the whole run: effort, smoothness, motion, jerk (integrals of squared torques, accelerations, velocities,
+          rates of accelerations); max-q:JOINT, min-q:JOINT, also of v, a, tau (extremes, for limits)
     """  # fmt: skip
     from twolink.optimization.objectives import named_limit, named_objective
     from twolink.optimization.optimize import optimize as find

@@ -16,6 +16,7 @@ from twolink.effects.frame_wrench import FrameWrench as FrameWrench
 from twolink.effects.gravity import Gravity as Gravity
 from twolink.effects.gravity_compensation import GravityCompensation as GravityCompensation
 from twolink.effects.hinge_loop import HingeLoop as HingeLoop
+from twolink.effects.inputs import Bezier as Bezier
 from twolink.effects.inputs import Polynomial as Polynomial
 from twolink.effects.inputs import Sine as Sine
 from twolink.effects.joint_damping import JointDamping as JointDamping

@@ -8,7 +8,7 @@ import msgspec
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, all_finite, finite
-from twolink.effects.inputs import Input
+from twolink.effects.inputs import Bezier, Input, check_curve
 from twolink.effects.own_effects import check_own_formula, check_own_methods
 from twolink.effects.sampled import Sampled, check_table
 from twolink.errors import SceneError, require_known
@@ -78,8 +78,10 @@ def _check_choice(value: Any, kind: Any, field: str) -> None:
             check_fields(value, f"{field}.")
         if isinstance(value, Sampled):
             check_table(value, field)
+        if isinstance(value, Bezier):
+            check_curve(value, field)
     elif kind == Input and not isinstance(value, (int, float)):
-        what = f"expected a number, Polynomial, Sine or Sampled, got {value!r}"
+        what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r}"
         raise SceneError(what, where=field, remedy="such as 1.5")
     elif not (isinstance(value, str) and value in words):
         _check(value, arguments[0], field, words)

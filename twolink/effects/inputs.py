@@ -1,13 +1,15 @@
 """Inputs: what a scene gives as a function of time, by a formula or by a table of samples."""
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import Any, ClassVar, TypeVar
 
 import msgspec
 
-from twolink.algorithms.spatial import Scalar, plus, times
+from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.effects.effect import Effect, number
 from twolink.effects.sampled import Piece, Sampled
+from twolink.errors import SceneError
 
 _E = TypeVar("_E", bound=Effect)
 
@@ -43,6 +45,30 @@ class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="k
     mean: float = 0.0
 
 
+class Bezier(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="bezier"):
+    """A polynomial by its control points: sum_i C(n, i) s^i (1 - s)^(n - i) p_i, s = t / duration.
+
+    Parameters
+    ----------
+    points : tuple of float
+        p_0, ..., p_n, in the unit of the input.
+    duration : float
+        Of the way from p_0 to p_n, s, above 0. Later the polynomial goes on.
+
+    Notes
+    -----
+    It stays between the least and the greatest of its points, and begins and ends at rest where three are equal at
+    either end: (a, a, a, b, b, b) is the path of least jerk. Sensitivities and `tl.optimize` follow its points.
+
+    References
+    ----------
+    Farin, Curves and Surfaces for CAGD, 2002, chapters 4 and 5. Flash, Hogan 1985, Journal of Neuroscience 5(7).
+    """
+
+    points: tuple[float, ...]
+    duration: float
+
+
 class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
     """A number that is constant between events and not known before: it is a row of the state."""
 
@@ -56,7 +82,7 @@ class Slot(msgspec.Struct, frozen=True, tag_field="kind", tag="slot"):
         return rows[0]
 
 
-Input = float | Polynomial | Sine | Sampled
+Input = float | Polynomial | Bezier | Sine | Sampled
 
 
 def value_at(signal: Input | Piece, t: Scalar, xp: Any) -> Scalar:
@@ -83,7 +109,30 @@ def _series(signal: Any, t: Scalar) -> tuple[list[Scalar], Scalar]:
     piece = signal.piece_at(t) if isinstance(signal, Sampled) else signal
     if isinstance(piece, Piece):
         return list(piece.coefficients), t - piece.start
+    if isinstance(piece, Bezier):
+        return _powers(piece), t
     return [number(c) for c in (piece.coefficients if isinstance(piece, Polynomial) else (piece,))], t
+
+
+def _powers(curve: Bezier) -> list[Scalar]:
+    """The coefficients of 1, t, t^2, ...: C(n, k) D^k p_0 / T^k, D the forward difference."""
+    differences, rate = [number(point) for point in curve.points], 1.0 / number(curve.duration)
+    factor: Scalar = 1.0
+    coefficients = []
+    for k in range(len(differences)):
+        coefficients.append(times(factor, differences[0]))
+        factor = times(factor, (len(curve.points) - 1 - k) / (k + 1) * rate)
+        differences = [minus(after, before) for before, after in pairwise(differences)]
+    return coefficients
+
+
+def check_curve(curve: Bezier, field: str) -> None:
+    """Require points and a duration. Raises SceneError."""
+    if not curve.points:
+        raise SceneError("expected control points, got none", where=f"{field}.points", remedy="such as (0.0, 0.0, 1.0)")
+    if not curve.duration > 0.0:
+        raise SceneError(f"expected a duration above 0 s, got {curve.duration!r}", where=f"{field}.duration",
+                         remedy="give the time from the first point to the last")  # fmt: skip
 
 
 def _polynomial(coefficients: Any, t: Scalar) -> Scalar:

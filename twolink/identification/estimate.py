@@ -1,5 +1,7 @@
 """Estimated parameters by name: values, errors and intervals, of a regression or of a fit."""
 
+from pathlib import Path
+
 import numpy as np
 
 from twolink.io.listing import Table
@@ -46,3 +48,29 @@ class Estimate:
         rows = zip(self.combinations, self.estimate.tolist(), errors, self.numerical_error.tolist(), spans, strict=True)
         columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
         return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw residuals and the covariance of the two values that are correlated most.
+
+        With them a regression shows all intervals, a fit by simulation the measured and fitted motion and the singular
+        values.
+
+        Parameters
+        ----------
+        path : str or path
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        ShowError
+            The file cannot be written.
+        """
+        return self._draw(Path(path))
+
+    def _draw(self, path: Path) -> Path:
+        raise NotImplementedError

@@ -151,28 +151,12 @@ class SceneFit(Estimate):
             "warnings": list(self.warnings),
         }
 
-    def plot(self, path: str | Path) -> Path:
-        """Draw measured and fitted motion, residuals, the covariance of two values, and the singular values.
-
-        Parameters
-        ----------
-        path : str or path
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        ShowError
-            The file cannot be written.
-        """
+    def _draw(self, path: Path) -> Path:
+        """Measured and fitted motion, residuals, the covariance of two values, and the singular values."""
         from twolink.identification.fit_plot import Drawn, plot_fit
 
         rest = {name: getattr(self, name) for name in Drawn._fields if name != "robot"}
-        return plot_fit(Drawn(self.robot.name, **rest), Path(path))
+        return plot_fit(Drawn(self.robot.name, **rest), path)
 
     def __str__(self) -> str:
         pieces = "one piece" if self.segments == 1 else f"{self.segments} segments (gaps up to {self.gap:.1e})"

@@ -106,31 +106,13 @@ class Identification(Estimate):
             "consistency": self.consistency.to_dict(),
         }
 
-    def plot(self, path: str | Path) -> Path:
-        """Draw residuals, the covariance of the two values that are correlated most, and all intervals.
-
-        Parameters
-        ----------
-        path : str or path
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        ShowError
-            The file cannot be written.
-        """
+    def _draw(self, path: Path) -> Path:
+        """Residuals, the covariance of the two values that are correlated most, and all intervals."""
         from twolink.identification.fit_plot import plot_identification
 
         title = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"
         scaled = (self.residuals / np.maximum(self.noise, 1e-300)).T
-        return plot_identification(
-            title, self, self.t, dict(zip(_dof_names(self.robot), scaled, strict=True)), Path(path)
-        )
+        return plot_identification(title, self, self.t, dict(zip(_dof_names(self.robot), scaled, strict=True)), path)
 
     def __str__(self) -> str:
         percent = f"{100 * self.confidence:g} %"

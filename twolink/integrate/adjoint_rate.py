@@ -39,10 +39,9 @@ PULLED_BACK = 4.0  # times as many operations as the value
 class AdjointRate(NamedTuple):
     """Compiled functions of rows (., n).
 
-    value: of t, the numbers of the state behind (q, v), the parameters, the sides of limits of effort and x = (q, v):
-    the rates of x. pulled: of these
-    rows and a covector w of x: w^T df/dx, then w^T df/dp by the numbers that are driven (the last of them) and the
-    parameters.
+    value: of t, the numbers of the state behind (q, v), the parameters, the sides of limits of effort, and x = (q, v):
+    the rates of x. pulled: of these rows and a covector w of x: w^T df/dx, then w^T df/dp by the numbers that are
+    driven (the last of them) and by the parameters.
     """
 
     value: Callable[..., Any]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import simpson
+from scipy.interpolate import CubicSpline
 
 from twolink.dynamics import Robot
 from twolink.errors import SceneError, nearest, require_known
@@ -95,16 +96,47 @@ class StateDistance:
 class Integral:
     """The integral of a square over the run, summed over joints.
 
-    what : {"effort", "smoothness", "motion"}
-        Of the applied joint torques [N^2 m^2 s], of the accelerations [rad^2/s^3], or of the velocities [rad^2/s].
+    what : {"effort", "smoothness", "motion", "jerk"}
+        Of the applied joint torques [N^2 m^2 s], of the accelerations [rad^2/s^3], of the velocities [rad^2/s], or of
+        the rates of the accelerations [rad^2/s^5], by a cubic spline: for motions without events.
     """
 
     what: str
 
     def __call__(self, run: Trajectory) -> float:
         """The integral."""
-        rows = {"effort": lambda: run.tau, "smoothness": lambda: run.acceleration, "motion": lambda: run.v}[self.what]()
+        if self.what == "jerk":
+            rows = CubicSpline(run.t, run.acceleration).derivative()(run.t)
+        else:
+            rows = _rows(run, {"effort": "tau", "smoothness": "a", "motion": "v"}[self.what])
         return float(simpson((rows**2).sum(axis=1), x=run.t))
+
+
+def _rows(run: Trajectory, what: str) -> np.ndarray:
+    """q, v, a or tau at the samples."""
+    return np.asarray(getattr(run, {"a": "acceleration"}.get(what, what)))
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """The greatest or the least value that a joint's q, v, a or tau has at a sample, SI units.
+
+    side : {"max", "min"}
+    what : {"q", "v", "a", "tau"}
+        Position, velocity, acceleration, or applied torque.
+    joint : str
+        With one coordinate, an angle or a length.
+    """
+
+    side: str
+    what: str
+    joint: str
+
+    def __call__(self, run: Trajectory) -> float:
+        """The value."""
+        joint = next(joint for joint in run.robot.joints if joint.name == self.joint)
+        rows = _rows(run, self.what)[:, joint.q if self.what == "q" else joint.v]
+        return float(rows.max() if self.side == "max" else rows.min())
 
 
 def final_energy(run: Trajectory) -> float:
@@ -127,6 +159,8 @@ KINDS = {
     "effort": "integral of the squared joint torques, N^2 m^2 s",
     "smoothness": "integral of the squared accelerations, rad^2/s^3",
     "motion": "integral of the squared velocities, rad^2/s",
+    "jerk": "integral of the squared rates of accelerations, rad^2/s^5",
+    "max-v:JOINT": "the greatest velocity at a sample; also min-, and q, a, tau in place of v",
 }
 
 
@@ -151,8 +185,12 @@ def named_objective(text: str, robot: Robot, argument: str = "objective") -> Obj
             require_known(name.strip(), robot.joint_names, SceneError, "there is no joint {!r}", argument=argument)
         values = _numbers([value for _, _, value in pairs], text, argument)
         return StateDistance(tuple((name.strip(), value) for (name, _, _), value in zip(pairs, values, strict=True)))
+    if head in ("max", "min") and axis in ("q", "v", "a", "tau"):
+        known = [joint.name for joint in robot.joints if joint.kind == "vector" and joint.v.stop - joint.v.start == 1]
+        require_known(rest, known, SceneError, "there is no joint {!r} with one coordinate", argument=argument)
+        return Extreme(head, axis, rest)
     plain: dict[str, Objective] = {"energy": final_energy, "time": end_time}
-    plain |= {what: Integral(what) for what in ("effort", "smoothness", "motion")}
+    plain |= {what: Integral(what) for what in ("effort", "smoothness", "motion", "jerk")}
     if text in plain:
         return plain[text]
     kinds = [name.partition(":")[0] for name in KINDS]
