@@ -179,8 +179,8 @@ def _determined(here: Situation) -> Situation:
     slides = any(kind == "sliding" and here.system.contacts[i].friction for i, kind in enumerate(mode.contacts))
     if not (own.redundant and slides):
         return here
-    columns, _ = ForceShare(own, mode, here.system.static).columns(here.full_state())
-    sizes = np.linalg.svd(columns, compute_uv=False)
+    columns, _ = ForceShare(own, mode, here.system.static).columns(here.full_state()[:, None])
+    sizes = np.linalg.svd(columns[0], compute_uv=False)
     kept = sum(row is not None for rows in own.rows.values() for row in rows)
     if (sizes > DIFFERENT * sizes[0]).sum() > kept:
         raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "

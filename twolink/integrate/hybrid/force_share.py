@@ -9,7 +9,7 @@ Newton's method along the central path (Boyd, Vandenberghe: Convex Optimization,
 once. Margins beyond ENOUGH of the load are not followed to their optimum.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,35 +53,45 @@ class ForceShare:
     def best(self, snapshot: Snapshot) -> Share:
         """The best share of the states of a snapshot."""
         base = self._base(snapshot)
-        out = None
-        q = snapshot.x[: self.own.equations.space.nq].T
-        for first in range(len(q)):
-            if out is None or np.isnan(out.margin[first]):
-                same = np.abs(q - q[first]).max(axis=1) <= SAME_PLACE
-                part = self._solved(base[same], self.ways(snapshot, first))
-                out = out or Share(np.full(len(q), np.nan), np.empty(base.shape), np.empty(base.shape[:2]), part.load)
-                out.margin[same], out.forces[same], out.weight[same] = part.margin, part.forces, part.weight
-        return out or Share(np.empty(0), base, base[:, :, 0], 0.0)
+        load = max(1e-300, float(np.abs(base).max(initial=0.0)))
+        out = Share(np.empty(len(base)), np.empty_like(base), np.empty(base.shape[:2]), load)
+        for chosen, ways in self.ways(snapshot.x):
+            part = self._solved(base[chosen], ways, load)
+            out.margin[chosen], out.forces[chosen], out.weight[chosen] = part.margin, part.forces, part.weight
+        return out
 
-    def ways(self, snapshot: Snapshot, number: int) -> Array:
-        """Z at one state, (contacts, 3, k): forces that together do nothing."""
-        q = snapshot.x[: self.own.equations.space.nq, number]
-        if self._ways is None or np.abs(self._ways[0] - q).max() > SAME_PLACE:
-            columns, places = self.columns(snapshot.x[:, number])
-            _, sizes, right = np.linalg.svd(columns)
-            null = right[int((sizes > RANK * max(1e-300, sizes[0])).sum()) :]
-            ways = np.zeros((len(self.contacts), 3, len(null)))
-            for row, (contact, entry) in zip(null.T, places, strict=True):
-                ways[contact, entry] = row
-            self._ways = np.array(q), ways
-        return self._ways[1]
+    def ways(self, x: Array) -> Iterator[tuple[Array, Array]]:
+        """Z of states x (size, n): numbers of states with k ways in common, and Z (states or 1, contacts, 3, k) of them.
+
+        Its columns are forces that together do nothing.
+        """
+        q = x[: self.own.equations.space.nq]
+        if self._ways is not None and (np.abs(q - self._ways[0]) <= SAME_PLACE).all():
+            yield np.arange(q.shape[1]), self._ways[1]
+            return
+        apart = np.abs(np.diff(q)).max(axis=0) > SAME_PLACE
+        place = np.cumsum(np.concatenate([[False], apart]))  # of each state, its configuration
+        first = np.searchsorted(place, np.arange(place[-1] + 1))
+        columns, entries = self.columns(x[:, first])
+        _, sizes, right = np.linalg.svd(columns)
+        ranks = (sizes > RANK * np.maximum(1e-300, sizes[:, :1])).sum(axis=1)
+        for rank in np.unique(ranks):
+            these = np.flatnonzero(ranks == rank)
+            ways = np.zeros((len(these), len(self.contacts), 3, columns.shape[2] - rank))
+            for k, (contact, entry) in enumerate(entries):
+                ways[:, contact, entry] = right[these, rank:, k]
+            chosen = np.flatnonzero(ranks[place] == rank)
+            of_states = ways[np.searchsorted(these, place[chosen])]
+            if chosen[-1] == q.shape[1] - 1:
+                self._ways = q[:, -1:], of_states[-1:]
+            yield chosen, of_states
 
     def columns(self, x: Array) -> tuple[Array, list[tuple[int, int]]]:
-        """B of the contacts' rows at a state (size,), and of each column its contact and entry."""
+        """B of the contacts' rows at states x (size, n), (n, nv, columns), and of each column its contact and entry."""
         equations = self.own.equations
-        constraints = equations.constraints
+        constraints, count, nv = equations.constraints, x.shape[1], equations.space.nv
         if constraints is None:
-            return np.empty((equations.space.nv, 0)), []
+            return np.empty((count, nv, 0)), []
         counts = constraints.counts[len(constraints.counts) - len(self.contacts) :]
         rows = range(len(constraints.all_rows) - sum(counts), len(constraints.all_rows))
         every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
@@ -89,9 +99,13 @@ class ForceShare:
         jacobian = every.jacobian(equations.mechanism, q, Numbers)
         numbers = list(x[equations.moving :])
         loops = equations.layout.with_numbers(constraints.loops, numbers)
-        forces = np.array(every.force_rows(equations.mechanism, q, v, Numbers, jacobian, loops), dtype=float)
-        free = np.array(equations.layout.free(numbers), dtype=float)
-        return (forces[rows] * free).T, [(c, k) for c, count in enumerate(counts) for k in range(count)]
+        forces = every.force_rows(equations.mechanism, q, v, Numbers, jacobian, loops)
+        free = equations.layout.free(numbers)
+        out = np.empty((count, nv, len(rows)))
+        for column, row in enumerate(rows):
+            for k in range(nv):
+                out[:, k, column] = np.multiply(forces[row][k], free[k])
+        return out, [(c, k) for c, count in enumerate(counts) for k in range(count)]
 
     def _base(self, snapshot: Snapshot) -> Array:
         """The multipliers of the kept rows, 0 for the others, (n, contacts, 3)."""
@@ -101,26 +115,26 @@ class ForceShare:
             base[:, c, : len(rows)] = rows.T
         return base
 
-    def _solved(self, base: Array, ways: Array) -> Share:
-        """The best shares of states of one configuration."""
-        load = max(1e-300, float(np.abs(base).max(initial=0.0)))
-        scaled, y = base / load, np.zeros((len(base), ways.shape[2] + 1))
+    def _solved(self, base: Array, ways: Array, load: float) -> Share:
+        """The best shares of states, of Z (states or 1, contacts, 3, k)."""
+        scaled, y = base / load, np.zeros((len(base), ways.shape[3] + 1))
         # The cones t > |T| with t = mu N - s, and t = N - s: as (t, T), which are linear in y = (z, s).
-        cone = np.concatenate([ways, np.zeros((*ways.shape[:2], 1))], axis=2)
+        cone = np.concatenate([ways, np.zeros((*ways.shape[:3], 1))], axis=3)
         start = scaled.copy()
-        cone[:, 0] *= self.friction[:, None]
+        cone[:, :, 0] *= self.friction[:, None]
         start[..., 0] *= self.friction
-        cone[~self.sticks, 1:] = start[:, ~self.sticks, 1:] = 0.0
-        cone[:, 0, -1] = -1.0
+        cone[:, ~self.sticks, 1:] = start[:, ~self.sticks, 1:] = 0.0
+        cone[:, :, 0, -1] = -1.0
+        cone = np.broadcast_to(cone, (len(base), *cone.shape[1:]))
         y[:, -1] = (start[..., 0] - np.linalg.norm(start[..., 1:], axis=2)).min(axis=1) - 1.0
         weight, open_ = 1.0, np.ones(len(y), dtype=bool)
         while weight < LAST and open_.any():
-            y[open_] = _central(y[open_], start[open_], cone, weight)
+            y[open_] = _central(y[open_], start[open_], cone[open_], weight)
             open_ = y[:, -1] <= ENOUGH
             weight *= GROWTH
-        u = start + np.einsum("cik,nk->nci", cone, y)
+        u = start + _applied(cone, y)
         size = np.maximum(_square(u), 1e-300)
-        forces = scaled + np.einsum("cik,nk->nci", ways, y[:, :-1])
+        forces = scaled + _applied(ways, y[:, :-1])
         return Share(load * y[:, -1], load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
@@ -155,18 +169,26 @@ def _square(u: Array) -> Array:
     return np.asarray(u[..., 0] ** 2 - (u[..., 1:] ** 2).sum(axis=-1))
 
 
+def _applied(ways: Array, y: Array) -> Array:
+    """Forces (n, contacts, 3) of ways (n or 1, contacts, 3, k) by weights y (n, k)."""
+    return np.asarray((ways @ y[:, None, :, None])[..., 0])
+
+
 def _central(y: Array, start: Array, cone: Array, weight: float) -> Array:
     """The minimum of -weight s - sum log(t^2 - |T|^2), from an interior point y (n, k), by Newton's method."""
     signs = np.array([1.0, -1.0, -1.0])
+    n, contacts, _, k = cone.shape
+    flat = cone.reshape(n, 3 * contacts, k)
     for _ in range(NEWTON):
-        u = start + np.einsum("cik,nk->nci", cone, y)
+        u = start + _applied(cone, y)
         inverse = 1.0 / _square(u)
-        rows = np.einsum("cik,nci->nck", cone, signs * u)
-        slope = -2.0 * np.einsum("nc,nck->nk", inverse, rows)
+        rows = ((signs * u)[:, :, None, :] @ cone)[:, :, 0]
+        slope = -2.0 * (inverse[:, None, :] @ rows)[:, 0]
         slope[:, -1] -= weight
-        bend = 4.0 * np.einsum("nc,nck,ncl->nkl", inverse**2, rows, rows)
-        bend -= 2.0 * np.einsum("nc,cik,i,cil->nkl", inverse, cone, signs, cone)
-        bend += 1e-13 * np.einsum("nkk->n", bend)[:, None, None] * np.eye(y.shape[1])
+        scaled = (2.0 * inverse)[:, :, None] * rows
+        turned = (inverse[:, :, None] * signs).reshape(n, -1, 1) * flat
+        bend = scaled.swapaxes(1, 2) @ scaled - 2.0 * flat.swapaxes(1, 2) @ turned
+        bend += 1e-13 * np.einsum("nkk->n", bend)[:, None, None] * np.eye(k)
         step = -np.linalg.solve(bend, slope[..., None])[..., 0]
         decrease = np.sqrt(np.maximum(0.0, -(slope * step).sum(axis=1)))
         y = y + (step / (1.0 + decrease)[:, None] if decrease.max() > 0.25 else step)
