@@ -61,7 +61,7 @@ class ForceShare:
         return out
 
     def ways(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """Z of states x (size, n): numbers of states with k ways in common, and Z (states or 1, contacts, 3, k) of them.
+        """Z of states x (size, n): states with k ways in common, and Z (states or 1, contacts, 3, k) of them.
 
         Its columns are forces that together do nothing.
         """
