@@ -4,6 +4,7 @@ import csv
 import io
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 
@@ -15,6 +16,19 @@ from twolink.service.client import Client
 @pytest.fixture(scope="module")
 def client(served: Any) -> Client:
     return tl.connect(served.url)
+
+
+def test_quantities_are_what_can_be_varied_with_the_values_of_the_scene(http: httpx.Client) -> None:
+    scene = {**http.get("/v1/scenes/arm-human").json(), "q": {"shoulder": 0.3}, "v": {"elbow": 0.5}}
+    rows = {row["name"]: row for row in http.post("/v1/scenes/quantities", json={"scene": scene}).json()}
+    robot = tl.load_robot("arm")
+    masses = dict(zip(robot.parameter_names, robot.parameter_values, strict=True))
+    assert rows["q.shoulder"] == {**rows["q.shoulder"], "kind": "q", "unit": "rad", "value": 0.3}
+    assert (rows["v.elbow"]["unit"], rows["v.elbow"]["value"]) == ("rad/s", 0.5)
+    assert rows["forearm.mass"]["value"] == pytest.approx(masses["forearm.mass"], rel=1e-15)
+    assert rows["effects.1.damping.elbow"]["value"] == scene["effects"][1]["damping"]["elbow"]
+    wrong = http.post("/v1/scenes/quantities", json={"scene": {**scene, "q": {"elbo": 1.0}}})
+    assert (wrong.status_code, wrong.json()["type"]) == (422, "urn:twolink:scene-error")
 
 
 def test_linearize_is_that_of_python(client: Client) -> None:

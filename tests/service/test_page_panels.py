@@ -76,25 +76,39 @@ def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_cell_of_a_sweep_is_seen_to_move(page: Page) -> None:
+def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page: Page) -> None:
     page.open("#scene=arm-swing")
-    page.choose("#duration", "0.5")
-    page.choose("#accuracy", "4")
     page.click("#tab-sweep")
     page.wait_for("document.getElementById('sweep-name-2').value === 'q.elbow'")
     for number in (1, 2):
-        page.choose(f"#panel-sweep fieldset:nth-child({number}) .field:nth-child(3) input", "4")
+        page.choose(f"#panel-sweep fieldset:nth-child({number}) .field:nth-child(3) input", "60")
+    page.evaluate("""new MutationObserver(() => (window.seen ??= new Set()).add(
+        document.querySelector('#sweep-verdict b')?.textContent)).observe(
+        document.getElementById('panel-sweep'), {subtree: true, childList: true})""")
     page.click("#sweep-button")
-    page.wait_for("document.querySelector('#sweep-result .heatmap')", 120)
+    page.wait_for("document.querySelector('#sweep-result .downloads')", 120)
+    seen = page.evaluate("[...window.seen].filter(Boolean)")
+    assert len(seen) > 1, seen  # it was drawn before all was done
     assert "over q.shoulder and q.elbow" in page.evaluate("document.querySelector('.heatmap').ariaLabel")
-    assert page.text("#sweep-verdict").startswith("16 of 16 runs")
+    assert page.text("#sweep-verdict").startswith("3600 of 3600 runs")
+    assert page.text("#sweep-result .signs") == ""
     assert drawn(page, "#sweep-result .heatmap") > 20
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowRight", 39)
     page.press("Enter", 13, "\r")
     page.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden", 90)
     start = page.evaluate("JSON.parse(document.getElementById('scene-json').value).q")
-    assert start == {"shoulder": pytest.approx(-1 / 6), "elbow": -0.5}
+    assert start == {"shoulder": pytest.approx(-0.5 + 1 / 59), "elbow": -0.5}
+    page.choose("#sweep-name-1", "forearm.mass")
+    for place, value in (("1", "-1"), ("2", "1"), ("3", "4")):
+        page.choose(f"#panel-sweep fieldset:nth-child(1) .field:nth-child({place}) input", value)
+    page.choose("#panel-sweep fieldset:nth-child(2) .field:nth-child(3) input", "3")
+    page.click("#sweep-button")
+    page.wait_for("document.querySelector('#sweep-result .signs').innerText.includes('failed: 6')", 120)
+    page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
+    page.press("ArrowUp", 38)
+    assert "-1" in page.text("#sweep-result .facts")  # the reason of a failed run
     page.choose("#sweep-name-2", "")  # over one quantity: a curve
     page.click("#sweep-button")
     page.wait_for("document.querySelector('#sweep-result .plot')", 120)
+    assert "failed: 2" in page.text("#sweep-result .signs")

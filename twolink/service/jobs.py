@@ -23,6 +23,7 @@ from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
+from twolink.service.sweep_threads import NO_TASK
 from twolink.service.store import ACTIVE, RESUMED, Job, Store
 from twolink.service.turns import Turns
 from twolink.service.worker_pool import Workers
@@ -155,21 +156,36 @@ class Jobs:
             running.progress = progress
 
         robots, seconds = str(self._store.folder / "robots"), self._quotas.job_seconds
-        workers, more = self._workers, {}
+        arguments = {"folder": str(folder), "body": body, "robots": robots, "quotas": self._quotas}
         try:
+            if running.kind == "sweep" and self._senders is None:
+                return await self._sweep(seconds, on_progress=note, **arguments)
+            workers = self._workers
             if running.kind == "sweep" and self._senders is not None:
                 robot = await workers.run("pack_robot", seconds, body=body, robots=robots)
-                workers, more = self._senders, {"robot": robot, "cluster": self._dask}
-            return await workers.run(
-                _TASKS[running.kind], seconds, on_progress=note, folder=str(folder), body=body, robots=robots,
-                quotas=self._quotas, **more,
-            )  # fmt: skip
+                workers, arguments = self._senders, {**arguments, "robot": robot, "cluster": self._dask}
+            return await workers.run(_TASKS[running.kind], seconds, on_progress=note, **arguments)
         except Refusal as refusal:
             if refusal.code == "cluster-lost":
                 _log.error("the Dask scheduler %s cannot be reached", self._dask)
             if refusal.code == "too-slow" and running.kind in RESUMED:
-                raise Refusal(422, refusal.what, code="too-slow", remedy="run it again: it goes on") from None
+                what = f"it takes more than {seconds:g} s of computing"
+                raise Refusal(422, what, code="too-slow", remedy="run it again: it goes on") from None
             raise
+
+    async def _sweep(self, seconds: float, **arguments: Any) -> Any:
+        """Run a sweep. Where a worker dies the next one goes on, which gives up the run that three died of."""
+        end, death = time.monotonic() + seconds, None
+        while True:
+            try:
+                left = max(0.0, end - time.monotonic())
+                return await self._workers.run("sweep", left, died=death is not None, **arguments)
+            except Refusal as refusal:
+                if refusal.code == NO_TASK and death is not None:
+                    raise death from None
+                if refusal.code != "worker-died":
+                    raise
+                death = refusal
 
     async def _end(self, key: str, end: dict[str, Any]) -> None:
         """Store how a job ended. As long as that fails (the disk is full), the job runs, and it is tried again."""

@@ -3,14 +3,12 @@
 import math
 import zipfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from twolink.dynamics.threads import thread_count
 from twolink.errors import SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene
@@ -25,6 +23,7 @@ from twolink.service.problems import Refusal
 from twolink.service.scene_body import packed, scene_of
 from twolink.service.scene_tasks import allowed_scene
 from twolink.service.settings import Quotas
+from twolink.service.sweep_threads import SweepThreads
 from twolink.service.worker import Report
 from twolink.sweeps import (
     make_design,
@@ -50,11 +49,13 @@ def pack_robot(*, body: bytes, robots: str) -> bytes:
 
 
 def sweep(
-    *, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report, robot: bytes = b"", cluster: str = ""
-) -> dict[str, Any]:
+    *, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report, robot: bytes = b"", cluster: str = "",
+    died: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """Run a sweep into the store in `folder`, or go on with it, and return its record.
 
-    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process.
+    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process. died: the process
+    before this one died of it.
     """
     use_pipes()
     request = msgspec.json.decode(body, type=SweepRequest)
@@ -65,7 +66,7 @@ def sweep(
 
     path = Path(folder) / STORE
     options = {name: getattr(request, name) for name in ("accuracy", "design", "count", "seed", "samples", "verify")}
-    with ThreadPoolExecutor(thread_count()) as threads:
+    with SweepThreads(Path(folder), died=died) as threads:
         try:
             data = run_sweep(scene, request.vary, path, duration=duration, outputs=request.outputs,
                              executor=cluster or threads, progress=progress, **options)  # fmt: skip

@@ -1,6 +1,6 @@
 // Values over two quantities as colours on a canvas. A cell is pointed at, clicked, or reached by the arrow keys.
 
-import { ticks, tickText } from "./axes.js";
+import { range, ticks, tickText } from "./axes.js";
 import { announce, el, short } from "./dom.js";
 
 const COLOURS = [
@@ -16,6 +16,13 @@ const HEIGHT = 380,
   TOP = 10,
   BOTTOM = 42,
   BAR = 14; // px
+/** What runs without a number to trust are marked by, by their status, and what it means. */
+export const MARKS = {
+  inaccurate: ["○", "error bar above the accuracy"],
+  failed: ["×", "failed"],
+  abandoned: ["✱", "given up: three workers died of it"],
+  pending: ["·", "to come"],
+};
 
 export class HeatMap {
   /** onPick(column, row): a cell was clicked. */
@@ -35,17 +42,20 @@ export class HeatMap {
     this.canvas.addEventListener("keydown", event => this.#key(event));
   }
 
-  /** x, y: {name, units, values}. value(column, row): a number, or null where there is none. title, units: of them. */
-  setData({ x, y, value, title, units }) {
-    Object.assign(this, { x, y, value, title, units });
-    const all = x.values.flatMap((_, i) => y.values.map((_, j) => value(i, j))).filter(Number.isFinite);
-    this.low = Math.min(...all);
-    this.high = Math.max(...all);
-    const missing = x.values.length * y.values.length - all.length;
+  /** x, y: {name, units, values}. cell(column, row): {value, status, reason}; value: NaN where there is none. title,
+   * units: of the values. */
+  setData({ x, y, cell, title, units }) {
+    Object.assign(this, { x, y, cell, title, units });
+    const cells = x.values.flatMap((_, i) => y.values.map((_, j) => cell(i, j).value));
+    [this.low, this.high] = range(cells);
+    const missing = cells.filter(value => !Number.isFinite(value)).length;
+    this.at = [Math.min(this.at[0], x.values.length - 1), Math.min(this.at[1], y.values.length - 1)];
     this.canvas.setAttribute(
       "aria-label",
-      `${title} over ${x.name} and ${y.name}: from ${short(this.low)} to ${short(this.high)} ${units}` +
-        (missing ? `; ${missing} cells have no value` : "") + ". Arrow keys move, Enter runs a cell.",
+      `${title} over ${x.name} and ${y.name}: ` +
+        (this.low <= this.high ? `from ${short(this.low)} to ${short(this.high)} ${units}` : "no value yet") +
+        (missing ? `; ${missing} cells have no value` : "") +
+        ". Arrow keys move, Enter runs a cell.",
     );
     this.#say();
     this.draw();
@@ -74,8 +84,9 @@ export class HeatMap {
 
   #words() {
     const [i, j] = this.at;
-    const value = this.value(i, j);
-    const what = Number.isFinite(value) ? `${short(value, 5)} ${this.units}` : "no value";
+    const { value, status, reason } = this.cell(i, j);
+    const known = Number.isFinite(value) ? `${short(value, 5)} ${this.units}` : "no value";
+    const what = [known, reason || MARKS[status]?.[1]].filter(Boolean).join(", ");
     const place = axis => `${axis.name} ${short(axis.values[axis === this.x ? i : j], 4)} ${axis.units}`;
     return `${this.title}: ${what} at ${place(this.x)}, ${place(this.y)}`;
   }
@@ -122,17 +133,23 @@ export class HeatMap {
     const [nx, ny] = [this.x.values.length, this.y.values.length];
     const left = i => Math.round(LEFT + (i * wide) / nx);
     const top = j => Math.round(TOP + ((ny - 1 - j) * high) / ny);
+    c.font = `${Math.max(6, Math.min(14, wide / nx, high / ny))}px system-ui, sans-serif`;
+    c.textAlign = "center";
+    c.textBaseline = "middle";
     for (let i = 0; i < nx; i++)
       for (let j = 0; j < ny; j++) {
-        const value = this.value(i, j);
-        c.fillStyle = Number.isFinite(value) ? this.#colour(value) : "transparent";
-        c.fillRect(left(i), top(j), left(i + 1) - left(i), top(j - 1) - top(j));
-        if (Number.isFinite(value)) continue;
-        c.strokeStyle = mark;
-        c.beginPath();
-        c.moveTo(left(i), top(j));
-        c.lineTo(left(i + 1), top(j - 1));
-        c.stroke();
+        const { value, status } = this.cell(i, j);
+        const [sign] = MARKS[status] ?? [""];
+        const [middle, centre] = [(left(i) + left(i + 1)) / 2, (top(j) + top(j - 1)) / 2];
+        if (Number.isFinite(value)) {
+          c.fillStyle = this.#colour(value);
+          c.fillRect(left(i), top(j), left(i + 1) - left(i), top(j - 1) - top(j));
+          c.fillStyle = "#fff";
+          c.strokeStyle = "#000"; // both, to be seen on all colours
+          c.lineWidth = 2;
+          c.strokeText(sign, middle, centre);
+        } else c.fillStyle = mark;
+        c.fillText(sign, middle, centre);
       }
     c.strokeStyle = text;
     c.lineWidth = 2;
@@ -144,6 +161,7 @@ export class HeatMap {
     c.fillStyle = colour;
     c.font = "11px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif";
     c.textAlign = "center";
+    c.textBaseline = "alphabetic";
     const half = axis => (axis.values.length > 1 ? (axis.values[1] - axis.values[0]) / 2 : 0.5);
     const span = axis => [axis.values[0] - half(axis), axis.values.at(-1) + half(axis)];
     const lines = (axis, count, place) => {
@@ -162,6 +180,7 @@ export class HeatMap {
     c.textAlign = "center";
     c.fillText(`${this.y.name}${this.y.units && `, ${this.y.units}`}`, 0, 0);
     c.restore();
+    if (this.low > this.high) return; // no run has a number yet
     const right = LEFT + wide + 12;
     for (let k = 0; k < high; k++) {
       c.fillStyle = this.#colour(this.low + ((high - k) / high) * (this.high - this.low));

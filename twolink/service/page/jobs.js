@@ -121,6 +121,7 @@ export class Job {
     else progress.value = fraction;
     const percent = fraction === undefined ? "" : ` ${Math.round(100 * fraction)} %`;
     this.#say(`${job.state === "queued" ? "Queued" : "Running"}${percent}: ${this.#doing(job)}`);
+    this.onProgress?.(job);
   }
 
   /** What a job is doing, in words. */

@@ -43,7 +43,7 @@ export class Plot {
 
   /** t: increasing numbers; series: [{name, values, colour, band}], band: [low, high] values, which are filled.
    *
-   * marks: [{t, text}]. others: curves of other runs, [{t, series}]. */
+   * marks: [{t, text, sign}]; sign: written above the mark, if there is one. others: curves of other runs, [{t, series}]. */
   setData(t, series, marks = [], others = []) {
     Object.assign(this, { t, series, marks, others });
     this.from = t[0];
@@ -215,7 +215,9 @@ export class Plot {
     c.strokeStyle = colour("--mark");
     for (const mark of this.marks) {
       const at = Math.round(this.x(mark.t)) + 0.5;
-      if (at >= LEFT && at <= right) stroke(c, at, TOP, at, bottom);
+      if (at < LEFT || at > right) continue;
+      stroke(c, at, TOP, at, bottom);
+      if (mark.sign) c.fillText(mark.sign, at, TOP);
     }
     c.lineWidth = 1.6;
     c.lineJoin = "round";

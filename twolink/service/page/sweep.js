@@ -1,15 +1,15 @@
 // Many runs of the scene over one or two quantities: a curve or a heat map, whose runs can be seen.
 
 import { download, get } from "./api.js";
-import { byId, el, short, showProblem } from "./dom.js";
+import { byId, el, showProblem } from "./dom.js";
 import { numberInput } from "./form.js";
-import { HeatMap } from "./heatmap.js";
 import { Job, jobControls } from "./jobs.js";
-import { Plot } from "./plots.js";
 import { searchable } from "./search.js";
+import { SweepView } from "./sweep_view.js";
 
 const VALUES = 21; // of a quantity
 const AROUND = 0.5; // of a quantity that is 0, and 20 % of others
+const LOOK = 500; // ms between looks at a sweep that runs
 const FILES = [
   ["csv", "CSV"],
   ["parquet", "Parquet"],
@@ -35,10 +35,14 @@ export class Sweep {
       this.result,
     );
     this.job = new Job("sweeps", parts, job => this.#show(job));
+    this.job.onProgress = job => this.#peek(job);
     parts.start.addEventListener("click", () => {
       const { scene, accuracy } = getRequest();
       const chosen = this.axes.filter(axis => axis.select.value);
       this.first = chosen[0].select.value;
+      this.next = 0; // when to look at the runs that are done, ms
+      this.shown = null;
+      this.result.replaceChildren();
       const vary = Object.fromEntries(chosen.map(axis => [axis.select.value, { range: axis.numbers }]));
       this.job.run({ scene, accuracy, vary, outputs: ["final"] });
     });
@@ -115,72 +119,43 @@ export class Sweep {
     );
   }
 
-  async #show(job) {
-    const path = `/v1/sweeps/${job.id}`;
-    const found = await get(`${path}/result?format=json`);
-    const [first] = Object.keys(job.request.vary).filter(name => name === this.first).concat(found.dims);
-    const names = Object.keys(found.columns).filter(name => /^end\.|^error$/.test(name));
-    const choice = el("select", { id: "sweep-column" }, ...names.map(name => el("option", {}, name)));
-    const place = el("div", { className: "sweep-figure" });
-    const pick = async number => {
+  /** The figure of a job, empty. */
+  #view(job) {
+    this.shown = job.id;
+    this.view = new SweepView(this.result, this.first, async number => {
       try {
-        const { simulation } = await get(`${path}/runs/${number}`);
+        const { simulation } = await get(`/v1/sweeps/${job.id}/runs/${number}`);
         await this.onRun(simulation);
       } catch (failure) {
         showProblem(this.parts.problem, failure);
       }
-    };
-    choice.addEventListener("change", () => draw(place, found, choice.value, first, pick));
-    const { done, runs } = job.result;
+    });
+  }
+
+  /** Draw the runs that are done, less often where that takes long. */
+  async #peek(job) {
+    const begin = performance.now();
+    if (!job.progress?.done || begin < this.next) return;
+    this.next = Infinity;
+    const found = await get(`/v1/sweeps/${job.id}/result`).catch(() => null); // no block is there yet
+    if (!this.job.path?.endsWith(job.id)) return; // all is drawn
+    if (found) this.#draw(job, found);
+    this.next = performance.now() + Math.max(LOOK, 5 * (performance.now() - begin));
+  }
+
+  #draw(job, found) {
+    if (this.shown !== job.id) this.#view(job);
+    this.view.show(found);
+  }
+
+  async #show(job) {
+    const path = `/v1/sweeps/${job.id}/result`;
+    this.#draw(job, await get(path));
     const save = ([format, text]) => {
       const name = `sweep-${job.id.slice(-6)}.${format === "zip" ? "zarr.zip" : format}`;
-      const take = () => download(`${path}/result?format=${format}`, name).catch(failure => showProblem(this.parts.problem, failure));
+      const take = () => download(`${path}?format=${format}`, name).catch(failure => showProblem(this.parts.problem, failure));
       return el("button", { type: "button", className: "quiet", onclick: take }, text);
     };
-    this.result.replaceChildren(
-      el("p", { id: "sweep-verdict" }, el("b", {}, `${done} of ${runs} runs`), done < runs ? `; ${runs - done} failed or are not accurate enough, and are crossed out` : ""),
-      el("label", { className: "row" }, "Show ", choice),
-      place,
-      el("p", { className: "downloads" }, el("span", { className: "hint" }, "Download "), ...FILES.map(save)),
-    );
-    draw(place, found, names[0], first, pick);
+    this.result.append(el("p", { className: "downloads" }, el("span", { className: "hint" }, "Download "), ...FILES.map(save)));
   }
-}
-
-/** The figure of a column: over one quantity a curve with its error bars, over two a heat map. Runs that did not keep
- * their accuracy have no value. first: the quantity that goes across. */
-function draw(place, found, name, first, pick) {
-  const axes = found.dims.map(dim => ({ name: dim, ...found.varied[dim] }));
-  const { units } = found.columns[name];
-  const done = found.columns.status.values.map(status => found.statuses[status] === "done");
-  const values = found.columns[name].values.map((value, i) => (done[i] ? value : null));
-  if (axes.length === 2) {
-    const last = axes[1].values.length; // the quantity that varies fastest
-    const across = axes[0].name === first ? 0 : 1;
-    const number = (i, j) => (across === 0 ? i * last + j : j * last + i);
-    const map = new HeatMap(place, (i, j) => pick(number(i, j)));
-    const value = (i, j) => values[number(i, j)] ?? NaN;
-    map.setData({ x: axes[across], y: axes[1 - across], title: name, units: units ?? "", value });
-    return;
-  }
-  place.replaceChildren();
-  const [x] = axes;
-  const order = x.values.map((_, i) => i).sort((a, b) => x.values[a] - x.values[b]);
-  const bars = found.columns.error?.values ?? values.map(() => 0);
-  const numbers = order.map(i => values[i] ?? NaN);
-  const edge = sign => order.map(i => (values[i] ?? NaN) + sign * (name === "error" ? 0 : bars[i] ?? 0));
-  const plot = new Plot(place, {
-    title: name,
-    unit: units ?? "",
-    across: `${x.units} of ${x.name}`,
-    onZoom: (from, to) => plot.setWindow(from, to),
-    onPoint: (at, how) => {
-      plot.setCursor(at);
-      if (how !== "click") return;
-      const near = order.reduce((best, i) => (Math.abs(x.values[i] - at) < Math.abs(x.values[best] - at) ? i : best));
-      pick(near);
-    },
-  });
-  plot.setData(order.map(i => x.values[i]), [{ name, values: numbers, band: [edge(-1), edge(1)] }]);
-  place.append(el("p", { className: "hint" }, `Click to see the run at that ${x.name}; ${short(order.length)} values.`));
 }
