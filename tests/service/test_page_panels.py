@@ -90,8 +90,8 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
     seen = page.evaluate("[...window.seen].filter(Boolean)")
     assert len(seen) > 1, seen  # it was drawn before all was done
     assert "over q.shoulder and q.elbow" in page.evaluate("document.querySelector('.heatmap').ariaLabel")
-    assert page.text("#sweep-verdict").startswith("3600 of 3600 runs")
-    assert page.text("#sweep-result .signs") == ""
+    assert "of 3600 runs are as accurate as asked for" in page.text("#sweep-verdict")
+    assert "error bar above the accuracy" in page.text("#sweep-result .signs")  # some are chaotic
     assert drawn(page, "#sweep-result .heatmap") > 20
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowRight", 39)
