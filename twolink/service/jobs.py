@@ -23,8 +23,8 @@ from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
-from twolink.service.sweep_threads import NO_TASK
 from twolink.service.store import ACTIVE, RESUMED, Job, Store
+from twolink.service.sweep_threads import NO_TASK
 from twolink.service.turns import Turns
 from twolink.service.worker_pool import Workers
 

@@ -54,8 +54,8 @@ def sweep(
 ) -> dict[str, Any]:  # fmt: skip
     """Run a sweep into the store in `folder`, or go on with it, and return its record.
 
-    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process. died: the process
-    before this one died of it.
+    body: a SweepRequest. cluster: the address of a Dask scheduler; empty: runs are computed in this process. died: the
+    process before this one died of it.
     """
     use_pipes()
     request = msgspec.json.decode(body, type=SweepRequest)
