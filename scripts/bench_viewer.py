@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import twolink as tl
-from tests.show.browser import Browser, find_chromium
+from tests.show.browser import Browser, Chromium, find_chromium
 
 ROBOTS = ("two_link", "panda", "talos", "anymal")
 READY = "window.viewer && viewer.motion && viewer.stage.viewer.renderer.info.render.triangles > 0"
@@ -36,7 +36,7 @@ def main() -> None:
     if executable is None:
         parser.error("no Chromium found; install it or set CHROMIUM=/path/to/it")
     print(f"{'robot':12} {'MB':>6} {'write, CPU s':>13} {'first picture, s':>17}")
-    with tempfile.TemporaryDirectory() as folder, Browser(executable) as browser:
+    with tempfile.TemporaryDirectory() as folder, Chromium(executable) as chromium, Browser(chromium) as browser:
         for name in options.robots:
             run, start = motion(name, options.seconds), time.process_time()
             page = run.playback(Path(folder, f"{name}.html"))

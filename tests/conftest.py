@@ -2,4 +2,8 @@
 
 import signal
 
+from tests.show.browser import browser, chromium
+
+__all__ = ["browser", "chromium"]  # fixtures
+
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 import twolink as tl
-from tests.show.browser import Browser, browser
+from tests.show.browser import Browser
 from twolink.hard import all_cases
 
-__all__ = ["browser"]  # the fixture
 TOP = Path(__file__).parents[2]
 SHOWN = ("index", "why", "gallery", "tutorials/own_urdf", "generated/effects", "generated/scenes", "generated/api_0")
 DOCS = TOP / "docs"

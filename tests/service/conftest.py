@@ -9,7 +9,7 @@ import pytest
 
 from tests.service.page_driver import Page
 from tests.service.serving import Served, serving
-from tests.show.browser import Browser, browser  # noqa: F401
+from tests.show.browser import Browser
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +26,7 @@ def http(served: Served) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture
-def page(served: Served, browser: Browser) -> Iterator[Page]:  # noqa: F811
+def page(served: Served, browser: Browser) -> Iterator[Page]:
     """The service's page. Afterwards: nothing was asked of others, and no script has failed."""
     opened = Page(browser, served.url)
     yield opened

@@ -14,7 +14,7 @@ import pytest
 from tests.service.page_driver import READY, Page
 from tests.service.serving import serving
 from tests.service.urdfs import INERTIAL, pendulum, zipped
-from tests.show.browser import Browser, browser  # noqa: F401
+from tests.show.browser import Browser
 from twolink.show.playback import VIEWER
 
 FOLDER = Path(__file__).parents[2] / "twolink" / "service" / "page"
@@ -383,7 +383,7 @@ def test_the_page_is_dark_when_the_system_is(page: Page) -> None:
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path / "data") as gone:
         page = Page(browser, gone.url)
         page.open()
@@ -407,7 +407,7 @@ def test_the_page_outlives_the_service(tmp_path: Path, browser: Browser) -> None
 
 @pytest.mark.slow
 @pytest.mark.browser
-def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_a_token_is_asked_for(tmp_path: Path, browser: Browser) -> None:
     with serving(tmp_path / "data", environment={"TWOLINK_TOKEN": "let-me-in"}) as guarded:
         page = Page(browser, guarded.url)
         page.open(until="document.getElementById('token-dialog')?.open")

@@ -1,4 +1,4 @@
-"""A headless Chromium for the tests, driven over its DevTools protocol. Every wait has a limit."""
+"""Pages of a headless Chromium for the tests, driven over its DevTools protocol. Every wait has a limit."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import signal
 import subprocess
 import tempfile
 import time
-import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,8 @@ _FLAGS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--disable-gpu-compositing",  # without a graphics card, drawing the page by one takes most of the time
+    "--webgl-antialiasing-mode=none",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
@@ -43,19 +44,16 @@ def find_chromium() -> str | None:
     return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
 
 
-class Browser:
-    """One page in one browser. `requests` are the URLs it asked for, `errors` its JavaScript errors."""
+class Chromium:
+    """A headless Chromium. Its pages share nothing but its process."""
 
-    def __init__(self, executable: str, *, width: int = 1280, height: int = 800) -> None:
-        self.requests: list[str] = []
-        self.errors: list[str] = []
+    def __init__(self, executable: str) -> None:
         self._number = 0
         self._profile = tempfile.mkdtemp(prefix="twolink-browser-")
         self._loop = asyncio.new_event_loop()
         self._socket: Any = None
-        command = [executable, *_FLAGS, f"--user-data-dir={self._profile}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
-            [*command, "about:blank"],
+            [executable, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -63,59 +61,98 @@ class Browser:
         )
         try:
             self._connect()
-            self.resize(width, height)
         except BaseException:
             self.close()
             raise
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> Chromium:
         return self
 
     def __exit__(self, *failure: object) -> None:
         self.close()
 
-    def _connect(self, limit: float = 30.0) -> None:
+    def _connect(self, limit: float = 60.0) -> None:
         end, note = time.monotonic() + limit, Path(self._profile, "DevToolsActivePort")
-        while not (note.exists() and note.read_text()):
+        while not (note.exists() and note.read_text().count("\n")):
             if time.monotonic() > end or self._process.poll() is not None:
                 raise RuntimeError(f"Chromium did not start (exit code {self._process.poll()})")
             time.sleep(0.05)
-        port = note.read_text().split()[0]
-        opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # the browser is here: no proxy
-        with opener.open(f"http://127.0.0.1:{port}/json/list", timeout=limit) as answer:
-            page = next(target for target in json.load(answer) if target["type"] == "page")
+        port, path = note.read_text().split()
 
         async def connect() -> Any:
-            return await tornado.websocket.websocket_connect(page["webSocketDebuggerUrl"], max_message_size=200_000_000)
+            url = f"ws://127.0.0.1:{port}{path}"
+            return await tornado.websocket.websocket_connect(url, max_message_size=200_000_000)
 
         self._socket = self._loop.run_until_complete(asyncio.wait_for(connect(), limit))
-        for domain in ("Page", "Network", "Runtime", "Log"):
-            self.call(f"{domain}.enable")
 
-    def call(self, method: str, limit: float = 60.0, **parameters: object) -> dict[str, Any]:
-        """Send one DevTools command and return its result."""
+    def call(self, message: dict[str, Any], note: Callable[[dict[str, Any]], None], limit: float) -> dict[str, Any]:
+        """Send one DevTools command and return its result. note: is given each other message that comes before it."""
         self._number += 1
         number = self._number
 
         async def exchange() -> dict[str, Any]:
-            request = {"id": number, "method": method, "params": parameters}
-            await self._socket.write_message(json.dumps(request))
+            await self._socket.write_message(json.dumps({"id": number, **message}))
             while True:
                 text = await self._socket.read_message()
                 if text is None:
                     raise RuntimeError("the browser closed the connection")
-                message: dict[str, Any] = json.loads(text)
-                if message.get("id") == number:
-                    return message
-                self._note(message)
+                answer: dict[str, Any] = json.loads(text)
+                if answer.get("id") == number:
+                    return answer
+                note(answer)
 
         answer = self._loop.run_until_complete(asyncio.wait_for(exchange(), limit))
         if "error" in answer:
-            raise RuntimeError(f"{method}: {answer['error']}")
+            raise RuntimeError(f"{message['method']}: {answer['error']}")
         result: dict[str, Any] = answer["result"]
         return result
 
+    def close(self) -> None:
+        """End the browser and everything it started, and remove its profile."""
+        if self._socket is not None:
+            self._loop.run_until_complete(self._hang_up())
+            self._socket = None
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(timeout=10)
+        self._loop.close()
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+    async def _hang_up(self) -> None:
+        """Within the loop: other tests may have left this thread without one."""
+        self._socket.close()
+        await asyncio.sleep(0.05)
+
+
+class Browser:
+    """A page that shares nothing with others. `requests`: the URLs it asked for. `errors`: its JavaScript errors."""
+
+    def __init__(self, chromium: Chromium, *, width: int = 1280, height: int = 800) -> None:
+        self.requests: list[str] = []
+        self.errors: list[str] = []
+        self._chromium = chromium
+        self._session: dict[str, str] = {}  # until it has one, calls are to the whole browser
+        self._context = self.call("Target.createBrowserContext")
+        target = self.call("Target.createTarget", url="about:blank", **self._context)
+        self._session = self.call("Target.attachToTarget", flatten=True, **target)
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+        self.resize(width, height)
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._session = {}
+        self.call("Target.disposeBrowserContext", **self._context)
+
+    def call(self, method: str, limit: float = 60.0, **parameters: object) -> dict[str, Any]:
+        """Send one DevTools command and return its result."""
+        return self._chromium.call({"method": method, "params": parameters, **self._session}, self._note, limit)
+
     def _note(self, message: dict[str, Any]) -> None:
+        if message.get("sessionId") != self._session.get("sessionId"):
+            return  # of an earlier page
         method, details = message.get("method"), message.get("params", {})
         if method == "Network.requestWillBeSent":
             self.requests.append(details["request"]["url"])
@@ -161,31 +198,22 @@ class Browser:
         with Image.open(io.BytesIO(data)) as image:
             return np.asarray(image.convert("RGB"))
 
-    def close(self) -> None:
-        """End the browser and everything it started, and remove its profile."""
-        if self._socket is not None:
-            self._loop.run_until_complete(self._hang_up())
-            self._socket = None
-        if self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait(timeout=10)
-        self._loop.close()
-        shutil.rmtree(self._profile, ignore_errors=True)
 
-    async def _hang_up(self) -> None:
-        """Within the loop: other tests may have left this thread without one."""
-        self._socket.close()
-        await asyncio.sleep(0.05)
-
-
-@pytest.fixture
-def browser() -> Iterator[Browser]:
-    """A fresh headless Chromium. Without one the test is skipped, but in continuous integration it fails."""
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Chromium]:
+    """A headless Chromium. Without one the test is skipped, but in continuous integration it fails."""
     executable = find_chromium()
     if executable is None:
         reason = "NO CHROMIUM FOUND: the browser tests DID NOT RUN; install it or set CHROMIUM=/path/to/it"
         if os.environ.get("CI", "").lower() in ("1", "true"):
             pytest.fail(reason)
         pytest.skip(reason)
-    with Browser(executable) as started:
+    with Chromium(executable) as started:
         yield started
+
+
+@pytest.fixture
+def browser(chromium: Chromium) -> Iterator[Browser]:
+    """A fresh page in it."""
+    with Browser(chromium) as opened:
+        yield opened

@@ -20,8 +20,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-# `browser` is a fixture: imported, so that pytest finds it here.
-from tests.show.browser import Browser, browser  # noqa: F401
+from tests.show.browser import Browser
 from twolink.errors import ShowError
 from twolink.show.live import play_live
 from twolink.show.motion_samples import resample
@@ -161,7 +160,7 @@ def test_a_configuration_between_samples_is_interpolated(arm: tuple[Any, Any], n
 
 
 @pytest.mark.browser
-def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser) -> None:  # noqa: F811
+def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser) -> None:
     with player(*arm, *motion(6.0)) as (url, _):
         browser.open(url)
         browser.wait_for("window.viewer?.motion")
@@ -180,7 +179,7 @@ def test_a_browser_shows_the_motion_once(arm: tuple[Any, Any], browser: Browser)
 
 
 @pytest.mark.browser
-def test_speed_two_plays_four_seconds_in_two(arm: tuple[Any, Any], browser: Browser) -> None:  # noqa: F811
+def test_speed_two_plays_four_seconds_in_two(arm: tuple[Any, Any], browser: Browser) -> None:
     rate = """new Promise(done => {
         const begin = performance.now();
         viewer.timeline.seek(0);

@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 import twolink as tl
 
 # `browser` is a fixture: imported, so that pytest finds it here.
-from tests.show.browser import Browser, browser  # noqa: F401
+from tests.show.browser import Browser
 from tests.show.pieces import DAE, Robot, box_stl, fixed, geometry
 from twolink.errors import ShowError
 from twolink.show.meshcat_scene import poses, scene_nodes
@@ -244,7 +244,7 @@ def test_the_page_plays_offline(
     arm: Robot,
     swing: tuple[np.ndarray, np.ndarray],
     tmp_path: Path,
-    browser: Browser,  # noqa: F811
+    browser: Browser,
 ) -> None:
     events = [(2.0, "reverse elbow"), (2.001, "stick elbow"), (9.0, "</script>")]
     page = write_playback(*arm, *swing, tmp_path / "swing.html", title="Two links & <rods>", speed=0.5, events=events)
@@ -277,7 +277,7 @@ def test_the_page_plays_offline(
 def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     arm: Robot,
     tmp_path: Path,
-    browser: Browser,  # noqa: F811
+    browser: Browser,
 ) -> None:
     t = np.linspace(0.0, 1.0, 61)
     q = np.column_stack([t, -2.0 * t])
@@ -322,7 +322,7 @@ def test_what_is_drawn_over_the_robot_is_where_it_belongs(
 
 
 @pytest.mark.browser
-def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> None:
     page = write_playback(*arm, [0.0, 1.0], [[0.0, 0.0], [1.0, 1.0]], tmp_path / "short.html")
     browser.open(page.as_uri())
     browser.wait_for(f"window.viewer?.motion && {TIME} > 0.6")
@@ -331,7 +331,7 @@ def test_the_animation_repeats(arm: Robot, tmp_path: Path, browser: Browser) -> 
 
 
 @pytest.mark.browser
-def test_every_shape_has_its_true_size(tmp_path: Path, browser: Browser) -> None:  # noqa: F811
+def test_every_shape_has_its_true_size(tmp_path: Path, browser: Browser) -> None:
     (tmp_path / "a.dae").write_text(DAE)
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 2 0 0\nv 0 3 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\n")
     bodies = {
