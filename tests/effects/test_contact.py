@@ -1,6 +1,7 @@
 """Bodies that touch: closed forms of blocks, balls, ladders and chains of impacts."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ ENDS = {"body": (E.Sphere(0.0, (0.5, 0.0, 0.0)), E.Sphere(0.0, (-0.5, 0.0, 0.0))
 WALL = E.Plane((1.0, 0.0, 0.0))
 
 
-def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_friction() -> None:
+def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_friction(tmp_path: Path) -> None:
     """x'' = k t - mu g to its rest; from k t = static g on it slides again. The ground gives weight and friction."""
     mu, static, v0, k = 0.3, 0.5, 1.0, 4.0
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, -0.1))
@@ -31,6 +32,9 @@ def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_frict
     force, held = run.contact_forces["body - ground"], (run.t > rest) & (run.t < again)
     assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-9)
     assert force[:, 0] == pytest.approx(np.where(held, -k * run.t, -mu * G), abs=1e-9)
+    again = tl.Trajectory.load(run.save(tmp_path / "x.npz"), run.robot)
+    assert list(again.events) == list(run.events)
+    assert np.array_equal(again.contact_forces["body - ground"], force)
 
 
 @pytest.mark.parametrize("share", [pytest.param(0.95, marks=pytest.mark.slow), 1.05])

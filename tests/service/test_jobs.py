@@ -206,11 +206,7 @@ def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
             assert http.get(path).status_code == 413, path
         assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
         kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
-        assert {name for name in kept if not name.startswith("twolink.sqlite")} == {
-            "result.npz",
-            "marks.npz",
-            "robot.pickle",
-        }
+        assert {name for name in kept if not name.startswith("twolink.sqlite")} == {"result.npz", "robot.pickle"}
         large = http.post("/v1/simulations", json={**SWING, "samples": 5000})
         assert large.status_code == 422
         assert "0.03 MB" in large.json()["detail"]

@@ -8,6 +8,7 @@ import pytest
 import twolink as tl
 from tests.show.test_playback import film
 from twolink.errors import SceneError, ShowError, TwolinkError
+from twolink.integrate.event import Event
 
 HEADER = b"t,q.shoulder,q.elbow,v.shoulder,v.elbow,energy"
 
@@ -25,6 +26,43 @@ def test_saved_and_loaded_is_the_same(run: tl.Trajectory, suffix: str, tmp_path:
         assert np.array_equal(getattr(again, name), getattr(run, name)), name
     assert again.robot.name == "two_link"
     assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz"])
+def test_events_and_contacts_are_saved_but_in_csv(suffix: str, tmp_path: Path) -> None:
+    points = np.array([[[0.5, 0.0, 1.0], [0.25, 0.0, 0.0]], [[np.nan] * 3, [0.1, 0.2, 0.3]]])
+    contacts = {"tip - ../wall": (points, 2.0 * points), "tip - a.b": (points[:, :1], -points[:, :1])}
+    events = (Event(0.5, "impact", "tip", "with the wall", 0.25), Event(np.float64(0.75), "leave", "tip"))
+    run = tl.Trajectory(tl.load_robot("two_link"), np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2)), None, None,
+                        events, recorded_contacts=contacts)  # fmt: skip
+    again = tl.Trajectory.load(run.save(tmp_path / f"x{suffix}"), run.robot)
+    if suffix == ".csv":
+        assert (again.events, again.contacts) == ((), {})
+        with pytest.raises(SceneError, match="simulate it again"):
+            _ = again.contact_forces
+        return
+    assert again.events == events
+    assert list(again.contacts) == list(contacts)
+    for pair, both in contacts.items():
+        np.testing.assert_array_equal(again.contacts[pair], both)
+        np.testing.assert_array_equal(again.contact_forces[pair], run.contact_forces[pair])
+
+
+@pytest.mark.parametrize(
+    ("column", "events", "part"),
+    [
+        (np.zeros((101, 5)), "[]", "'contact a - b' is not a table of contacts"),
+        (np.zeros((100, 6)), "[]", "'contact a - b' is not a table of contacts"),
+        (np.zeros((101, 6)), '[{"t": 1}]', "its events are damaged"),
+    ],
+)
+def test_contacts_and_events_that_do_not_fit(
+    run: tl.Trajectory, column: np.ndarray, events: str, part: str, tmp_path: Path
+) -> None:
+    notes = {"note:events": np.array(events), "note:robot": np.array("two_link")}
+    np.savez(tmp_path / "x.npz", **run.columns(), **notes, **{"contact a - b": column})
+    with pytest.raises(SceneError, match=part):
+        tl.Trajectory.load(tmp_path / "x.npz", run.robot)
 
 
 def test_columns_are_named_by_joint() -> None:

@@ -24,7 +24,7 @@ def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
     path : Path
         A file that ends in .csv, .parquet or .npz.
     columns : dict
-        Arrays (n,) by name.
+        Arrays (n,) or (n, k) by name. A .csv file has no place for the latter.
     notes : mapping
         Texts by name. A .csv file has no place for them.
 
@@ -72,10 +72,10 @@ def require_format(path: Path, suffixes: Iterable[str] = SUFFIXES, error: type[T
 
 
 def _write_csv(file: BinaryIO, columns: Columns, _notes: Mapping[str, str]) -> None:
-    text = io.StringIO(newline="")
+    text, rows = io.StringIO(newline=""), {name: values for name, values in columns.items() if values.ndim == 1}
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(np.column_stack([*columns.values()]).tolist())  # floats in their shortest exact form
+    writer.writerow(rows)
+    writer.writerows(np.column_stack([*rows.values()]).tolist())  # floats in their shortest exact form
     file.write(text.getvalue().encode())
 
 
@@ -87,16 +87,23 @@ def _write_parquet(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -
     import pyarrow
     import pyarrow.parquet
 
-    table = pyarrow.table(columns).replace_schema_metadata(dict(notes))
+    lists = {name: pyarrow.FixedSizeListArray.from_arrays(values.ravel(), values.shape[1])
+             for name, values in columns.items() if values.ndim == 2}  # fmt: skip
+    table = pyarrow.table({**columns, **lists}).replace_schema_metadata(dict(notes))
     pyarrow.parquet.write_table(table, file)
 
 
 def _read_parquet(path: Path) -> tuple[Columns, dict[str, str]]:
     import pyarrow.parquet
 
+    def numbers(column: Any) -> np.ndarray:
+        lists = pyarrow.types.is_fixed_size_list(column.type)
+        return np.asarray(column.combine_chunks().flatten().to_numpy().reshape(len(column), -1) if lists
+                          else column.to_numpy())  # fmt: skip
+
     table = pyarrow.parquet.read_table(path)
     notes = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items() if not k.startswith(b"ARROW")}
-    return {name: table[name].to_numpy() for name in table.column_names}, notes
+    return {name: numbers(table[name]) for name in table.column_names}, notes
 
 
 def _write_npz(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:

@@ -69,5 +69,5 @@ def _samples(path: Path, points: int) -> bytes:
     columns, _ = read_table(path)
     count = len(columns["t"])
     kept = np.unique(np.linspace(0, count - 1, min(points, count)).round().astype(int))
-    thinned = {name: values[kept].tolist() for name, values in columns.items()}
+    thinned = {name: values[kept].tolist() for name, values in columns.items() if values.ndim == 1}
     return msgspec.json.encode({"samples": count, "points": len(kept), "columns": thinned})

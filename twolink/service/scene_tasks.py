@@ -24,7 +24,6 @@ from twolink.service.json_keys import decode_unique
 from twolink.service.kinematics import link_poses
 from twolink.service.problems import Refusal
 from twolink.service.robot_pickle import read_robot, write_robot
-from twolink.service.run_marks import with_marks, write_marks
 from twolink.service.scene_body import scene_of
 from twolink.service.settings import Quotas
 from twolink.service.worker import Report
@@ -98,14 +97,15 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
         precision=request.precision, tolerance=request.tolerance, step=request.step,
         progress=ProgressOf(duration, 2 if request.verify else 1, report),
     )  # fmt: skip
-    path = Path(folder) / SAMPLES
+    path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
     run.save(path)
-    if path.stat().st_size > quotas.result_mb * 2**20:
+    if path.stat().st_size > largest and run.contacts:  # the samples matter more
+        dataclasses.replace(run, solution=None, recorded_contacts=None).save(path)
+    if path.stat().st_size > largest:
         path.unlink()
         what = f"the result takes more than {quotas.result_mb:g} MB"
         raise SceneError(what, argument="samples", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
-    write_marks(run, Path(folder), quotas.result_mb * 2**20)
     return {"title": scene.title, **run_record(run)}
 
 
@@ -177,4 +177,4 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
 
 def _run_in(folder: Path) -> Trajectory:
     """The run that `simulate` has written into a folder."""
-    return with_marks(Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes())), folder)
+    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))

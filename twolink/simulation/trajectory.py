@@ -175,10 +175,11 @@ class Trajectory:
         """The forces between bodies that touch at a sample, by pair: on the first of the two (n, 3), world's axes, N.
 
         A pair is named "LINK - LINK" or "LINK - ground". At an event the force after it. A pair that touches at several
-        points has the sum. Impulses of impacts are not in it. Raises SceneError (code "no-equations") for a loaded
-        trajectory.
+        points has the sum. Impulses of impacts are not in it. Raises SceneError (code "no-equations") for a trajectory
+        that was loaded from a file without contacts.
         """
-        self._solution("contact_forces")
+        if self.recorded_contacts is None:
+            self._solution("contact_forces")
         return ContactForces((pair, np.nansum(forces, axis=1)) for pair, (_, forces) in self.contacts.items())
 
     @functools.cached_property
@@ -239,10 +240,13 @@ class Trajectory:
         return tables.as_frame(self._samples)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path."""
-        return write_table(
-            Path(path), self.columns(), {**robot_notes(self.robot), "title": self.title, "bound": self.bound}
-        )
+        """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path.
+
+        The latter two also keep the robot's name, the events, and contact points with their forces.
+        """
+        notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events)}
+        columns = {**self.columns(), **tables.mark_columns(self.contacts)}
+        return write_table(Path(path), columns, {**robot_notes(self.robot), **notes})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
@@ -259,7 +263,7 @@ class Trajectory:
         Returns
         -------
         Trajectory
-            Without cost, events and solution.
+            Without cost and solution; from a .csv also without events and contacts.
 
         Raises
         ------
@@ -267,8 +271,9 @@ class Trajectory:
             The robot is another one, or the file is not a trajectory.
         """
         samples = tables.read_samples(Path(path), robot)
-        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, recorded_energy=samples.energy,
-                   title=samples.title, estimated=samples.estimated)  # fmt: skip
+        return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
+                   recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
+                   recorded_contacts=samples.contacts)  # fmt: skip
 
     @overload
     def plot(self) -> Figure: ...

@@ -4,21 +4,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.named_queries import joint_columns
 from twolink.dynamics.saved_robot import find_robot, require_same
 from twolink.errors import SceneError, import_extra, require_known
+from twolink.integrate.event import Event
 from twolink.io.tables import read_table
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
+CONTACT, EVENTS = "contact ", "events"  # before the names of pairs, for columns (n, 6 k); the name of a note
+Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts
 UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error": "rad or m"}
 
 
 class Samples(NamedTuple):
-    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, and whether
-    the error is an estimate and no bound."""
+    """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
+    the error is an estimate and no bound, events, and contacts, which are None where a file does not say."""
 
     robot: Robot
     t: np.ndarray
@@ -28,6 +32,8 @@ class Samples(NamedTuple):
     error: np.ndarray | None
     title: str = ""
     estimated: bool = False
+    events: tuple[Event, ...] = ()
+    contacts: Contacts | None = None
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -56,6 +62,16 @@ def columns(samples: Samples) -> dict[str, np.ndarray]:
     return table
 
 
+def mark_columns(contacts: Contacts) -> dict[str, np.ndarray]:
+    """Contacts as columns (n, 6 k): of each of k points its place and the force."""
+    return {CONTACT + pair: np.concatenate(both, axis=2).reshape(len(both[0]), -1) for pair, both in contacts.items()}
+
+
+def mark_notes(events: Sequence[Event]) -> dict[str, str]:
+    """Events as a note."""
+    return {EVENTS: msgspec.json.encode(list(events), enc_hook=np.generic.item).decode()}
+
+
 def chosen_columns(samples: Samples, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Some columns by name and unit. Raises SceneError for a name that is none, with the nearest right one."""
     table = columns(samples)
@@ -69,11 +85,13 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     label = str(path)
     content, notes = read_table(path)
     robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
+    marks = {name: content.pop(name) for name in list(content) if name.startswith(CONTACT)}
     table = _numbers(content, label)
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
-                      notes.get("title", ""), notes.get("bound") == "estimated")  # fmt: skip
+                      notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
+                      _contacts(marks, n, label) if EVENTS in notes else None)  # fmt: skip
     wanted = columns(samples)
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]
@@ -86,6 +104,24 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
         row = int(np.argmax(np.diff(samples.t) <= 0)) + 1
         raise SceneError(f"t does not increase at sample {row}", where=label, remedy="sort its samples by time")
     return samples
+
+
+def _events(notes: Mapping[str, str], label: str) -> tuple[Event, ...]:
+    try:
+        return msgspec.json.decode(notes.get(EVENTS, "[]"), type=tuple[Event, ...])
+    except msgspec.DecodeError as error:
+        raise SceneError(f"its events are damaged: {error}", where=label, remedy="save it again") from None
+
+
+def _contacts(columns: Mapping[str, np.ndarray], n: int, label: str) -> Contacts:
+    """Points and forces (n, k, 3) by pair."""
+    contacts = {}
+    for name, values in columns.items():
+        if values.dtype.kind != "f" or values.ndim != 2 or len(values) != n or values.shape[1] % 6:
+            raise SceneError(f"column {name!r} is not a table of contacts", where=label, remedy="save it again")
+        both = values.reshape(n, -1, 6)
+        contacts[name.removeprefix(CONTACT)] = both[..., :3], both[..., 3:]
+    return contacts
 
 
 def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndarray]:
