@@ -10,7 +10,8 @@ from scipy.optimize import brentq
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
 from twolink.contact import multibody
-from twolink.contact.hulls import hull_of, touching
+from twolink.contact.hulls import touching
+from twolink.robots.hulls import hull_of
 
 E = tl.effects
 SPHERE = {"ball": (E.Sphere(0.1),)}

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import twolink as tl
-from tests.effects.bodies import G, free_bodies, slider, sliders_in_a_row, times
+from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
 from twolink.contact.choice import choose_way
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.scene_equations import equations_of
@@ -65,13 +65,76 @@ def test_sensitivities_of_two_balls_that_collide_are_those_of_the_closed_form() 
         assert s.error[name][-1] < 1e-6
 
 
-def test_a_cylinder_that_meets_a_wall_with_its_end_is_refused() -> None:
-    wall, shape = E.Plane((1.0, 0.0, 0.0)), E.Cylinder(0.1, 0.2, rpy=(0.0, math.pi / 2, 0.0))
-    contact = E.Contact((("x_link", wall),), shapes={"x_link": (shape,)})
-    for start, effects in ((0.1, [E.Gravity((-G, 0.0, 0.0)), contact]), (0.3, [contact])):  # it rests; it arrives
-        with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
-            tl.simulate(tl.Scene(slider(), [start], [-1.0 if start > 0.1 else 0.0], effects), 0.5)
-        assert caught.value.code == "no-single-point"
+@pytest.mark.parametrize("tilt", [0.0, 1e-6])
+def test_a_cylinder_that_meets_a_wall_with_its_end(tilt: float) -> None:
+    """It bounces off flat; tilted by so little that its lowest point is not determined it is refused."""
+    wall, shape = E.Plane((1.0, 0.0, 0.0)), E.Cylinder(0.1, 0.2, rpy=(0.0, math.pi / 2 + tilt, 0.0))
+    contact = E.Contact((("x_link", wall),), restitution=0.5, shapes={"x_link": (shape,)})
+    scene = tl.Scene(slider(), [0.3], [-1.0], [contact])
+    if not tilt:
+        run = tl.simulate(scene, 0.5, 1e-9)
+        assert times(run, "impact") == pytest.approx([0.2], abs=1e-9)
+        assert run.q[-1, 0] == pytest.approx(0.1 + 0.5 * 0.3, abs=1e-9)
+        return
+    with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
+        tl.simulate(scene, 0.5)
+    assert caught.value.code == "no-single-point"
+
+
+def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
+    """x'' = k t - mu g to its rest, with a push at the ground; then one at a height h tips it at m g R = k t h."""
+    mu, v0, radius, half, k, high = 0.4, 1.0, 0.15, 0.25, 4.0, 0.4
+    shapes = {"body": (E.Cylinder(radius, 2 * half),)}
+    push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, high - half))
+    scene = tl.Scene(planar(), [0, half, 0], [v0, 0, 0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
+    run = tl.simulate(scene, 0.5, 1e-9, samples=20)
+    t = np.fmin(run.t, v0 / (mu * G))
+    assert np.abs(run.q - np.column_stack([v0 * t - mu * G * t**2 / 2, half + 0 * t, 0 * t])).max() < 1e-9
+    force = run.contact_forces["body - ground"]
+    assert force[:, 2] == pytest.approx(np.full(len(run.t), G), abs=1e-9)
+    tips = G * radius / (k * high)
+    assert k * tips < mu * G
+    with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
+        tl.simulate(tl.Scene(planar(), [0, half, 0], effects=[*scene.effects, push]), 2 * tips, 1e-9)
+    assert caught.value.data["t"] == pytest.approx(tips, abs=1e-3)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.1])
+def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_its_middle(offset: float) -> None:
+    """There each corner has the same lever: its torque is mu m g r, however the corners share the weight."""
+    mu, w0, a = 0.2, 2.0, 0.15
+    robot = tl.load_robot(
+        '<robot name="top"><link name="hand"/><link name="lift"/><link name="block"><inertial><mass value="2"/>'
+        '<inertia ixx="1" iyy="1" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="z" type="prismatic"><parent link="hand"/><child link="lift"/><axis xyz="0 0 1"/>'
+        '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>'
+        '<joint name="turn" type="revolute"><parent link="lift"/><child link="block"/><axis xyz="0 0 1"/>'
+        '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>')  # fmt: skip
+    shapes = {"block": (E.Box((2 * a, 2 * a, 0.2), (offset, 0.0, 0.0)),)}
+    scene = tl.Scene(robot, [0.1, 0.0], [0.0, w0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
+    if offset:
+        with pytest.raises(AccuracyError, match="the motion depends on the share of each") as caught:
+            tl.simulate(scene, 0.5)
+        assert caught.value.code == "indeterminate-forces"
+        return
+    run = tl.simulate(scene, 0.5, 1e-9)
+    assert run.v[-1, 1] == pytest.approx(w0 - mu * 2 * G * a * math.sqrt(2) / 0.5 * 0.5, abs=1e-9)
+
+
+def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
+    """As down a plane, with g sin; too fast to turn about the edge it leaves there, on a parabola."""
+    angle, r = 0.5, 0.1
+    n, down = np.array([-math.sin(angle), 0.0, math.cos(angle)]), -np.array([math.cos(angle), 0.0, math.sin(angle)])
+    corners = tuple((x, y, z) for y in (-1.0, 1.0) for x, z in ((0.0, 0.0), (2.0, 2.0 * math.tan(angle)), (2.0, 0.0)))
+    contact = E.Contact((("ball", "base"),), shapes={"base": (E.Convex(corners),)})
+    way, t_edge = 0.4, math.sqrt(2 * 0.4 / (G * math.sin(angle)))
+    start = [*(-way * down + r * n), 0, 0, 0, 1]
+    run = tl.simulate(tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact]), t_edge + 0.1, 1e-9, samples=40)
+    assert times(run, "leave") == pytest.approx([t_edge], abs=1e-9)
+    on, late = np.fmin(run.t, t_edge), np.fmax(run.t - t_edge, 0.0)
+    along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
+    truth = np.array(start[:3]) + np.outer(along, down) - np.outer(G * late**2 / 2, [0.0, 0.0, 1.0])
+    assert np.abs(run.q[:, :3] - truth).max() < 1e-8
 
 
 @pytest.mark.parametrize(("apart", "meets"), [(0.1, True), (0.8, False)])  # along their axes, of capsules of 0.7 m

@@ -1,5 +1,7 @@
 """Gaps as formulas against Coal's distances, their rates against differences; which pairs may touch."""
 
+import math
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -13,6 +15,7 @@ from twolink.effects.box_gaps import separation
 from twolink.effects.contact_pairs import Plane, select_pairs, solids_of
 from twolink.effects.contact_points import gaps_of
 from twolink.effects.motion import Motion
+from twolink.effects.rim_gaps import StandGap
 from twolink.robots.collisions import collision_model
 
 E = tl.effects
@@ -24,9 +27,21 @@ SHAPES = {
     "cylinder": E.Cylinder(0.15, 0.5, **TURNED),
     "capsule": E.Capsule(0.1, 0.5, **TURNED),
     "convex": E.Convex(CUBE, **TURNED),
+    "stone": E.Convex(
+        (
+            (0.1, 0.0, 0.3),
+            (-0.2, 0.1, 0.1),
+            (0.0, -0.3, -0.2),
+            (0.2, 0.2, -0.1),
+            (-0.1, 0.3, -0.3),
+            (0.3, -0.1, 0.1),
+            (-0.2, -0.2, 0.2),
+        ),
+        **TURNED,
+    ),
 }
 PAIRS = [("sphere", "sphere"), ("sphere", "capsule"), ("capsule", "sphere"), ("capsule", "capsule"), ("sphere", "box"),
-         ("capsule", "box"),
+         ("capsule", "box"), ("sphere", "convex"), ("sphere", "stone"), ("capsule", "stone"),
          ("cylinder", "sphere"), *((name, "plane") for name in SHAPES)]  # fmt: skip
 
 
@@ -65,7 +80,7 @@ def test_gaps_are_coals_distances_and_their_rates_those_of_the_nearest_points(ki
     else:
         shapes["b"] = (SHAPES[kinds[1]],)
     (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", plane or "b")]).chosen
-    gaps, compared = gaps_of(pair), 0
+    gaps, compared = [gap for gap in gaps_of(pair) if not isinstance(gap, StandGap)], 0  # those are for flat discs
     for q, v in states(robot, 4):
         true = distance(robot, shapes, q, plane)
         if true < 1e-3:
@@ -216,3 +231,26 @@ def test_a_pair_without_a_formula_is_named() -> None:
     scene = tl.Scene(free_bodies("a", "b"), effects=[E.Contact(("self",), shapes=shapes)])
     with pytest.raises(tl.errors.SceneError, match="a - b cannot be located: there is no formula for box and cylinder"):
         tl.simulate(scene, 0.1, contact="located")
+
+
+def test_a_mesh_of_many_faces_has_no_formula() -> None:
+    cloud = np.random.default_rng(0).normal(size=(60, 3))
+    stone = E.Convex(tuple(tuple(map(float, p / np.linalg.norm(p))) for p in cloud))
+    scene = tl.Scene(free_bodies("a", "b"), [0, 0, 3, 0, 0, 0, 1] + [0] * 6 + [1],
+                     effects=[E.Contact(("self",), shapes={"a": (stone,), "b": (E.Sphere(0.1),)})])  # fmt: skip
+    assert "contacts are stepped" in str(tl.explain(scene, duration=0.01))
+    with pytest.raises(tl.errors.SceneError, match="there is none for meshes of more than 40 faces") as caught:
+        tl.simulate(scene, 0.1, contact="located")
+    assert 'contact="stepped"' in str(caught.value)
+
+
+def test_a_flat_disc_touches_with_points_and_a_tilted_one_with_its_rim() -> None:
+    robot = free_bodies("a")
+    (pair,) = select_pairs(robot, solids_of(robot, {"a": (E.Cylinder(0.2, 0.6),)}), ["ground"]).chosen
+    for tilt, stands in ((0.0, True), (1e-10, True), (1e-8, False), (0.3, False)):
+        q = np.array([0, 0, 0.5, math.sin(tilt / 2), 0, 0, math.cos(tilt / 2)])
+        here = motion(robot, q, np.zeros(6))
+        low = [gap for gap in gaps_of(pair) if gap.value(here) < 0.5]
+        assert {isinstance(gap, StandGap) for gap in low} == {stands}
+        assert min(gap.value(here) for gap in low) == pytest.approx(
+            0.5 - 0.3 * math.cos(tilt) - 0.2 * math.sin(tilt), abs=1e-8)  # fmt: skip

@@ -9,10 +9,12 @@ from twolink import effects as fx
 from twolink.effects.conditions import FrameReaches, JointReaches
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.effect_numbers import all_effect_numbers, with_number
+from twolink.robots.shapes import AnyShape
 
 ARM = tl.load_robot("two_link")
 GRAVITY = fx.Gravity()
 LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
+CONTACT = ["1.friction", "1.restitution"]
 SINE = fx.Torque({"elbow": fx.Sine(2.0, 5.0)})
 DISK = tl.load_robot("""<robot name="disk"><link name="rail"/><link name="post"/><link name="lift"/>
 <link name="disk"><inertial><mass value="2"/>
@@ -33,6 +35,13 @@ def disk(height: float, **contact: float) -> tl.Scene:
     """A disk that falls beside a plane."""
     contacts = [GRAVITY, fx.PlaneContact("disk", radius=0.2, **contact)]
     return tl.Scene(DISK, [0.0, 0.2 + height, 0.0], [1.0, 0.0, -3.0], contacts)
+
+
+def touching(shape: AnyShape, other: AnyShape | None = None) -> tl.Scene:
+    """The arm, with a shape at its forearm that hits the plane z = -0.8, or another shape of the base."""
+    shapes = {"forearm": (shape,)} | ({} if other is None else {"base": (other,)})
+    pair = ("forearm", fx.Plane(height=-0.8) if other is None else "base")
+    return arm(fx.Contact((pair,), 0.1, 0.5, shapes=shapes))
 
 
 def changed(scene: tl.Scene, name: str, shift: float) -> tl.Scene:
@@ -56,10 +65,18 @@ CASES = {
     "breakaway": (tl.load_scene("detent"), 2.3, ["3.torque"]),
     "bounces": (disk(0.1, friction=0.05, restitution=0.6), 0.5, ["1.friction", "1.restitution", "1.height"]),
     "rolls": (disk(0.1, friction=0.2), 0.3, ["1.friction"]),
+    "capsule on plane": (touching(fx.Capsule(0.05, 0.3, (0.8, 0.0, 0.0), (0.0, 1.5, 0.0))), 1.0, CONTACT),
+    "corner on plane": (touching(fx.Box((0.2, 0.1, 0.1), (0.9, 0.0, 0.0))), 1.0, CONTACT),
+    "sphere on box": (touching(fx.Sphere(0.05, (1.0, 0.0, 0.0)), fx.Box((1.0, 1.0, 0.2), (1.7, 0.0, -0.9))), 1.0,
+                      CONTACT),
+    "sphere on sphere": (touching(fx.Sphere(0.05, (1.0, 0.0, 0.0)), fx.Sphere(0.4, (1.6, 0.0, -0.9))), 1.0, CONTACT),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c == "rolls" else c for c in CASES])
+SLOW = ("rolls", "capsule on plane", "sphere on box")
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c in SLOW else c for c in CASES])
 def test_what_decides_events(case: str) -> None:
     scene, duration, names = CASES[case]
     names = [f"effects.{name}" for name in names]

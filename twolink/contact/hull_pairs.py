@@ -7,12 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from twolink.contact.hulls import hull_of, touching
+from twolink.contact.hulls import touching
 from twolink.contact.points import Group, Places, Points, bounding_radius, key_of, middle_of, placement
 from twolink.dynamics import Robot
 from twolink.effects.contact_pairs import Pair
 from twolink.integrate.state import Array
 from twolink.robots.collisions import Solid
+from twolink.robots.hulls import hull_of
 from twolink.robots.shapes import Box, Convex
 
 

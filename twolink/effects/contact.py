@@ -58,9 +58,9 @@ class Contact(SwitchingEffect, frozen=True):
     -----
     Where bodies rest on more points than determine their forces, only the sums of the forces of a pair are determined.
     Located, boxes touch each other with corners on sides; unless that is asked for, pairs of boxes are stepped. Refused
-    with code "no-single-point": what touches along a line, a flat side or an edge (a cylinder that stands, parallel
-    capsules, a corner that slides over an edge). With "no-located-contact": pairs of shapes without a formula, and
-    boxes whose edges meet.
+    with code "no-single-point": what touches along a line, a flat side or an edge (a cylinder that falls on its end or
+    tips over its rim, parallel capsules, a corner that slides over an edge). With "no-located-contact": pairs of shapes
+    without a formula, and boxes whose edges meet.
     """
 
     touches: ClassVar[bool] = True

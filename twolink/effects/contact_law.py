@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
-from twolink.effects.box_gaps import CornerGap
-from twolink.effects.gaps import AnyGap
+from twolink.effects.gaps import Gap
 from twolink.effects.inputs import Slot
 from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
@@ -27,7 +26,7 @@ STILL = 1e-10  # m/s: a slip whose direction is rounding
 
 def contact_point(
     name: str,
-    gap: AnyGap | CornerGap,
+    gap: Gap,
     friction: float,
     restitution: float,
     static: float | None = None,
@@ -58,7 +57,7 @@ class Touching(Loop, frozen=True):
     """
 
     pair: str
-    gap: AnyGap | CornerGap
+    gap: Gap
     friction: float
     rolling: bool
     before: tuple[Slot, Slot] | tuple[float, float]
@@ -67,8 +66,8 @@ class Touching(Loop, frozen=True):
     max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
 
     def rows(self, motion: Motion) -> list[Scalar]:
-        """The gap."""
-        return [self.gap.value(motion)]
+        """The gap, of what touches."""
+        return [self.gap.nearest(motion).gap]
 
     def velocity_rows(self, motion: Motion) -> list[Scalar]:
         """c along the tangents."""

@@ -12,17 +12,22 @@ from twolink.algorithms.spatial import Vec
 from twolink.effects.box_gaps import BoxShape, CornerGap, separation
 from twolink.effects.conditions import unit
 from twolink.effects.contact_pairs import Pair, Plane
-from twolink.effects.gaps import AnyGap, Ball, BoxGap, CylinderGap, PlaneGap, RimGap, RoundGap
+from twolink.effects.gaps import Ball, BoxGap, CylinderGap, Gap, PlaneGap, RoundGap
+from twolink.effects.hull_gaps import HullGap
 from twolink.effects.motion import GROUND
+from twolink.effects.rim_gaps import RimGap, StandGap
 from twolink.effects.switching import Trigger
 from twolink.errors import AccuracyError, SceneError
 from twolink.robots.collisions import Solid
+from twolink.robots.hulls import hull_of
 from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
 OVERLAP = 1e-7  # m: how far two boxes may overlap, by rounding
+STANDS_ON = 6  # points of the rim of a cylinder's end
+MOST_FACES = 40  # of a convex mesh that has formulas: each is some of them
 
 
-def gaps_of(pair: Pair) -> Sequence[AnyGap | CornerGap]:
+def gaps_of(pair: Pair) -> Sequence[Gap]:
     """The gaps of a pair. Raises SceneError where shapes have no formula."""
     a, b = pair.first, pair.second
     if isinstance(b, Plane):
@@ -40,14 +45,22 @@ def gaps_of(pair: Pair) -> Sequence[AnyGap | CornerGap]:
     if isinstance(a.shape, Box) and isinstance(b.shape, Box):
         return [CornerGap(corner, _box(box), second=box is a) for solid, box in ((a, b), (b, a))
                 for corner in _corners(solid)]  # fmt: skip
-    if isinstance(a.shape, Capsule) and a.shape.radius > 0.0 and isinstance(b.shape, Box):
-        return _capsule_on_box(a, b)
+    if isinstance(b.shape, Convex) and len(hull_of(b.shape).faces) > MOST_FACES:
+        raise _no_formula(pair, f"there is none for meshes of more than {MOST_FACES} faces")
+    if ball and isinstance(b.shape, Convex):
+        return [_hull_gap(_middle(a), b)]
+    if isinstance(a.shape, Capsule) and a.shape.radius > 0.0 and isinstance(b.shape, (Box, Convex)):
+        return _capsule_on_hull(a, b)
     if ball and isinstance(b.shape, Cylinder):
         radius, half = float(b.shape.radius), 0.5 * float(b.shape.length)
         return [CylinderGap(_middle(a), b.link, _vec(b.shape.point), _axes(b)[2], radius, half)]
     kinds = " and ".join(type(solid.shape).__name__.lower() for solid in (a, b))
-    raise SceneError(f"contacts of {pair.name} cannot be located: there is no formula for {kinds}", where="pairs",
-                     remedy="give spheres and capsules as its shapes", code="no-located-contact")  # fmt: skip
+    raise _no_formula(pair, f"there is no formula for {kinds}")
+
+
+def _no_formula(pair: Pair, why: str) -> SceneError:
+    return SceneError(f"contacts of {pair.name} cannot be located: {why}", where="pairs", code="no-located-contact",
+                      remedy='give spheres and capsules as its shapes, or contact="stepped"')  # fmt: skip
 
 
 def edges_meet(pair: Pair) -> list[Trigger]:
@@ -59,23 +72,34 @@ def edges_meet(pair: Pair) -> list[Trigger]:
 
     def refuse(*_: object) -> NoReturn:
         raise AccuracyError(f"edges of {pair.name} meet, for which there is no formula", where="effects",
-                            remedy="give spheres or capsules as edges", code="no-located-contact")  # fmt: skip
+                            remedy='give spheres or capsules as edges, or contact="stepped"',
+                            code="no-located-contact")  # fmt: skip
 
     return [Trigger("overlap", pair.name, function=lambda motion: separation(*boxes, motion) + OVERLAP, state=refuse)]
 
 
-def _capsule_on_box(capsule: Solid, box: Solid) -> list[AnyGap]:
-    """Both ends against the box, and the segment between them against its edges."""
-    radius, half = float(capsule.shape.radius), _half(capsule)  # type: ignore[union-attr]
-    middle = np.array(_vec(capsule.shape.point))
-    gaps: list[AnyGap] = [_box_gap(Ball(capsule.link, _vec(middle + side * np.array(half)), radius), box)
-                          for side in (-1.0, 1.0)]  # fmt: skip
-    edges = 0.5 * np.array(box.shape.size)  # type: ignore[union-attr]
-    for k, signs in itertools.product(range(3), itertools.product((-1.0, 1.0), repeat=2)):
-        centre, along = np.insert(signs, k, 0.0) * edges, edges * np.eye(3)[k]
-        turned = _vec(box.shape.placement.rotation @ along)
-        gaps.append(RoundGap(_middle(capsule), Ball(box.link, _placed(box, _vec(centre)), 0.0), half, turned))
-    return gaps
+def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
+    """Both ends against the box or mesh, and the segment between them against its edges."""
+    ball, half = _middle(capsule), _half(capsule)
+    ends = (Ball(ball.frame, _vec(np.array(ball.point) + side * np.array(half)), ball.radius) for side in (-1.0, 1.0))
+    gap = _box_gap if isinstance(solid.shape, Box) else _hull_gap
+    edges = [np.array(edge, dtype=float) for edge in _edges(solid)]
+    return [*(gap(end, solid) for end in ends),
+            *(RoundGap(ball, Ball(solid.link, _vec(0.5 * (a + b)), 0.0), half, _vec(0.5 * (b - a)))
+              for a, b in edges)]  # fmt: skip
+
+
+def _hull_gap(ball: Ball, solid: Solid) -> HullGap:
+    hull = hull_of(solid.shape)
+    corners = [_placed(solid, _vec(vertex)) for vertex in hull.vertices]
+    return HullGap(ball, solid.link, _edges(solid), tuple(tuple(corners[i] for i in face) for face in hull.faces))
+
+
+def _edges(solid: Solid) -> tuple[tuple[Vec, Vec], ...]:
+    """The ends of the edges of a box or mesh, in the link's axes."""
+    hull = hull_of(solid.shape)
+    corners = [_placed(solid, _vec(vertex)) for vertex in hull.vertices]
+    return tuple((corners[i], corners[k]) for i, k in hull.edges)
 
 
 def _box(solid: Solid) -> BoxShape:
@@ -93,13 +117,11 @@ def _corners(solid: Solid) -> list[Ball]:
     return [Ball(solid.link, _placed(solid, corner), 0.0) for corner in itertools.product((x, -x), (y, -y), (z, -z))]
 
 
-def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[AnyGap]:
+def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[Gap]:
     """The gaps between a solid and a plane that is fixed to a frame."""
     shape = solid.shape
     if isinstance(shape, Cylinder):
-        ends = (_placed(solid, (0.0, 0.0, side * 0.5 * float(shape.length))) for side in (-1.0, 1.0))
-        axis = _axes(solid)[2]
-        return [RimGap(solid.link, end, axis, float(shape.radius), frame, normal, height) for end in ends]
+        return _cylinder_on_plane(solid, shape, frame, normal, height)
     radius, points = 0.0, list[Vec]()
     if isinstance(shape, (Sphere, Capsule)):
         radius = float(shape.radius)
@@ -112,6 +134,17 @@ def _on_plane(solid: Solid, frame: str, normal: Vec, height: float) -> list[AnyG
     elif isinstance(shape, Convex):
         points = [_placed(solid, _vec(vertex)) for vertex in shape.vertices]
     return [PlaneGap(Ball(solid.link, point, radius), frame, normal, height) for point in points]
+
+
+def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, height: float) -> list[Gap]:
+    """The rims of both ends, and points of them on which it stands."""
+    axis, r, gaps = _axes(solid)[2], float(shape.radius), list[Gap]()
+    for z in (-0.5 * float(shape.length), 0.5 * float(shape.length)):
+        gaps.append(RimGap(solid.link, _placed(solid, (0.0, 0.0, z)), axis, r, frame, normal, height))
+        for angle in np.arange(STANDS_ON) * 2.0 * np.pi / STANDS_ON:
+            point = _placed(solid, _vec((r * np.cos(angle), r * np.sin(angle), z)))
+            gaps.append(StandGap(Ball(solid.link, point, 0.0), frame, normal, height, axis))
+    return gaps
 
 
 def _middle(solid: Solid) -> Ball:

@@ -22,7 +22,6 @@ from twolink.effects.frame_checks import floats
 from twolink.effects.motion import GROUND, Motion
 from twolink.io.text import kebab_case
 
-FLAT = 1e-30  # the square of the sine of a tilt below which a disc has no lowest point
 PARALLEL = 1e-9  # the square of the sine between two segments, or of a tilt, below it: they count as parallel
 
 
@@ -123,43 +122,6 @@ class PlaneGap(Gap, frozen=True):
         return Nearest(gap, (n, s, t), self.ball.surface(n), Place(self.frame, ZERO, touched))
 
 
-class RimGap(Gap, frozen=True):
-    """From the rim of a disc of body a to a plane of body b: its lowest point, c - R m.
-
-        m = (n - (n . u) u) / |n - (n . u) u|,   g = n . (c - x_b) - height - R |n - (n . u) u|
-
-    point, axis, radius: c, u and R of the disc in the frame of a. It has no lowest point where it lies flat.
-    """
-
-    link: str
-    point: Vec
-    axis: Vec
-    radius: float
-    frame: str
-    normal: Vec
-    height: float
-
-    def nearest(self, motion: Motion) -> Nearest:
-        """The lowest point of the rim."""
-        normal = floats(self.normal)
-        n, s, t = (motion.direction(self.frame, axis) for axis in (normal, *across(normal)))
-        u = motion.direction(self.link, self.axis)
-        across_axis = sub(n, scale(dot(n, u), u))
-        square = dot(across_axis, across_axis)
-        xp = motion.xp
-        length = xp.sqrt(xp.where(xp.less(square, FLAT), FLAT, square))
-        offset = scale(-self.radius / length, across_axis)
-        apart = sub(add(motion.position(self.link, self.point), offset), motion.position(self.frame))
-        gap = minus(dot(n, apart), self.height)
-        touched = sub(apart, scale(gap, n))
-        return Nearest(gap, (n, s, t), Place(self.link, self.point, offset), Place(self.frame, ZERO, touched))
-
-    def single(self, motion: Motion) -> Scalar:
-        """The square of the sine of its tilt."""
-        tilt = cross(motion.direction(self.frame, floats(self.normal)), motion.direction(self.link, self.axis))
-        return minus(dot(tilt, tilt), PARALLEL)
-
-
 class RoundGap(Gap, frozen=True):
     """Between two balls or capsules: g = |x_a - x_b| - r_a - r_b with the nearest points of points or segments.
 
@@ -178,7 +140,7 @@ class RoundGap(Gap, frozen=True):
         u, w = (motion.direction(ball.frame, half) if any(half) else None
                 for ball, half in ((self.first, self.first_half), (self.second, self.second_half)))  # fmt: skip
         along_a, along_b = _nearest_of_segments(sub(a, b), u, w, motion.xp)
-        return _round(motion, (self.first, a, along_a), (self.second, b, along_b))
+        return between_balls(motion, (self.first, a, along_a), (self.second, b, along_b))
 
     def single(self, motion: Motion) -> Scalar | None:
         """The square of the sine between segments; or what parallel ones have between their ends, over their length."""
@@ -211,8 +173,8 @@ class BoxGap(Gap, frozen=True):
         apart, inside = sub(x, middle), ZERO
         for axis, half in zip(self.axes, self.half, strict=True):
             e = motion.direction(self.frame, axis)
-            inside = add(inside, scale(_limited(dot(e, apart), half, motion.xp), e))
-        return _round(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
+            inside = add(inside, scale(limited(dot(e, apart), half, motion.xp), e))
+        return between_balls(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
 
 
 class CylinderGap(Gap, frozen=True):
@@ -239,11 +201,10 @@ class CylinderGap(Gap, frozen=True):
         square = dot(outward, outward)
         beyond = xp.less(self.radius * self.radius, square)
         share = xp.where(beyond, self.radius / xp.sqrt(xp.where(beyond, square, 1.0)), 1.0)
-        inside = add(scale(_limited(along, self.half, xp), u), scale(share, outward))
-        return _round(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
+        inside = add(scale(limited(along, self.half, xp), u), scale(share, outward))
+        return between_balls(motion, (self.ball, x, ZERO), (Ball(self.frame, self.point, 0.0), middle, inside))
 
 
-AnyGap = PlaneGap | RimGap | RoundGap | BoxGap | CylinderGap
 Core = tuple[Ball, Vec, Vec]  # a ball, its centre in the world, and the offset of the core's nearest point from there
 
 
@@ -268,7 +229,7 @@ def tangents(n: Vec, xp: Any) -> tuple[Vec, Vec]:
     return first, (b, sign + times(times(y, y), a), -y)
 
 
-def _round(motion: Motion, a: Core, b: Core) -> Nearest:
+def between_balls(motion: Motion, a: Core, b: Core) -> Nearest:
     """The nearest points of two balls about core points."""
     xp = motion.xp
     (first, x, along_a), (second, y, along_b) = a, b
@@ -280,7 +241,7 @@ def _round(motion: Motion, a: Core, b: Core) -> Nearest:
     return Nearest(minus(distance, first.radius + second.radius), (n, *tangents(n, xp)), *ends)
 
 
-def _limited(x: Scalar, most: Scalar, xp: Any) -> Scalar:
+def limited(x: Scalar, most: Scalar, xp: Any) -> Scalar:
     """x between -most and most."""
     low = xp.where(xp.less(x, -most), -most, x)
     return xp.where(xp.less(most, low), most, low)
@@ -297,10 +258,10 @@ def _nearest_of_segments(apart: Vec, u: Vec | None, w: Vec | None, xp: Any) -> t
     size = a * c - b * b
     crossing = xp.less(PARALLEL * a * c, size)
     s = xp.where(crossing, (b * e - c * d) / xp.where(crossing, size, 1.0), 0.0)
-    t = _limited((b * _limited(s, 1.0, xp) + e) / c, 1.0, xp)
-    return scale(_limited((b * t - d) / a, 1.0, xp), u), scale(t, w)
+    t = limited((b * limited(s, 1.0, xp) + e) / c, 1.0, xp)
+    return scale(limited((b * t - d) / a, 1.0, xp), u), scale(t, w)
 
 
 def _along(line: Vec, far: Vec, xp: Any) -> Scalar:
     """s from -1 to 1 of the point s line of a segment that is nearest to a point."""
-    return _limited(dot(line, far) / dot(line, line), 1.0, xp)
+    return limited(dot(line, far) / dot(line, line), 1.0, xp)

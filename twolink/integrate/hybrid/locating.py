@@ -21,6 +21,8 @@ from twolink.integrate.step_map import StepMap
 
 WITHIN = np.array([0.0, 0.25, 0.5, 0.75])  # of a step
 DIP = 0.3  # of what a guard changes around a low point: it may reach 0 between the points there
+FEW = 12  # gaps that are all looked at; of more only those that can close
+FASTER = 4.0  # times the largest rate at the points looked at: no gap closes faster between them
 EXACT = 2 * np.finfo(float).eps  # relative to max(1, t): times are not finer
 
 
@@ -69,16 +71,21 @@ class Watcher:
             t, x = np.append(before[0], t), np.concatenate([before[1][None], x])
         times, states = self._within(t, x)
         snapshot = self.evaluate(times, states)
-        values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in self.guards])
-        dips = self._dips(values) | self._passing(snapshot, times, values)
+        near = self._near(snapshot, times)
+        guards = [self.guards[j] for j in near]
+        if not guards:
+            return None
+        values = np.array([guard.observe(times, _row(guard.value(snapshot), times)) for guard in guards])
+        margins = self.margins[near]
+        dips = _dips(values, margins) | _passing(guards, margins, snapshot, times, values)
         hits = (values <= 0.0).any(axis=1) | dips.any(axis=1)
         if not np.count_nonzero(hits):
             return None
         brackets = {}
-        for j in np.flatnonzero(hits).tolist():
-            bracket = self._bracket(j, times, values[j], dips[j], t, x)
+        for k in np.flatnonzero(hits).tolist():
+            bracket = self._bracket(near[k], times, values[k], dips[k], t, x)
             if bracket is not None:
-                brackets[j] = bracket
+                brackets[near[k]] = bracket
         if not brackets:
             return None
         earliest = min(bracket.ends[1] for bracket in brackets.values())
@@ -96,32 +103,15 @@ class Watcher:
         states[:, ::count] = x.T
         return times, states
 
-    def _dips(self, values: Array) -> Array:
-        """Where values (guards, m) have low points between their ends that may reach 0, or the margin."""
-        before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
-        dips = np.zeros(values.shape, dtype=bool)
-        low = (here < before) & (here <= after)
-        if np.count_nonzero(low):
-            depth = np.maximum(before, after) - here
-            dips[:, 1:-1] = low & (here < np.maximum(self.margins[:, None], DIP * depth)) & np.isfinite(depth)
-        return dips
-
-    def _passing(self, snapshot: Snapshot, times: Array, values: Array) -> Array:
-        """Where gaps fall at one point and grow at the next, with tangents that meet at 0, the margin, or below.
-
-        The gap of bodies that move straight is convex: it lies above its tangents.
-        """
-        passing = np.zeros(values.shape, dtype=bool)
-        for j, guard in enumerate(self.guards):
-            if guard.rate is None:
-                continue
-            gap, rate = _row(guard.value(snapshot), times), _row(guard.rate(snapshot), times)
-            turns = (rate[:-1] < 0.0) & (rate[1:] > 0.0) & np.isfinite(values[j, :-1] + values[j, 1:])
-            for i in np.flatnonzero(turns).tolist():
-                (a, b), (fall, rise), length = gap[i : i + 2], rate[i : i + 2], times[i + 1] - times[i]
-                if (a * rise - b * fall + length * fall * rise) / (rise - fall) <= self.margins[j]:
-                    passing[j, min(max(1, i + int(b < a)), len(times) - 2)] = True
-        return passing
+    def _near(self, snapshot: Snapshot, times: Array) -> list[int]:
+        """The guards to look at, by number: of many gaps only those so small that their rates may close them."""
+        gaps = {j: guard.key[1] for j, guard in enumerate(self.guards) if guard.rate is not None}
+        if len(gaps) <= FEW:
+            return list(range(len(self.guards)))
+        rows = snapshot.contacts[list(gaps.values()), :2]
+        reach = self.margins[list(gaps)] + FASTER * np.diff(times).max() * np.abs(rows[:, 1]).max(axis=1)
+        far = {j for j, away in zip(gaps, rows[:, 0].min(axis=1) > reach, strict=True) if away}
+        return [j for j, guard in enumerate(self.guards) if j not in far or not guard.moved]
 
     def _bracket(self, j: int, times: Array, g: Array, dips: Array, t: Array, x: Array) -> _Bracket | None:
         """Where guard j first passes 0, or the margin of a near touch."""
@@ -164,6 +154,35 @@ class Watcher:
         if np.count_nonzero(exact):
             states[:, exact] = x[steps[exact]].T
         return states
+
+
+def _dips(values: Array, margins: Array) -> Array:
+    """Where values (guards, m) have low points between their ends that may reach 0, or the margins."""
+    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    dips = np.zeros(values.shape, dtype=bool)
+    low = (here < before) & (here <= after)
+    if np.count_nonzero(low):
+        depth = np.maximum(before, after) - here
+        dips[:, 1:-1] = low & (here < np.maximum(margins[:, None], DIP * depth)) & np.isfinite(depth)
+    return dips
+
+
+def _passing(guards: Sequence[Guard], margins: Array, snapshot: Snapshot, times: Array, values: Array) -> Array:
+    """Where gaps fall at one point and grow at the next, with tangents that meet at 0, the margin, or below.
+
+    The gap of bodies that move straight is convex: it lies above its tangents.
+    """
+    passing = np.zeros(values.shape, dtype=bool)
+    for j, guard in enumerate(guards):
+        if guard.rate is None:
+            continue
+        gap, rate = _row(guard.value(snapshot), times), _row(guard.rate(snapshot), times)
+        turns = (rate[:-1] < 0.0) & (rate[1:] > 0.0) & np.isfinite(values[j, :-1] + values[j, 1:])
+        for i in np.flatnonzero(turns).tolist():
+            (a, b), (fall, rise), length = gap[i : i + 2], rate[i : i + 2], times[i + 1] - times[i]
+            if (a * rise - b * fall + length * fall * rise) / (rise - fall) <= margins[j]:
+                passing[j, min(max(1, i + int(b < a)), len(times) - 2)] = True
+    return passing
 
 
 def _row(value: Any, times: Array) -> Array:
