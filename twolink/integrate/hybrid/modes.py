@@ -44,6 +44,8 @@ class Mode:
     def with_contact(self, i: int, mode: ContactMode, direction: tuple[float, float] | None = None) -> Mode:
         """The mode with another one of contact i."""
         directions = self.directions
+        if mode == self.contacts[i] and direction in (None, directions[i]):
+            return self
         if direction is not None:
             directions = (*directions[:i], direction, *directions[i + 1 :])
         return replace(self, contacts=(*self.contacts[:i], mode, *self.contacts[i + 1 :]), directions=directions)
@@ -199,8 +201,8 @@ class Situation(NamedTuple):
         system, mode, layout = self.system, self.mode, self.own.equations.layout
         locks = [1.0 if k in mode.locked else 0.0 for k in system.lockable]
         friction = [0.0 if k in mode.locked else -mode.slip.get(k, 0.0) * system.kinetic[k] for k in system.lockable]
-        slots = {slot.name: value for i, direction in enumerate(mode.directions)
-                 for slot, value in zip(contact_slots(i), direction, strict=True)}  # fmt: skip
+        slots = {slot.name: value for i, kind in enumerate(mode.contacts) if kind != "free"
+                 for slot, value in zip(contact_slots(i), mode.directions[i], strict=True)}  # fmt: skip
         numbers = layout.numbers_at(self.t if t is None else t, slots, np.array(locks + friction))
         return np.concatenate([self.x, numbers])
 
