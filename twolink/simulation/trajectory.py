@@ -244,7 +244,7 @@ class Trajectory:
 
         The latter two also keep the robot's name, the events, and contact points with their forces.
         """
-        notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events)}
+        notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events or ())}
         columns = {**self.columns(), **tables.mark_columns(self.contacts)}
         return write_table(Path(path), columns, {**robot_notes(self.robot), **notes})
 
