@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import msgspec
+import pytest
 
 from tests.service.serving import TOP, Served
 from twolink.service.query_answers import QUERIES
@@ -66,6 +67,15 @@ def test_import_loads_no_web_library() -> None:
     code = "import sys, twolink, twolink.cli.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
     assert not {"litestar", "uvicorn", "prometheus_client", "sqlite3"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("part", ["app", "query_tasks", "task_table"])
+def test_service_and_workers_start_without_what_few_tasks_need(part: str) -> None:
+    """Each worker that is started imports its tasks first, and a client waits for it."""
+    code = f"import sys, twolink.service.{part}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
+    assert "twolink.service.robot_tasks" in done.stdout.split()
+    assert not {"trimesh", "networkx", "scipy.linalg", "scipy.optimize"} & set(done.stdout.split())
 
 
 def test_a_taken_port_is_an_error_of_one_line(served: Served, tmp_path: Path) -> None:

@@ -8,8 +8,6 @@ import numpy as np
 from twolink.algorithms.mechanism import nominal_values
 from twolink.control.linearization import linearize as linearize_scene
 from twolink.errors import QueryError, SceneError
-from twolink.identification.identify import identify as identify_robot
-from twolink.identification.measurements import measurements_of
 from twolink.integrate.effect_numbers import all_effect_numbers
 from twolink.io.csv_text import parse_csv
 from twolink.service.job_requests import IdentificationRequest, LinearizationRequest, SceneRequest, SensitivityRequest
@@ -69,6 +67,10 @@ def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
 
 def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Parameters from measurements, as a record. body: an IdentificationRequest."""
+    # Its linear algebra takes half as long to import as all else of a worker: only where it is asked for.
+    from twolink.identification.identify import identify as identify_robot
+    from twolink.identification.measurements import measurements_of
+
     del quotas, folder, report
     request = msgspec.json.decode(body, type=IdentificationRequest)
     robot = robot_by_id(request.robot, robots)
