@@ -5,7 +5,7 @@ stack       ten boxes at rest for 100 s: how far they move
 spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
 Seconds are medians.
 
-    python scripts/bench_contact.py [block stack spheres] [--count 30] [--duration 1] [--step 2e-3]
+    python scripts/bench_contact.py [block stack spheres] [--count 500] [--duration 1] [--step 2e-3]
 """
 
 import argparse
@@ -165,7 +165,7 @@ def mujoco_spheres(scene: tl.Scene, count: int, duration: float, step: float) ->
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", default=["block", "stack", "spheres"])
-    parser.add_argument("--count", type=int, default=30, help="spheres; a pin.Data takes nv^3 numbers")
+    parser.add_argument("--count", type=int, default=500, help="spheres")
     parser.add_argument("--duration", type=float, help="s, of the part's own by default")
     parser.add_argument("--step", type=float, help="s, of the part's own by default")
     given = parser.parse_args()

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
-from twolink.contact import multibody
+from twolink.contact import free_bodies as sparse_bodies
 from twolink.contact.hulls import touching
 from twolink.robots.hulls import hull_of
 
@@ -227,7 +227,7 @@ def test_many_free_bodies_move_as_few_do(monkeypatch: pytest.MonkeyPatch) -> Non
     q = [0, 0, 0.11, 0, 0, 0, 1, 0.05, 0, 0.32, 0, 0, 0, 1]
     scene = tl.Scene(robot, q, [0, 0, 0, 3, 1, 2, 0, 0, 0, -2, 1, 4], effects)
     few = stepped(scene, 0.4, 0.01)
-    monkeypatch.setattr(multibody, "MANY", 1)
+    monkeypatch.setattr(sparse_bodies, "MANY", 1)
     many = stepped(scene, 0.4, 0.01)
     assert np.abs(many.q - few.q).max() < 1e-9
     assert few.contact_forces.keys() >= {"a - ground", "a - b"}

@@ -133,20 +133,27 @@ _KINDS: dict[str, Kind] = {
 }
 
 
-def read_joint(model: pin.Model, data: pin.Data, index: int) -> Joint:
-    """Joint `index` of a model, whose kinematics were just computed in `data`. Raises QueryError for other kinds."""
+def read_joint(model: pin.Model, index: int) -> Joint:
+    """Joint `index` of a model. Raises QueryError for other kinds."""
     joint = model.joints[index]
     name, q, v = joint.shortname(), joint.idx_q, joint.idx_v
     if name in _KINDS:
         return Joint(_KINDS[name], ZERO, tuple(range(q, q + joint.nq)), tuple(range(v, v + joint.nv)))
     if "Mimic" in name:
-        return _read_mimic(model, joint.extract(), np.asarray(data.joints[index].S).reshape(-1), index)
+        return _read_mimic(model, joint.extract(), _subspace(model, index), index)
     kinds: dict[str, Kind] = {"RUB": "continuous", "RevoluteUnb": "continuous", "P": "prismatic", "R": "revolute"}
     kind = next((k for prefix, k in kinds.items() if name.removeprefix("JointModel").startswith(prefix)), None)
     if kind is None or joint.nv != 1:
         raise _unknown(model, index, name)
-    subspace = np.asarray(data.joints[index].S).reshape(-1)
+    subspace = _subspace(model, index)
     return Joint(kind, _axis(subspace, kind), tuple(range(q, q + joint.nq)), (v,))
+
+
+def _subspace(model: pin.Model, index: int) -> np.ndarray:
+    """S (6,) of a joint with one degree of freedom, which is constant."""
+    data = model.joints[index].createData()
+    model.joints[index].calc(data, pin.neutral(model))
+    return np.asarray(data.S).reshape(-1)
 
 
 def _read_mimic(model: pin.Model, joint: Any, subspace: np.ndarray, index: int) -> Joint:

@@ -91,15 +91,13 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
     for name, value in chosen.items():
         require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))  # for the motion subspaces, which are constant
     bodies, joints = body_names(model), range(1, model.njoints)
     return Mechanism(
         nq=model.nq,
         nv=model.nv,
         parents=tuple(model.parents.tolist()),
         gravity=(values["gravity.x"], values["gravity.y"], values["gravity.z"]),
-        joints=(_WORLD, *(read_joint(model, data, i) for i in joints)),
+        joints=(_WORLD, *(read_joint(model, i) for i in joints)),
         placements=(sp.AT_PARENT, *(_placement(model, i, values) for i in joints)),
         inertias=(sp.NO_INERTIA, *(_inertia(bodies[i], values) for i in joints)),
         armature=_per_dof(model, "armature", values, model.armature.tolist()),

@@ -5,7 +5,7 @@ contacts, and of each step how well they obey the laws. This room knows nothing 
 
 detection     the points at which bodies touch or are about to, with gaps and normals
 points        these as data; formulas, hulls, hull_pairs: what finds them, by shapes
-multibody     mass matrix, free motion and Jacobians at those points
+multibody     mass matrix, free motion and Jacobians at those points; free_bodies: of many free bodies
 impulses      the contact problem: impulses that obey the laws of contact and friction
 stepping      one step, and the run from step to step
 """

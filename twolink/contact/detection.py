@@ -25,14 +25,18 @@ class Detector:
         laws = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution))
                 for _, e in pairs]  # fmt: skip
         self.friction, self.static, self.restitution = np.array(laws).reshape(-1, 3).T
-        self.thickness = np.array([_thickness(pair) for pair, _ in pairs])  # m, of each pair
+        solids = {id(s): s for pair, _ in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)}
+        inner = {key: _inner(solid.shape) for key, solid in solids.items()}
+        self.thickness = np.array([  # m, of each pair: how deep bodies can go before they are out on the other side
+            np.inf if isinstance(pair.second, Plane) else inner[id(pair.first)] + inner[id(pair.second)]
+            for pair, _ in pairs
+        ])  # fmt: skip
         kinds: dict[type[Group], list[tuple[int, Pair]]] = {}
         for number, (pair, _) in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append((number, pair))
         self._groups = [kind(robot, items) for kind, items in kinds.items()]
-        solids = [s for pair, _ in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)]
         self.extent = np.zeros(robot.model.njoints)  # of the shapes around their joint, m
-        for solid in solids:
+        for solid in solids.values():
             joint, center = middle_of(robot, solid)
             self.extent[joint] = max(self.extent[joint], float(np.linalg.norm(center)) + bounding_radius(solid))
 
@@ -55,14 +59,8 @@ def _kind(pair: Pair) -> type[Group]:
     return NearestPoints
 
 
-def _thickness(pair: Pair) -> float:
-    """How deep bodies can go before they are out on the other side, m: half of their smallest extents together."""
-    if isinstance(pair.second, Plane):
-        return np.inf
-    return sum(_inner(solid.shape) for solid in (pair.first, pair.second))
-
-
 def _inner(shape: AnyShape) -> float:
+    """Half of the smallest extent, m."""
     if isinstance(shape, Box):
         return 0.5 * float(min(shape.size))
     if isinstance(shape, Convex):

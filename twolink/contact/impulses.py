@@ -60,7 +60,9 @@ class Problem:
     """A contact problem. g_matrix: G (3n, 3n), full or sparse. b (n, 3): with c in the normal. mu (n,)."""
 
     def __init__(self, g_matrix: Any, b: Array, mu: Array) -> None:
-        self.matrix, self.b, self.mu = g_matrix, b, mu
+        thin = sparse.issparse(g_matrix)
+        self.matrix, self.b, self.mu = sparse.bsr_array(g_matrix, blocksize=(3, 3)) if thin else g_matrix, b, mu
+        self.pattern = _Pattern(self.matrix) if thin else None
         diagonal = g_matrix.diagonal().reshape(-1, 3)
         self.size = np.maximum(diagonal.max(axis=1), 1e-300)
         self.scale = max(1.0, float(np.abs(b).max(initial=0.0)))
@@ -95,6 +97,61 @@ class Problem:
         return Impulses(p, u, feasibility, missed, self.residual(f), solver)
 
 
+class _Pattern:
+    """Where the 3 x 3 blocks of a sparse matrix are, and where their entries are in columns."""
+
+    def __init__(self, matrix: Any) -> None:
+        count = len(matrix.indptr) - 1
+        self.rows = np.repeat(np.arange(count), np.diff(matrix.indptr))
+        self.diagonal = np.flatnonzero(self.rows == matrix.indices)
+        numbers = np.arange(matrix.data.size).reshape(matrix.data.shape)
+        columns = sparse.bsr_array((numbers, matrix.indices, matrix.indptr), shape=matrix.shape).tocsc()
+        self.order, self.parts = columns.data, (columns.indices, columns.indptr)
+
+    def solved(self, matrix: Any, factors: Array, own: Array, right: Array) -> Array:
+        """(own + factors G)^-1 times the right side (n, 3). factors, own: blocks (n, 3, 3) on the diagonal."""
+        blocks = factors[self.rows] @ matrix.data
+        blocks[self.diagonal] += own
+        columns = sparse.csc_array((blocks.ravel()[self.order], *self.parts), shape=matrix.shape)
+        return np.asarray(splu(columns).solve(right.ravel()).reshape(-1, 3))
+
+
+def solve_normal(matrix: Any, b: Array) -> Array:
+    """P (n,) with 0 <= P, 0 <= G P + b and P (G P + b) = 0; G (n, n), full or sparse. Without friction.
+
+    Newton's method: the set that presses is solved for until it stays (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13
+    (2002) 865-888); where it does not, as contacts with friction 0. Raises ArithmeticError where that fails too.
+    """
+    size = np.maximum(matrix.diagonal(), 1e-300)
+    pressing = b < 0.0
+    for _ in range(NEWTON):
+        p, chosen = np.zeros(len(b)), np.flatnonzero(pressing)
+        part = matrix[chosen][:, chosen]
+        if sparse.issparse(part):
+            regular = (part + REGULAR * float(size.max()) * sparse.eye_array(len(chosen))).tocsc()
+            p[chosen] = splu(regular, permc_spec="MMD_AT_PLUS_A").solve(-b[chosen])
+        else:
+            p[chosen] = np.linalg.solve(part + REGULAR * float(size.max()) * np.eye(len(chosen)), -b[chosen])
+        now = p - (matrix @ p + b) / size > 0.0
+        if (now == pressing).all():
+            return p
+        pressing = now
+    thick = np.zeros((len(b), 3))
+    thick[:, 2] = b
+    found = solve_impulses(Problem(_with_tangents(matrix), thick, np.zeros(len(b))), np.zeros_like(thick))
+    if not found.solved:
+        raise ArithmeticError
+    return found.p[:, 2]
+
+
+def _with_tangents(matrix: Any) -> Any:
+    """G (3n, 3n) of normals G (n, n) and tangents that are not coupled."""
+    normal, tangents = np.diag([0.0, 0.0, 1.0]), np.diag([1.0, 1.0, 0.0])
+    if sparse.issparse(matrix):
+        return sparse.kron(matrix, normal) + sparse.kron(sparse.eye_array(matrix.shape[0]), tangents)
+    return np.kron(matrix, normal) + np.kron(np.eye(len(matrix)), tangents)
+
+
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     best = problem.answer(newton(problem, guess), "newton")
@@ -125,15 +182,12 @@ def _newton_step(problem: Problem, f: Array, z: Array) -> Array:
     """(I - C + C G / g)^-1 F with C = dproj / dz."""
     n = len(f)
     c = _derivative(problem.mu, z)
-    matrix, regular = problem.matrix, REGULAR * float(problem.size.max())
-    if sparse.issparse(matrix):
-        blocks = sparse.bsr_array((c / problem.size[:, None, None], np.arange(n), np.arange(n + 1))).tocsr()
-        rest = sparse.bsr_array((np.eye(3) - c, np.arange(n), np.arange(n + 1))).tocsr()
-        jacobian = (rest + blocks @ (matrix + regular * sparse.eye_array(3 * n))).tocsc()
-        return np.asarray(splu(jacobian).solve(f.ravel()).reshape(-1, 3))
-    jacobian = np.matmul(c / problem.size[:, None, None], (matrix + regular * np.eye(3 * n)).reshape(n, 3, 3 * n))
-    jacobian = jacobian.reshape(3 * n, 3 * n)
-    jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += np.eye(3) - c
+    scaled = c / problem.size[:, None, None]
+    own = np.eye(3) - c + REGULAR * float(problem.size.max()) * scaled
+    if problem.pattern is not None:
+        return problem.pattern.solved(problem.matrix, scaled, own, f)
+    jacobian = np.matmul(scaled, problem.matrix.reshape(n, 3, 3 * n)).reshape(3 * n, 3 * n)
+    jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += own
     try:
         return np.asarray(np.linalg.solve(jacobian, f.ravel()).reshape(-1, 3))
     except np.linalg.LinAlgError:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import scipy.sparse as sparse
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
@@ -26,7 +25,6 @@ from twolink.integrate.formulas import effect_loads, motion_of, unbalanced_force
 from twolink.integrate.state import Array
 
 PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
-MANY = 20  # free bodies from which sparse matrices pay
 
 
 class Multibody:
@@ -87,7 +85,7 @@ class Multibody:
         pin.computeJointJacobians(self.model, self.data, self._at)
         jacobian: Any = 0.0
         for x, joints, sign in points.ends:
-            rows = np.concatenate([axes, _cross(x[:, None, :], axes)], axis=2)
+            rows = np.concatenate([axes, cross(x[:, None, :], axes)], axis=2)
             jacobian = jacobian + (rows @ self.data.J) * (sign * self.carries[joints])[:, None, :]
         jacobian = jacobian.reshape(-1, self.model.nv)
         for lin, rotation in self._ways:
@@ -111,76 +109,21 @@ class Multibody:
             return -np.array(pin.nonLinearEffects(self.model, self.data, q, v))
         if self.compiled is not None:
             return np.asarray(self.compiled(np.concatenate([[t], q, v, numbers])))
-        motion = motion_of(equations, equations.mechanism, t, np.concatenate([q, v]), Numbers)
-        loads = effect_loads(equations, motion, list(numbers), equations.effects)
+        tau, wrenches = loads_of(equations, t, q, v, numbers)
         forces = pin.StdVec_Force()
         forces.extend(pin.Force.Zero() for _ in range(self.model.njoints))
-        for i, wrench in loads.wrenches.items():
-            forces[i] = pin.Force(np.array(wrench, dtype=float))
+        for i, wrench in wrenches.items():
+            forces[i] = pin.Force(wrench)
         bias = pin.rnea(self.model, self.data, q, v, np.zeros(self.model.nv), forces)
-        return np.asarray(np.array(loads.tau, dtype=float) - bias)
+        return np.asarray(tau - bias)
 
 
-class FreeBodies(Multibody):
-    """Bodies that a free joint connects to the ground each, with sparse matrices."""
-
-    def __init__(self, equations: Equations) -> None:
-        super().__init__(equations)
-        bodies = range(1, self.model.njoints)
-        self.q = np.array([self.model.idx_qs[j] for j in bodies], dtype=int)[:, None]
-        self.first = np.array([0, *(self.model.idx_vs[j] for j in bodies)], dtype=int)
-        self.v = self.first[1:, None]
-        self.inverses = np.array([np.linalg.inv(self.model.inertias[j].matrix()) for j in bodies])
-
-    def own(self, q: Array, w: Array, sign: float = 1.0) -> Array:
-        """v of w; w of v with the sign -1."""
-        v, rotations = w.copy(), _rotations(q[self.q + np.arange(3, 7)])
-        turned = rotations.swapaxes(1, 2) if sign > 0 else rotations
-        v[self.v + np.arange(3)] = np.einsum("nij,nj->ni", turned, w[self.v + np.arange(3)])
-        return v
-
-    def moved(self, q: Array, change: Array) -> Array:
-        """The configuration after a time in which w adds up to a change (nv,)."""
-        turn, lin = change.copy(), self.v + np.arange(3)
-        turn[lin] = 0.0
-        out = np.array(pin.integrate(self.model, q, turn))
-        out[self.q + np.arange(3)] += change[lin]
-        return out
-
-    def places(self, q: Array, v: Array) -> tuple[Places, Array]:
-        """Where the bodies are, and their speeds."""
-        rotations = np.concatenate([np.eye(3)[None], _rotations(q[self.q + np.arange(3, 7)])])
-        self.places_now = Places(rotations, np.concatenate([np.zeros((1, 3)), q[self.q + np.arange(3)]]))
-        speeds = np.linalg.norm(v[self.v + np.arange(6)].reshape(-1, 2, 3), axis=2)
-        return self.places_now, np.concatenate([np.zeros((1, 2)), speeds])
-
-    def free_acceleration(self, t: float, q: Array, w: Array, numbers: Array) -> Array:
-        """w' (nv,) without contacts; what is asked for then is at this q."""
-        v, lin, ang = self.own(q, w), self.v + np.arange(3), self.v + np.arange(3, 6)
-        rotations, inverses = self.places_now.rotations[1:], self.inverses.copy()
-        forces = self._forces(t, q, v, numbers)[self.v + np.arange(6)]
-        a = np.einsum("nij,nj->ni", inverses, forces)
-        a[:, :3] = np.einsum("nij,nj->ni", rotations, a[:, :3] + np.cross(v[ang], v[lin]))
-        inverses[:, :3] = rotations @ inverses[:, :3]
-        inverses[:, :, :3] = inverses[:, :, :3] @ rotations.swapaxes(1, 2)
-        count = len(inverses)
-        order = np.argsort(self.v[:, 0])
-        self.inverse = sparse.bsr_array((inverses[order], np.arange(count), np.arange(count + 1))).tocsr()
-        out = np.empty(self.model.nv)
-        out[self.v + np.arange(6)] = a
-        return out
-
-    def jacobian(self, points: Points, axes: Array) -> Any:
-        """J (3n, nv), sparse."""
-        count, parts = 3 * len(points.gap), []
-        row = np.repeat(np.arange(count), 6)
-        for x, joints, sign in points.ends:
-            arm = x - self.places_now.origins[joints]
-            turning = _cross(arm[:, None, :], axes) @ self.places_now.rotations[joints]
-            rows = np.concatenate([axes, turning], axis=2) * (sign * (joints > 0))[:, None, None]
-            column = np.repeat(self.first[joints], 3)[:, None] + np.arange(6)
-            parts.append(sparse.csr_array((rows.ravel(), (row, column.ravel())), shape=(count, self.model.nv)))
-        return parts[0] + parts[1]
+def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array) -> tuple[Array, dict[int, Array]]:
+    """Joint torques (nv,) of the effects, and wrenches (6,) on bodies, along their own axes."""
+    motion = motion_of(equations, equations.mechanism, t, np.concatenate([q, v]), Numbers)
+    loads = effect_loads(equations, motion, list(numbers), equations.effects)
+    wrenches = {i: np.array(wrench, dtype=float).ravel() for i, wrench in loads.wrenches.items()}
+    return np.array(loads.tau, dtype=float), wrenches
 
 
 def _compiled_forces(equations: Equations) -> Any:
@@ -206,31 +149,13 @@ def _turning(v: Array, lin: slice) -> Array:
     return np.array([-after[0] * v[lin][1], after[0] * v[lin][0]])
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """a x b of vectors (..., 3), in a third of the time of NumPy's for few of them."""
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
     u, v, w = b[..., 0], b[..., 1], b[..., 2]
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0], out[..., 1], out[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return out
-
-
-def _rotations(quaternions: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4), x y z w."""
-    x, y, z, w = quaternions.T
-    rows = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])  # fmt: skip
-    return np.ascontiguousarray(rows.T.swapaxes(-2, -1))
-
-
-def multibody_of(equations: Equations) -> Multibody:
-    """The bodies of a scene, by what they are."""
-    model = equations.robot.model
-    free = all(model.joints[j].shortname() == "JointModelFreeFlyer" and model.parents[j] == 0
-               for j in range(1, model.njoints))  # fmt: skip
-    armature = bool(np.any(model.armature))
-    return FreeBodies(equations) if free and not armature and model.njoints > MANY else Multibody(equations)
 
 
 def axes_of(normals: Array) -> Array:

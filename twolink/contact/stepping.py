@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from twolink.contact.detection import Detector
-from twolink.contact.impulses import Impulses, Problem, solve_impulses
-from twolink.contact.multibody import axes_of, multibody_of
+from twolink.contact.free_bodies import bodies_of
+from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
+from twolink.contact.multibody import axes_of
 from twolink.contact.points import Points
 from twolink.effects.contact import Contact
 from twolink.errors import AccuracyError
@@ -93,7 +94,7 @@ class Stepper:
     def __init__(self, equations: Equations, effects: Sequence[Contact]) -> None:
         self.equations, self.model = equations, equations.robot.model
         self.detector = Detector(equations.robot, effects)
-        self.bodies = multibody_of(equations)
+        self.bodies = bodies_of(equations)
         self.record = Record()
 
     def start(self) -> Memory:
@@ -182,22 +183,13 @@ class Stepper:
 
     def _apart(self, rows: Any, gaps: Array, rests: Array) -> Array | None:
         """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
-        chosen = rests & (gaps < 0.0)
-        for _ in range(ROUNDS):
-            near = np.flatnonzero(chosen)
-            own = rows[_rows(near)]
-            response = self.bodies.inverse @ own.T
-            b = np.zeros((len(near), 3))
-            b[:, 2] = gaps[near]
-            worth = solve_impulses(Problem(own @ response, b, np.zeros(len(near))), np.zeros_like(b))
-            if not worth.solved:
-                return None
-            push = np.asarray(response @ worth.p.ravel())
-            missed = rests & ~chosen & (gaps + (rows @ push).reshape(-1, 3)[:, 2] < -CLOSED)
-            if not missed.any():
-                return push
-            chosen |= missed
-        return None
+        near = np.flatnonzero(rests)
+        own = rows[2::3][near]
+        response = self.bodies.inverse @ own.T
+        try:
+            return np.asarray(response @ solve_normal(own @ response, gaps[near]))
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return None
 
 
 class _Law:

@@ -97,6 +97,8 @@ def answer(
 
 def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: list[Applied]) -> Array:
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
+    if not robot.is_whole and query.name in _JOINED and not applied:
+        return _answer_trees(robot, query, states)
     count, model, data = len(states[0]), robot.model, robot.data
     if query.parallel and not applied and count >= PARALLEL_FROM:
         threads = 1 if count * model.nv < THREADS_FROM or is_forked_child() else thread_count()
@@ -110,6 +112,15 @@ def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: l
             state = (*state, joint_forces(model, data, state[0], wrenches))
         out[i] = query.one(model, data, *state)
     return out
+
+
+def _answer_trees(robot: RobotModel, query: Query, states: list[Array]) -> Array:
+    """The answers (n, *shape) from those for the trees."""
+    parts, (q, *others) = [], states
+    for tree, data in zip(robot.trees, robot.tree_data, strict=True):
+        rows_of_tree = zip(q[:, tree.q], *(x[:, tree.v] for x in others), strict=True)
+        parts.append(np.array([query.one(tree.model, data, *row) for row in rows_of_tree]))  # copies of Pinocchio's
+    return _JOINED[query.name](parts)
 
 
 def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...], name: str) -> Array:
@@ -229,6 +240,10 @@ _QUERIES: dict[str, tuple[tuple[str, ...], Shape, Callable[..., Array]]] = {
     "frame_velocity_aligned": (("q", "v"), (6,), partial(_frame_velocity, _ALIGNED)),
     "frame_jacobian_local": (("q",), (6, "nv"), partial(_frame_jacobian, _LOCAL)),
     "frame_jacobian_aligned": (("q",), (6, "nv"), partial(_frame_jacobian, _ALIGNED)),
+}
+_JOINED: dict[str, Callable[[list[Array]], Array]] = {  # queries of which the trees' answers make the whole's
+    "energy": partial(np.sum, axis=0),
+    **dict.fromkeys(("forward_dynamics", "inverse_dynamics", "bias", "gravity_torque"), np.hstack),
 }
 _PARALLEL = {"forward_dynamics": pin.abaInParallel, "inverse_dynamics": pin.rneaInParallel}
 _WITH_MIMIC: dict[str, Callable[..., Array]] = {"mass_matrix": mass_matrix_by_columns, "energy": _energies_with_mimic}

@@ -13,6 +13,7 @@ import pinocchio as pin
 from twolink.algorithms.functions import frame_pose
 from twolink.effects.effect import check_name
 from twolink.errors import SceneError
+from twolink.io.model_trees import joint_poses
 from twolink.robots.collisions import Solid, collision_model
 from twolink.robots.shapes import AnyShape, Capsule, Sphere, Vector
 
@@ -82,7 +83,8 @@ def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tu
         else:
             allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
         for pair in allowed:
-            chosen.setdefault((pair.first, pair.second), pair)
+            second = pair.second if isinstance(pair.second, Plane) else id(pair.second)
+            chosen.setdefault((id(pair.first), second), pair)
     return Pairs(tuple(chosen.values()), tuple(excluded))
 
 
@@ -92,9 +94,7 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[
     Bodies that only a joint of three directions or more connects, such as a free one, are neither: they are separate.
     """
     model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
-    geometry = collision_model(model, solids)
-    data, places = model.createData(), geometry.createData()
-    pin.updateGeometryPlacements(model, data, geometry, places, robot.neutral)
+    geometry, poses = collision_model(model, solids).geometryObjects, joint_poses(model, robot.neutral)
     bodies, alone = [_body(robot, solid) for solid in solids], Counter(solid.link for solid in solids)
     free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
@@ -104,21 +104,19 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[
         pair, separate = _pair(alone, solids[i], solids[k]), free[a] != free[b]
         if not separate and len(_joints_between(model, a, b)) == 1:
             excluded.append((pair.name, "adjacent"))
-        elif not separate and _overlap(geometry, places, i, k):
+        elif not separate and _overlap(geometry, poses, i, k):
             excluded.append((pair.name, "overlap at rest"))
         else:
             allowed.append(pair)
     return allowed, excluded
 
 
-def _overlap(geometry: pin.GeometryModel, places: pin.GeometryData, i: int, k: int) -> bool:
+def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i: int, k: int) -> bool:
     import coal
 
-    shapes, at = (geometry.geometryObjects[j].geometry for j in (i, k)), (places.oMg[j] for j in (i, k))
-    a, b = shapes
-    p, q = (coal.Transform3s(place.rotation, place.translation) for place in at)
-    result = coal.CollisionResult()
-    return bool(coal.collide(a, p, b, q, coal.CollisionRequest(), result))
+    placed = [(item, poses[item.parentJoint] * item.placement) for item in (geometry[i], geometry[k])]
+    (a, p), (b, q) = [(item.geometry, coal.Transform3s(at.rotation, at.translation)) for item, at in placed]
+    return bool(coal.collide(a, p, b, q, coal.CollisionRequest(), coal.CollisionResult()))
 
 
 def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from twolink.io.model_trees import trees_of
+
 KERNEL_FORMAT = 1
 TRACED_ROOMS = ("algorithms", "dynamics", "effects", "integrate")  # whose code decides what a kernel computes
 
@@ -73,10 +75,15 @@ def _structure(model: pin.Model) -> str:
 def _constants(model: pin.Model) -> Iterator[np.ndarray]:
     """The constants of joints and bodies, array by array."""
     # Pinocchio does not show the axes of its joints; the Jacobians at the neutral configuration do.
-    yield pin.computeJointJacobians(model, model.createData(), pin.neutral(model))
+    yield np.hstack([_neutral_jacobian(tree.model) for tree in trees_of(model)])
     yield np.asarray(model.armature)
     for placement, body in zip(model.jointPlacements, model.inertias, strict=True):
         yield from (placement.translation, placement.rotation, np.array([body.mass]), body.lever, body.inertia)
+
+
+def _neutral_jacobian(model: pin.Model) -> np.ndarray:
+    """(6, nv), which Pinocchio gives as (6,) where nv is 1."""
+    return np.asarray(pin.computeJointJacobians(model, model.createData(), pin.neutral(model))).reshape(6, model.nv)
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from typing import Literal, TypeVar
 import pinocchio as pin
 
 from twolink.errors import RobotError, require_known
+from twolink.io.model_trees import trees_of
 from twolink.robots import load_report
 from twolink.robots.canonical import canonical
 from twolink.robots.catalogue import examples_share
@@ -26,6 +27,8 @@ from twolink.robots.xml import parse_xml
 
 R = TypeVar("R", bound=RobotModel)
 
+# A pin.Data holds tensors of nv^3 numbers (second derivatives): 0.9 GB at nv = 300, 32 GB at nv = 1,000.
+MAX_FREEDOM = 300
 _STACK_BYTES = 64 * 2**20
 _stack_size_lock = threading.Lock()
 
@@ -72,6 +75,7 @@ def load_model(
         check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})
     full = _build(tree, urdf.label, root, mimic)
+    _require_small(full, urdf.label)
     check_agreement(full, tree, urdf.label, root)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
@@ -101,6 +105,15 @@ def load_model(
     visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes)
     name = urdf.entry.name if urdf.entry else tree.name or urdf.label
     return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
+
+
+def _require_small(model: pin.Model, label: str) -> None:
+    """Refuse a robot whose largest part that only the ground connects would fill the memory."""
+    largest = max(part.model.nv for part in trees_of(model))
+    if largest > MAX_FREEDOM:
+        what = f"{largest} degrees of freedom that hang together, the limit is {MAX_FREEDOM}"
+        remedy = "Pinocchio needs memory in proportion to their cube: load a smaller robot"
+        raise RobotError(what, where=label, remedy=remedy, code="urdf")
 
 
 def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:

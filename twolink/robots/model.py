@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import QueryError, ShowError
+from twolink.io.model_trees import Tree, trees_of
 from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, joint_layouts
 from twolink.robots.load_options import gravity_field, shapes_without_joints
@@ -18,6 +19,8 @@ from twolink.robots.load_report import LoadReport
 from twolink.robots.mesh_shapes import set_mesh
 from twolink.robots.meshes import MeshFile, without_meshes
 from twolink.robots.model_pickle import reduce_model
+
+LARGEST = 200  # degrees of freedom of several trees: that of the whole takes 0.3 GB
 
 copyreg.pickle(pin.Model, reduce_model)
 
@@ -69,7 +72,8 @@ class RobotModel:
         self.has_mimic: bool = any(j.kind == "mimic" for j in self.joints)
         self.visuals = visuals
         # For single queries, where one attribute more costs a twentieth of Pinocchio's own time.
-        self._q_shape, self._v_shape = (self.nq,), (self.nv,)
+        self._v_shape = (self.nv,)
+        self._q_shape = (self.nq,) if self.is_whole else None
         units = [j.unit for j in self.joints if j.unit is not None]
         self._unit_entries = tuple((u.start, u.start + 1, u.stop - 2, u.stop - 1) for u in units)
         self._local = threading.local()
@@ -95,8 +99,33 @@ class RobotModel:
         try:
             return self._local.data
         except AttributeError:
+            if not self.is_whole:
+                raise QueryError(
+                    f"a pin.Data of {self.nv} degrees of freedom takes about {3.2e-8 * self.nv**3:.0f} GB",
+                    where=f"robot {self.name!r}", code="too-large",
+                    remedy="load its parts, which only the ground connects, as robots of their own",
+                ) from None  # fmt: skip
             self._local.data = self.model.createData()
             return self._local.data
+
+    @functools.cached_property
+    def trees(self) -> tuple[Tree, ...]:
+        """Its parts that only the ground connects, each as a model of its own."""
+        return trees_of(self.model)
+
+    @functools.cached_property
+    def is_whole(self) -> bool:
+        """Whether it has a pin.Data; else only its trees have, for that of the whole would be too large."""
+        return self.nv <= LARGEST or len(self.trees) == 1
+
+    @property
+    def tree_data(self) -> tuple[pin.Data, ...]:
+        """This thread's pin.Data of each tree."""
+        try:
+            made: tuple[pin.Data, ...] = self._local.tree_data
+        except AttributeError:
+            made = self._local.tree_data = tuple(tree.model.createData() for tree in self.trees)
+        return made
 
     def normalize(self, q: np.ndarray) -> np.ndarray:
         """Scale the quaternions and (cos, sin) pairs of configurations to length 1.

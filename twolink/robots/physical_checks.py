@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import RobotError
+from twolink.io.model_trees import trees_of
 from twolink.robots.tree import Tree
 from twolink.robots.urdf import UrdfLink
 
@@ -71,12 +72,7 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     by: D_i = S_i^T I^A_i S_i (Featherstone 2008, eq. 7.44). A pivot that is zero next to M_ii in every one of
     several configurations belongs to a massless leaf, or to links without inertia about the joint's axis.
     """
-    weightless, smallest = model.copy(), np.zeros(model.nv)
-    weightless.gravity.linear = np.zeros(3)
-    data = model.createData()
-    mass_matrix = mass_matrix_by_columns if any("Mimic" in joint.shortname() for joint in model.joints) else pin.crba
-    for q in _configurations(model):
-        smallest = np.maximum(smallest, _relative_pivots(mass_matrix(weightless, data, q)))
+    smallest = np.concatenate([_smallest_pivots(tree.model) for tree in trees_of(model)])
     bad = np.flatnonzero(smallest <= 1e-15 * model.nv)
     if bad.size == 0:
         return
@@ -91,6 +87,17 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     lock = ", ".join(f"{n!r}: 0" for n in names)
     remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
     raise RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
+
+
+def _smallest_pivots(model: pin.Model) -> np.ndarray:
+    """The relative pivots (nv,), each where it is largest of several configurations."""
+    weightless, smallest = model.copy(), np.zeros(model.nv)
+    weightless.gravity.linear = np.zeros(3)
+    data = model.createData()
+    mass_matrix = mass_matrix_by_columns if any("Mimic" in joint.shortname() for joint in model.joints) else pin.crba
+    for q in _configurations(model):
+        smallest = np.maximum(smallest, _relative_pivots(mass_matrix(weightless, data, q)))
+    return smallest
 
 
 def mass_matrix_by_columns(model: pin.Model, data: pin.Data, q: np.ndarray) -> np.ndarray:

@@ -14,8 +14,6 @@ from twolink.robots.xml import Element, Reader
 MAX_JOINTS = 5_000
 MAX_DEPTH = 1_000
 VERSIONS = {"1.0": (1, 0), "1.1": (1, 1), "1.2": (1, 2)}
-# A pin.Data holds tensors of nv^3 numbers (second derivatives): 0.9 GB at nv = 300, 32 GB at nv = 1,000.
-MAX_MOVING = 300
 
 
 @dataclass(frozen=True)
@@ -62,10 +60,6 @@ def read_tree(element: Element, source: str) -> Tree:
     if len(elements) > MAX_JOINTS:
         raise _error(f"{len(elements)} joints, the limit is {MAX_JOINTS}", source, "load a smaller robot")
     joints = [read_joint(reader, e) for e in elements]
-    moving = sum(j.type != "fixed" for j in joints)
-    if moving > MAX_MOVING:
-        remedy = "Pinocchio needs memory in proportion to their cube: load a smaller robot"
-        raise _error(f"{moving} moving joints, the limit is {MAX_MOVING}", source, remedy)
     _require_unique(links)
     _require_unique(joints)
     by_name = {link.name: link for link in links}

@@ -1,0 +1,122 @@
+"""Many bodies in one scene: they need no pin.Data of the whole, and move as few do."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy.sparse as sparse
+
+import twolink as tl
+from tests.effects.bodies import G, free_bodies
+from twolink.contact import free_bodies as sparse_bodies
+from twolink.contact.impulses import solve_normal
+from twolink.io.fingerprints import model_digest
+from twolink.io.model_trees import joint_poses, trees_of
+from twolink.robots import model as robot_model
+
+E = tl.effects
+COUNT, R = 40, 0.05  # spheres in 4 towers
+
+
+@pytest.fixture(scope="module")
+def towers() -> tl.Trajectory:
+    """Spheres that stand on each other within rounding, and then fall apart."""
+    names = [f"s{k}" for k in range(COUNT)]
+    places = np.array([[0.5 * (k % 4), 0.02 * (k % 3), R + 2.05 * R * (k // 4)] for k in range(COUNT)])
+    q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (COUNT, 1))], axis=1).ravel()
+    effects = [E.Gravity(), E.Contact(("self", "ground"), 0.3, shapes={name: (E.Sphere(R),) for name in names})]
+    scene = tl.Scene(free_bodies(*names), q, effects=effects)
+    return tl.simulate(scene, 0.1, contact="stepped", step=5e-3, samples=200, verify=False)
+
+
+def test_bodies_beyond_the_memory_of_a_whole_fall_without_overlap_or_gain_of_energy(towers: tl.Trajectory) -> None:
+    assert not towers.robot.is_whole
+    assert towers.contact_record is not None
+    assert towers.contact_record["overlap"] < 1e-6
+    assert np.diff(towers.energy).max() < 1e-9 * towers.energy[0]
+    assert towers.energy[-1] < towers.energy[0]
+    ground = sum(force[-1, 2] for pair, force in towers.contact_forces.items() if "ground" in pair)
+    assert ground > 0.1 * COUNT * G
+
+
+def test_their_energy_is_that_of_each_body(towers: tl.Trajectory) -> None:
+    robot, q, v = towers.robot, towers.q.reshape(-1, COUNT, 7), towers.v.reshape(-1, COUNT, 6)
+    body = robot.model.inertias[1]
+    potential = body.mass * G * q[..., 2].sum(axis=1)
+    kinetic = 0.5 * np.einsum("nbi,ij,nbj->n", v, body.matrix(), v)
+    assert towers.energy == pytest.approx(kinetic + potential, rel=1e-12)
+
+
+def test_they_are_explained_and_saved(towers: tl.Trajectory, tmp_path: Path) -> None:
+    again = tl.Trajectory.load(towers.save(tmp_path / "run.npz"), towers.robot)
+    assert np.array_equal(again.q, towers.q)
+
+
+def test_what_needs_the_data_of_the_whole_is_refused(towers: tl.Trajectory) -> None:
+    with pytest.raises(tl.errors.QueryError, match="0 GB") as failure:
+        towers.robot.mass_matrix(towers.q[0])
+    assert failure.value.code == "too-large"
+
+
+def test_trees_answer_as_the_whole_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A free body and an arm."""
+    arm = ('<link name="upper"><inertial><mass value="2"/><origin xyz="0 0.1 0.2"/><inertia ixx="0.1" iyy="0.1" '
+           'izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="shoulder" type="revolute"><parent '
+           'link="ground"/><child link="upper"/><axis xyz="0 1 0"/><origin xyz="1 0 0"/><limit lower="-9" upper="9" '
+           'effort="9" velocity="9"/></joint>')  # fmt: skip
+    text = free_bodies("a", "b").visuals.text.replace("</robot>", f"{arm}</robot>")
+    whole = tl.load_robot(text)
+    monkeypatch.setattr(robot_model, "LARGEST", 0)
+    parts = tl.load_robot(text)
+    assert len(parts.trees) == 3
+    q, v = whole.random_state(4)
+    for one, other in ((whole, parts),):
+        for mine, theirs in zip(one.energy(q, v), other.energy(q, v), strict=True):
+            assert theirs == pytest.approx(mine, rel=1e-12)
+        for query in ("forward_dynamics", "inverse_dynamics"):
+            assert getattr(other, query)(q, v, v) == pytest.approx(getattr(one, query)(q, v, v), rel=1e-9)
+        assert other.bias(q[0], v[0]) == pytest.approx(one.bias(q[0], v[0]), rel=1e-9)
+    assert model_digest(whole.model) == model_digest(parts.model)
+    pin.forwardKinematics(whole.model, whole.data, q[0])
+    for pose, expected in zip(joint_poses(whole.model, q[0]), whole.data.oMi, strict=True):
+        assert pose.homogeneous == pytest.approx(expected.homogeneous, abs=1e-14)
+
+
+def test_the_trees_of_one_arm_are_its_model() -> None:
+    model = tl.load_robot("arm").model
+    assert [tree.model for tree in trees_of(model)] == [model]
+
+
+def test_bodies_whose_joints_are_placed_elsewhere_are_not_taken_for_those_at_the_origin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = free_bodies("a", "b").visuals.text.replace(
+        '<parent link="ground"/>', '<origin xyz="0 0 1"/><parent link="ground"/>'
+    )
+    monkeypatch.setattr(sparse_bodies, "MANY", 1)
+    effects = [E.Gravity(), E.Contact(("ground",), shapes={name: (E.Sphere(0.1),) for name in "ab"})]
+    scene = tl.Scene(tl.load_robot(text), [0, 0, -0.9, 0, 0, 0, 1, 1, 0, 0, 0, 0, 0, 1], effects=effects)
+    run = tl.simulate(scene, 0.1, contact="stepped", step=0.01, samples=10, verify=False)
+    assert run.q[-1, 2] == pytest.approx(-0.9, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("redundant", [False, True])
+def test_contacts_without_friction_obey_their_law(seed: int, redundant: bool) -> None:
+    random = np.random.default_rng(seed)
+    rows = random.standard_normal((30, 12 if redundant else 40))
+    matrix, b = rows @ rows.T, rows @ random.standard_normal(rows.shape[1])
+    for given in (matrix, sparse.csr_array(matrix)):
+        p = solve_normal(given, b)
+        opening = matrix @ p + b
+        assert p.min() >= 0.0
+        assert opening.min() > -1e-8
+        assert np.abs(p * opening).max() < 1e-7
+
+
+def test_too_many_degrees_of_freedom_that_hang_together_are_refused() -> None:
+    text = free_bodies(*(f"s{k}" for k in range(51))).visuals.text
+    with pytest.raises(tl.errors.RobotError, match="312 degrees of freedom") as failure:
+        tl.load_robot(text, root="free")
+    assert failure.value.code == "urdf"
