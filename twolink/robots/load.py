@@ -74,8 +74,7 @@ def load_model(
     if mimic:
         check_mimic(tree, _build(tree, urdf.label, root, mimic=False))
         check_lock(tree, lock or {})
-    full = _build(tree, urdf.label, root, mimic)
-    _require_small(full, urdf.label)
+    full = _small(_build(tree, urdf.label, root, mimic), urdf.label)
     check_agreement(full, tree, urdf.label, root)
     locked, reference = lock_configuration(full, lock or {})
     model = without_joints(full, locked, reference)
@@ -107,13 +106,14 @@ def load_model(
     return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
 
 
-def _require_small(model: pin.Model, label: str) -> None:
-    """Refuse a robot whose largest part that only the ground connects would fill the memory."""
+def _small(model: pin.Model, label: str) -> pin.Model:
+    """The model; refused where its largest part that only the ground connects would fill the memory."""
     largest = max(part.model.nv for part in trees_of(model))
     if largest > MAX_FREEDOM:
         what = f"{largest} degrees of freedom that hang together, the limit is {MAX_FREEDOM}"
         remedy = "Pinocchio needs memory in proportion to their cube: load a smaller robot"
         raise RobotError(what, where=label, remedy=remedy, code="urdf")
+    return model
 
 
 def _build(tree: Tree, label: str, root: str, mimic: bool) -> pin.Model:
