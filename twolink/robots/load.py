@@ -110,7 +110,7 @@ def _small(model: pin.Model, label: str) -> pin.Model:
     """The model; refused where its largest part that only the ground connects would fill the memory."""
     largest = max(part.model.nv for part in trees_of(model))
     if largest > MAX_FREEDOM:
-        what = f"{largest} degrees of freedom that hang together, the limit is {MAX_FREEDOM}"
+        what = f"{largest} degrees of freedom in joints that hang together, the limit is {MAX_FREEDOM}"
         remedy = "Pinocchio needs memory in proportion to their cube: load a smaller robot"
         raise RobotError(what, where=label, remedy=remedy, code="urdf")
     return model
