@@ -70,7 +70,7 @@ def billiard(random: np.random.Generator) -> Case:
     speeds = np.round(random.uniform(-1, 1, (count, 3)) * 10 ** random.uniform(-0.5, 1.2), 3)
     names = [f"b{k}" for k in range(count)]
     robot = free_robot(*((n, m, (0.4 * m * r * r,) * 3) for n, m, r in zip(names, masses, radii, strict=True)))
-    walls = [fx.Plane(tuple(s * float(k == i) for k in range(3)), -1.0) for i in range(3) for s in (1.0, -1.0)]  # type: ignore[arg-type]
+    walls = [fx.Plane((s * x, s * y, s * z), -1.0) for x, y, z in np.eye(3).tolist() for s in (1.0, -1.0)]
     pairs = tuple((n, wall) for n in names for wall in walls) + (("self",) if count > 1 else ())
     contact = fx.Contact(pairs, restitution=e, shapes={n: (fx.Sphere(r),) for n, r in zip(names, radii, strict=True)})
     q = [x for place in places for x in (*map(float, place), 0.0, 0.0, 0.0, 1.0)]

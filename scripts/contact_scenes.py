@@ -43,20 +43,26 @@ def turn(random: np.random.Generator) -> list[float]:
 def a_shape(random: np.random.Generator, kinds: tuple[str, ...]) -> tuple[AnyShape, tuple[float, float, float]]:
     """A shape, and the moments of inertia per kg of a body that it bounds."""
     a, b, c = (uniform(random, 0.05, 0.25) for _ in range(3))
-    box = tuple((y * y + z * z) / 3 for y, z in ((b, c), (a, c), (a, b)))
+    box = (b * b + c * c) / 3, (a * a + c * c) / 3, (a * a + b * b) / 3
     match str(random.choice(kinds)):
         case "sphere":
             return fx.Sphere(a), (0.4 * a * a,) * 3
         case "box":
-            return fx.Box((2 * a, 2 * b, 2 * c)), box  # type: ignore[return-value]
+            return fx.Box((2 * a, 2 * b, 2 * c)), box
         case "capsule":
             return fx.Capsule(a, 2 * b), (a * a / 4 + (b + a) ** 2 / 3,) * 2 + (a * a / 2,)
         case "cylinder":
             return fx.Cylinder(a, 2 * b), (a * a / 4 + b * b / 3,) * 2 + (a * a / 2,)
         case "convex":
-            cloud = [tuple(float(x) for x in np.round(p, 4)) for p in random.uniform(-1, 1, (7, 3)) * (a, b, c)]
-            return fx.Convex(tuple(cloud)), box  # type: ignore[arg-type,return-value]
+            cloud = np.round(random.uniform(-1, 1, (7, 3)) * (a, b, c), 4).tolist()
+            return fx.Convex(tuple((x, y, z) for x, y, z in cloud)), box
     return fx.Sphere(a, (b, 0.0, 0.0)), (0.4 * a * a, 0.4 * a * a + b * b, 0.4 * a * a + b * b)
+
+
+def times(mass: float, moments: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The moments of inertia of a body of this mass."""
+    x, y, z = moments
+    return mass * x, mass * y, mass * z
 
 
 def reach(shape: AnyShape) -> float:
@@ -80,9 +86,11 @@ def law(random: np.random.Generator) -> dict[str, float]:
 def tumble(random: np.random.Generator) -> Case:
     shape, moments = a_shape(random, ("box", "capsule", "cylinder", "convex", "sphere off centre"))
     mass, numbers = uniform(random, 0.3, 3.0), law(random)
-    robot = free_robot(("body", mass, tuple(mass * i for i in moments)))  # type: ignore[arg-type]
-    flat = isinstance(shape, fx.Box) and random.random() < 0.25
-    high = (float(shape.size[2]) / 2 if flat else reach(shape)) + uniform(random, 0.0, 0.3)  # type: ignore[union-attr]
+    robot = free_robot(("body", mass, times(mass, moments)))
+    flat, low = False, reach(shape)
+    if isinstance(shape, fx.Box) and random.random() < 0.25:
+        flat, low = True, float(shape.size[2]) / 2
+    high = low + uniform(random, 0.0, 0.3)
     v = random.uniform(-1, 1, 6) * (1, 1, 1, 6, 6, 6) * (0 if flat and random.random() < 0.5 else 1)
     contact = fx.Contact(("ground",), **numbers, shapes={"body": (shape,)})
     q = [0, 0, high, *((0, 0, 0, 1) if flat else turn(random))]
@@ -143,13 +151,14 @@ def lowest(robot: tl.Robot, q: np.ndarray, shapes: dict) -> float:
 
 
 def bodies(random: np.random.Generator) -> Case:
-    parts, shapes, numbers = [], {}, law(random)
+    parts: list[tuple[str, float, tuple[float, float, float]]] = []
+    shapes, numbers = dict[str, tuple[AnyShape, ...]](), law(random)
     for name in "ab":
         shape, moments = a_shape(random, ("sphere", "capsule", "sphere off centre"))
         mass = uniform(random, 0.3, 3.0)
         shapes[name] = (shape,)
-        parts.append((name, mass, tuple(mass * i for i in moments)))
-    robot = free_robot(*parts)  # type: ignore[arg-type]
+        parts.append((name, mass, times(mass, moments)))
+    robot = free_robot(*parts)
     apart = reach(shapes["a"][0]) + reach(shapes["b"][0]) + uniform(random, 0.01, 0.5)
     line = direction(random) * apart
     high = 1.5 * apart

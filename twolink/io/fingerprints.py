@@ -82,8 +82,8 @@ def _constants(model: pin.Model) -> Iterator[np.ndarray]:
 
 
 def _neutral_jacobian(model: pin.Model) -> np.ndarray:
-    """(6, nv), which Pinocchio gives as (6,) where nv is 1."""
-    return np.asarray(pin.computeJointJacobians(model, model.createData(), pin.neutral(model))).reshape(6, model.nv)
+    """6 rows, also where Pinocchio gives one column as (6,)."""
+    return np.asarray(pin.computeJointJacobians(model, model.createData(), pin.neutral(model))).reshape(6, -1)
 
 
 @functools.cache

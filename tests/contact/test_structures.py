@@ -1,0 +1,103 @@
+"""Structures that stand or fall by friction and by their shape: an arch, and a grasp."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+import twolink as tl
+from tests.effects.bodies import G
+
+E = tl.effects
+BODY = ('<link name="{0}"><inertial><mass value="1"/><inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" '
+        'iyz="0"/></inertial></link><joint name="{0}_joint" type="floating"><parent link="ground"/>'
+        '<child link="{0}"/></joint>')  # fmt: skip
+BLOCKS, DEEP = 7, 0.3
+HEYMAN = 0.1075  # the least thickness of a semicircular arch of many blocks over its mean radius (Heyman 1969)
+
+
+def corners(thickness: float, blocks: int = BLOCKS) -> np.ndarray:
+    """The joints of a semicircular arch of mean radius 1 on the ground: (blocks + 1, 2 within and without, x and z)."""
+    angles = np.linspace(0.0, math.pi, blocks + 1)
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.stack([(1.0 - thickness / 2) * rays, (1.0 + thickness / 2) * rays], axis=1)
+
+
+def centroid(polygon: np.ndarray) -> np.ndarray:
+    """Of a polygon (n, 2)."""
+    x, z = polygon.T
+    cross = x * np.roll(z, -1) - np.roll(x, -1) * z
+    return np.asarray(((polygon + np.roll(polygon, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
+
+
+def block(joints: np.ndarray, k: int) -> np.ndarray:
+    """The corners (4, 2) of a block, counterclockwise."""
+    return np.array([joints[k, 0], joints[k, 1], joints[k + 1, 1], joints[k + 1, 0]])
+
+
+def can_stand(thickness: float, friction: float, blocks: int = BLOCKS) -> bool:
+    """Whether forces at the joints' edges within friction's cone balance the weights: the static theorem, exact."""
+    joints, count = corners(thickness, blocks), blocks + 1
+    balance, weights = np.zeros((3 * blocks, 3 * count)), np.zeros(3 * blocks)
+    for j, (inner, outer) in enumerate(joints):
+        along = (outer - inner) / np.linalg.norm(outer - inner)
+        normal = np.array([-along[1], along[0]])  # on the block behind the joint
+        acting = [(normal, inner), (normal, outer), (along, inner)]
+        for k, sign in ((j, 1.0), (j - 1, -1.0)):
+            if 0 <= k < blocks:
+                centre = centroid(block(joints, k))
+                for i, (force, point) in enumerate(acting):
+                    (x, z), moment = point - centre, 3 * k + 2
+                    balance[3 * k : moment, 3 * j + i] = sign * force
+                    balance[moment, 3 * j + i] = sign * (x * force[1] - z * force[0])
+    weights[1::3] = G
+    cone = np.zeros((2 * count, 3 * count))
+    for j in range(count):
+        cone[2 * j : 2 * j + 2, 3 * j : 3 * j + 3] = [[-friction, -friction, 1.0], [-friction, -friction, -1.0]]
+    bounds = [(0, None), (0, None), (None, None)] * count
+    return bool(linprog(np.zeros(3 * count), cone, np.zeros(2 * count), balance, weights, bounds).success)
+
+
+@functools.cache
+def least(friction: float | None, blocks: int = BLOCKS) -> float:
+    """The least thickness of an arch that can stand without slip; with None the least friction of a thick one."""
+    low, high = 1e-3, 0.9
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        stands = can_stand(0.4, middle) if friction is None else can_stand(middle, friction, blocks)
+        low, high = (low, middle) if stands else (middle, high)
+    return high
+
+
+def moved(thickness: float, friction: float) -> float:
+    """How far an arch that starts at rest moves in 0.2 s, m."""
+    joints, shapes, q, text = corners(thickness), {}, [], '<link name="ground"/>'
+    for k in range(BLOCKS):
+        polygon = block(joints, k)
+        centre = centroid(polygon)
+        sides = [(x, y, z) for x, z in polygon - centre for y in (-DEEP / 2, DEEP / 2)]
+        shapes[f"b{k}"] = (E.Convex(tuple(sides)),)
+        text += BODY.format(f"b{k}")
+        q += [centre[0], 0.0, centre[1], 0.0, 0.0, 0.0, 1.0]
+    pairs = (("b0", "ground"), *((f"b{k}", f"b{k + 1}") for k in range(BLOCKS - 1)), (f"b{BLOCKS - 1}", "ground"))
+    scene = tl.Scene(tl.load_robot(f'<robot name="arch">{text}</robot>'), q,
+                     effects=[E.Gravity(), E.Contact(pairs, friction, shapes=shapes)])  # fmt: skip
+    run = tl.simulate(scene, 0.2, contact="stepped", step=0.02, samples=10, verify=False)
+    return float(np.abs(run.q - run.q[0]).max())
+
+
+def test_many_thin_blocks_have_heymans_least_thickness() -> None:
+    """What the next tests hold the simulation against is the known bound."""
+    assert least(10.0, blocks=100) == pytest.approx(HEYMAN, abs=5e-4)
+
+
+@pytest.mark.parametrize(("share", "stands"), [(1.02, True), (0.98, False)])
+def test_an_arch_stands_as_thick_as_the_static_theorem_asks_for(share: float, stands: bool) -> None:
+    assert (moved(share * least(10.0), 1.0) < 1e-9) == stands
+
+
+@pytest.mark.parametrize(("share", "stands"), [(1.02, True), (0.98, False)])
+def test_a_thick_arch_stands_with_as_much_friction_as_it_needs(share: float, stands: bool) -> None:
+    assert (moved(0.4, share * least(None)) < 1e-9) == stands
