@@ -27,10 +27,12 @@ from scipy.sparse.linalg import splu
 from twolink.integrate.hybrid.contact_problem import friction_force
 from twolink.integrate.state import Array
 
-NEWTON = 25  # steps
+NEWTON = 40  # steps
+SHORTEST = 0.02  # of a step
 REGULAR = 1e-11  # relative to G: what makes Newton's matrix regular where forces are not determined
 ADMM = 2_000  # iterations
 SWEEPS = 300
+LARGE = 200  # contacts beyond which these two take longer than half the step
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
 
 
@@ -86,6 +88,10 @@ class Problem:
     def residual(self, f: Array) -> float:
         """|g F| relative to velocities that matter."""
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
+
+    def norm(self, f: Array) -> float:
+        """|g F|, the sum over all contacts."""
+        return float(np.linalg.norm(f * self.size[:, None]))
 
     def answer(self, p: Array, solver: str) -> Impulses:
         """What the impulses are worth."""
@@ -156,7 +162,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     best = problem.answer(newton(problem, guess), "newton")
     for solver in (admm, sweeps):
-        if best.solved:
+        if best.solved or len(guess) > LARGE:
             break
         found = problem.answer(newton(problem, solver(problem, best.p)), solver.__name__)
         best = min((best, found), key=lambda one: one.residual)
@@ -164,18 +170,23 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
 
 
 def newton(problem: Problem, guess: Array) -> Array:
-    """The best iterate of Newton's method on F."""
-    p = best = guess
-    smallest = np.inf
+    """The best iterate of Newton's method on F, each step as long as F becomes smaller."""
+    p = guess
+    f, z, _ = problem.miss(p)
     for _ in range(NEWTON):
-        f, z, _ = problem.miss(p)
-        residual = problem.residual(f)
-        if residual < smallest:
-            smallest, best = residual, p
-        if residual <= 0.1 * EXACT or not np.isfinite(residual):
+        size = problem.norm(f)
+        if problem.residual(f) <= 0.1 * EXACT or not np.isfinite(size):
             break
-        p = p - _newton_step(problem, f, z)
-    return best
+        step, share, nearest = _newton_step(problem, f, z), 1.0, (np.inf, p, f, z)
+        while share >= SHORTEST and not nearest[0] < (1.0 - 1e-4 * share) * size:
+            trial = p - share * step
+            missed, place, _ = problem.miss(trial)
+            nearest = min(nearest, (problem.norm(missed), trial, missed, place), key=lambda one: one[0])
+            share *= 0.5
+        if not np.isfinite(nearest[0]):
+            break
+        _, p, f, z = nearest
+    return p
 
 
 def _newton_step(problem: Problem, f: Array, z: Array) -> Array:
