@@ -34,7 +34,7 @@ class Detector:
         kinds: dict[type[Group], list[tuple[int, Pair]]] = {}
         for number, (pair, _) in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append((number, pair))
-        self._groups = [kind(robot, items) for kind, items in kinds.items()]
+        self.groups = [kind(robot, items) for kind, items in kinds.items()]
         self.extent = np.zeros(robot.model.njoints)  # of the shapes around their joint, m
         for solid in solids.values():
             joint, center = middle_of(robot, solid)
@@ -42,7 +42,7 @@ class Detector:
 
     def points(self, places: Places, reach: float) -> Points:
         """The points with gaps below the reach."""
-        return joined(group.points(places, reach) for group in self._groups)
+        return joined(group.points(places, reach) for group in self.groups)
 
 
 def _kind(pair: Pair) -> type[Group]:

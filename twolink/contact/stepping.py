@@ -26,6 +26,7 @@ import numpy as np
 
 from twolink.contact.detection import Detector
 from twolink.contact.free_bodies import bodies_of
+from twolink.contact.held import HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
 from twolink.contact.multibody import axes_of
 from twolink.contact.points import Points
@@ -95,6 +96,7 @@ class Stepper:
         self.equations, self.model = equations, equations.robot.model
         self.detector = Detector(equations.robot, effects)
         self.bodies = bodies_of(equations)
+        self.held = HeldSteps(self.bodies, self.detector.groups)
         self.record = Record()
 
     def start(self) -> Memory:
@@ -127,6 +129,9 @@ class Stepper:
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
+        held = self._held(t, h, middle, v, numbers, memory)
+        if held is not None:
+            return held
         places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
         fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
@@ -140,6 +145,20 @@ class Stepper:
         if (-points.gap > DEEPEST * self.detector.thickness[points.pair]).any():
             return None
         return self._with_contacts(h, middle, v, free, points, memory)
+
+    def _held(self, t: float, h: float, middle: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
+        """The step in which the points that pressed and stuck do so again; None where it is not compiled, or ends."""
+        known = self.held.of(memory.keys) if memory.stuck.all() else None
+        if known is None:
+            return None
+        found = self.held.step(known, t + 0.5 * h, h, middle, v, memory.change, numbers)
+        if not found.obeys(self.detector.static[known.pair], CLOSED):
+            return None
+        move = 0.5 * h * found.ends + (found.push if found.overlaps(CLOSED) else 0.0)
+        passed = Memory(memory.keys, found.p / h, memory.stuck, (found.ends - v) / h)
+        impulse = np.einsum("ni,nij->nj", found.p, known.axes)
+        end = self.bodies.moved(middle, move)
+        return Step(h, end, found.ends, passed, known.pair, found.places, impulse, found.worth)
 
     def _with_contacts(
         self, h: float, middle: Array, v: Array, free: Array, points: Points, memory: Memory

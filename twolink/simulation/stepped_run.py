@@ -1,6 +1,7 @@
 """simulate, where contacts are stepped: runs of smaller steps, until their distance is below the accuracy."""
 
 import time
+import weakref
 
 import numpy as np
 
@@ -21,6 +22,7 @@ STEPS = 200_000  # of a run that an accuracy may call for
 SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 OVERLAP = 1e-9  # m, at the start
+_without_contacts: weakref.WeakKeyDictionary[Scene, Scene] = weakref.WeakKeyDictionary()
 
 
 def simulate_stepped(
@@ -75,8 +77,10 @@ def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float
 def stepper_of(scene: Scene) -> Stepper:
     """What steps a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
-    others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
-    equations = equations_of(Scene(scene.base, scene.q, scene.v, others, scene.duration, scene.title))
+    if scene not in _without_contacts:  # the same scene has the same equations, which are kept as long as it is
+        others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
+        _without_contacts[scene] = Scene(scene.base, scene.q, scene.v, others, scene.duration, scene.title)
+    equations = equations_of(_without_contacts[scene])
     if equations.switching is not None or equations.constraints is not None:
         what = "loops" if equations.constraints is not None else "effects that switch"
         raise SceneError(f"{what} beside contacts cannot be stepped", argument="contact",

@@ -1,0 +1,103 @@
+"""Steps in which contacts stick as before, as one compiled function: the same as those whose problem is solved."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import G, ball
+from twolink.contact import held
+from twolink.contact.held import HeldSteps
+from twolink.dynamics.kernels import heyoka
+
+E = tl.effects
+BALL = {"ball": (E.Sphere(0.1),)}
+ANGLE = 0.3
+INCLINE = E.Plane((-math.sin(ANGLE), 0.0, math.cos(ANGLE)))
+
+pytestmark = pytest.mark.skipif(heyoka() is None, reason="without heyoka no step is compiled")
+
+
+def incline() -> tl.Scene:
+    """A ball that rolls down."""
+    n = INCLINE.normal
+    effects = [E.Gravity(), E.Contact((("ball", INCLINE),), 0.2, shapes=BALL)]
+    return tl.Scene(ball(), [0.1 * n[0], 0, 0.1 * n[2], 0, 0, 0, 1], effects=effects)
+
+
+def pushed() -> tl.Scene:
+    """A ball that rolls, with more and more of a force at its top, until it slides and is lifted."""
+    push = (E.Polynomial((0.0, 40.0)), 0.0, E.Polynomial((0.0, 0.0, 50.0)))
+    effects = [E.Gravity(), E.FrameWrench("ball", push, point=(0.0, 0.0, -0.05)),
+               E.Contact(("ground",), 0.2, static=0.25, shapes=BALL)]  # fmt: skip
+    return tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+
+
+def falling() -> tl.Scene:
+    """A body with a foot that sticks tips over, and touches the ground with its other end."""
+    ends = {"ball": (E.Sphere(0.05), E.Sphere(0.05, (0.4, 0.02, 0.3)))}
+    effects = [E.Gravity(), E.Contact(("ground",), 0.9, shapes=ends)]
+    return tl.Scene(ball(), [0, 0, 0.05, 0, 0, 0, 1], [0, 0, 0, 0, 1.0, 0], effects)
+
+
+def on_wheels() -> tl.Scene:
+    """A slider on a planar joint, whose axes turn with it, held on the ground by friction until it is pushed away."""
+    inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    text = (f'<robot name="cart"><link name="ground"/><link name="cart"><inertial><mass value="1"/>{inertia}'
+            f'<link name="foot"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>{inertia}'
+            '<joint name="plane" type="planar"><parent link="ground"/><child link="cart"/><axis xyz="0 0 1"/></joint>'
+            '<joint name="lift" type="prismatic"><parent link="cart"/><child link="foot"/><axis xyz="0 0 1"/><limit '
+            'lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>')  # fmt: skip
+    push = (E.Polynomial((0.0, 30.0)), 0.0, 0.0)
+    effects = [E.Gravity(), E.FrameWrench("foot", push, point=(0.0, 0.1, 0.0)),
+               E.Contact(("ground",), 0.4, shapes={"foot": (E.Sphere(0.1),)})]  # fmt: skip
+    return tl.Scene(tl.load_robot(text), [0, 0, 1, 0, 0.1], [0, 0, 0.5, 0], effects)
+
+
+def run_of(scene: tl.Scene) -> tl.Trajectory:
+    return tl.simulate(scene, 0.5, contact="stepped", step=0.01, samples=20, verify=False)
+
+
+@pytest.mark.parametrize("make", [incline, pushed, falling, on_wheels])
+def test_held_steps_are_those_of_the_contact_problem(
+    make: Callable[[], tl.Scene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    quick = run_of(make())
+    monkeypatch.setattr(HeldSteps, "of", lambda *_: None)
+    solved = run_of(make())
+    assert quick.contact_record is not None
+    assert quick.contact_record["solvers"]["held"] > 10
+    assert quick.contact_record["feasibility"] < 1e-11
+    assert np.abs(quick.q - solved.q).max() < 1e-9
+    assert np.abs(quick.v - solved.v).max() < 1e-8
+    for pair, forces in solved.contact_forces.items():
+        assert quick.contact_forces[pair] == pytest.approx(forces, abs=1e-7)
+
+
+def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """5/7 g sin."""
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    run = run_of(incline())
+    down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
+    assert np.abs(down - 5 / 7 * G * math.sin(ANGLE) * run.t**2 / 2).max() < 1e-12
+
+
+def test_steps_are_compiled_where_they_have_cost_as_much_and_never_where_bits_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(held, "is_at_hand", lambda *_: False)
+    monkeypatch.setattr(held, "spent", lambda *_: 0.0)
+    counted: list[float] = []
+    monkeypatch.setattr(held, "count", lambda _, seconds: counted.append(seconds))
+    once = run_of(incline()).contact_record
+    assert once is not None
+    assert "held" not in once["solvers"]
+    assert len(counted) > 10
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    monkeypatch.setenv("TWOLINK_REPRODUCIBLE", "1")
+    again = run_of(incline()).contact_record
+    assert again is not None
+    assert "held" not in again["solvers"]
