@@ -47,6 +47,7 @@ EIGHTH = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 STEP, SMOOTH_STEP = 1e-3, 2e-3  # of differences through events, and without any
 TIGHT, QUAD = 1e-13, 1e-22  # accuracy of runs in double precision, tolerance of those in quadruple precision
 ROUNDING = 1e-12  # relative: of differences in the tangent space
+NEARER = 0.01  # of the step, where what is moved so far cannot exist
 FEWEST = 50  # steps in quadruple precision, where the size of a step may be misjudged at symmetric rest
 LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 
@@ -153,6 +154,10 @@ class Beside:
         scene, limit = self.scene, TimeLimit(PATIENCE, clock=time.process_time)
         value = 1.0 if name in ("q", "v") else abs(number_of(scene, name))
         h = self.step * min(1.0, value or 1.0)
+        try:
+            [beside(scene, name, column, k * h) for k in (-4, 4)]
+        except SceneError:  # no such body: nearer ones can exist
+            h *= NEARER
         states = {k: self.states(beside(scene, name, column, k * h), limit) for k in range(-4, 5)}
         nq, nv, length = scene.robot.nq, scene.robot.nv, min(map(len, states.values()))
         own = states[0][:length].astype(float)

@@ -12,7 +12,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import QueryError, require_known
-from twolink.identification.measurements import check_units, checked_times, wrong_units
+from twolink.identification.measurements import check_units, checked_times, require_reach, wrong_units
 from twolink.io.tables import read_table
 from twolink.robots.joint_layout import JointLayout
 
@@ -112,6 +112,7 @@ def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
         raise QueryError("nothing moves: all samples are the same", argument="measurements", code="constant-data",
                          remedy="measure a motion")  # fmt: skip
     check_units(robot, t, q, v)
+    require_reach(robot, t, q)
     return MeasuredMotion(robot, t, q, v, of_q, of_v)
 
 

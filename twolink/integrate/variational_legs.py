@@ -16,7 +16,7 @@ from twolink.integrate.variational_steps import METHOD, VariationalSteps
 ROUNDS, MOST_PARTS = 10, 64  # of dividing steps
 MOST_STEPS = 1_000  # more than 8 times as many as at first: dividing does not help then
 SMOOTH = 3  # times that a step is divided as its error estimate says; beyond that it is beside a corner, as of a limit
-NODES = 8  # of an interpolation, which is of order 16
+NODES = 6  # of an interpolation, which is of order 12
 UNEVEN = 8.0  # the largest ratio of steps between them
 NEAR = 0.2  # of a step
 NEARLY = 0.9  # of a step that the estimate admits

@@ -192,8 +192,7 @@ def sensitivities_at(
     wanted, equations = wanted_of(scene, wrt), equations_of(scene)
 
     def attempt(own: Equations, run: Trajectory, sought: float, tolerance: float) -> tuple[Sensitivities, float]:
-        result = _with_bars(SensitivityRun(run, own, wanted, sought, tolerance), accuracy)
-        return result, max(float((bar / (accuracy * _scale(result, name))).max()) for name, bar in result.error.items())
+        return _with_bars(SensitivityRun(run, own, wanted, sought, tolerance), accuracy)
 
     return refined(scene, equations, times, accuracy, attempt, progress, any_numbers=any_numbers)
 
@@ -239,22 +238,18 @@ def refined(
                         code="accuracy-limit", run=run, trusted_until=0.0, precision="")  # fmt: skip
 
 
-def _with_bars(found: SensitivityRun, accuracy: float) -> Sensitivities:
-    """The derivatives by name, with their error bars."""
+def _with_bars(found: SensitivityRun, accuracy: float) -> tuple[Sensitivities, float]:
+    """The derivatives by name, with their error bars, and how many times too large the largest of these is."""
     run, s, nv = found.run, found.s, found.run.robot.nv
     after = np.minimum(np.searchsorted(found.t, run.t), len(found.t) - 1)
-    q, v, error = {}, {}, {}
+    q, v, error, excess = {}, {}, {}, 0.0
     for name, columns in found.wanted.columns.items():
         own = s[:, :, columns]
         q[name], v[name] = own[:, :nv], own[:, nv:]
         size = np.maximum.accumulate(np.abs(own).max(axis=(1, 2), initial=0.0))
+        admitted = accuracy * np.maximum(1.0, size)
         distance = found.distance[:, columns].max(axis=1, initial=0.0)
         bar = error_bar(distance, np.zeros(len(distance)), 1.0)[after]
-        error[name] = bar + ROUNDING * size + SLACK * accuracy * np.maximum(1.0, size)
-    return Sensitivities(run, q, v, error, found.wanted.values, accuracy)
-
-
-def _scale(result: Sensitivities, name: str) -> np.ndarray:
-    """The largest entry so far, or 1, (n,)."""
-    both = np.concatenate([result.q[name], result.v[name]], axis=1)
-    return np.asarray(np.maximum(1.0, np.maximum.accumulate(np.abs(both).max(axis=(1, 2), initial=0.0))))
+        error[name] = bar + ROUNDING * size + SLACK * admitted
+        excess = max(excess, float((error[name] / admitted).max()))
+    return Sensitivities(run, q, v, error, found.wanted.values, accuracy), excess

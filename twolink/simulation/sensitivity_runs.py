@@ -13,7 +13,7 @@ from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
-INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 65536 by its order
+INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 4096 by its order
 # Of the distance, where the derivatives are those along the second solution: their steps are halved, of order 8, and
 # its motion is 10 times or more as accurate, so that a tenth of the distance would do.
 OF_FINER = 0.25
