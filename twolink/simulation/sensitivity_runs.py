@@ -14,9 +14,6 @@ from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 4096 by its order
-# Of the distance, where the derivatives are those along the second solution: their steps are halved, of order 8, and
-# its motion is 10 times or more as accurate, so that a tenth of the distance would do.
-OF_FINER = 0.25
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
 
 
@@ -72,9 +69,7 @@ class SensitivityRun:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
         choice, perturbations = self._courses.second_ones()
         distances = [self._distance_to(legs, states, choice, one) for one in perturbations]
-        safety = SAFETY_OF_SEVERAL
-        if len(distances) == 1:
-            safety = SAFETY if self._course.jumps else OF_FINER * SAFETY
+        safety = SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL
         return np.asarray(safety * np.max(distances, axis=0))
 
     def _distance_to(
