@@ -194,22 +194,6 @@ def test_a_motion_that_a_plain_fit_loses_is_found_in_segments() -> None:
         assert found.values[name] == pytest.approx(value, rel=1e-3)
 
 
-@pytest.mark.slow
-def test_a_long_chaotic_motion_is_found_in_segments() -> None:
-    """15 s of a double pendulum that turns over: a start that is 1e-9 off ends more than 1e-4 away."""
-    scene = tl.Scene(tl.load_robot("two_link"), [1.5, 1.0], [0.0, 8.0], effects=[E.Gravity()])
-    times, true = np.linspace(0.0, 15.0, 151), {"forearm.mass": 1.1}
-    q, _ = motion_of(world_scene(scene, true), times)
-    beside = motion_of(world_scene(tl.Scene(scene.robot, [1.5 + 1e-9, 1.0], scene.v, scene.effects), true), times)
-    assert np.abs(beside[0][-1] - q[-1]).max() > 1e-4
-    found = tl.fit(scene, {"t": times, "q": noisy(q, size=1e-3)}, list(true), segments=15)
-    assert found.explained
-    assert found.converged
-    assert found.gap < 1e-6
-    assert all(inside(found, true))
-    assert found.values["forearm.mass"] == pytest.approx(1.1, rel=1e-4)
-
-
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".npz"])
 def test_files_and_what_is_written(tmp_path: Path, ending: str) -> None:
     from twolink.io.tables import write_table
