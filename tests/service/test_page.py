@@ -321,9 +321,16 @@ def test_the_accuracy_study_is_drawn(page: Page) -> None:
     page.open()
     page.click("#tab-study")
     page.choose("#study-duration", "0.5")
+    page.wait_for("document.querySelector('#study-methods input[value=dop853]')")
+    page.evaluate("for (const name of ['rk4', 'taylor']) document.querySelector(`[value=${name}]`).click()")
+    page.evaluate("document.getElementById('study-settings').open = true")
+    page.choose("[aria-label='Study tolerances']", "1e-3 1e-6")
+    page.choose("[aria-label='Study repeats']", "2")
     page.click("#study-button")
     page.wait_for("document.querySelector('#study-result img')?.naturalWidth > 0", 180)
-    assert "dop853" in page.text("#study-result table") or "taylor" in page.text("#study-result table")
+    job = page.evaluate("fetch('/v1/studies').then(x => x.json()).then(x => x[0].request)")
+    assert (job["methods"], job["tolerances"], job["repeats"]) == (["rk45", "dop853"], [1e-3, 1e-6], 2)
+    assert "dop853" in page.text("#study-result table")
 
 
 @pytest.mark.slow

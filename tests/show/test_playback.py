@@ -284,7 +284,9 @@ def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     points = np.full((61, 1, 3), np.nan)
     points[30:] = [1.5, 0.0, 0.25]
     contacts = {"tip - ground": (points, np.where(np.isfinite(points), [0.0, 0.0, 7.0], np.nan))}
-    page = write_playback(*arm, t, q, tmp_path / "a.html", contacts=contacts, trails=["tip"], beside=(*arm, t, -q))
+    forces = {"push on tip": (np.ones((61, 1, 3)), np.full((61, 1, 3), [0.0, 3.0, 4.0]))}
+    page = write_playback(*arm, t, q, tmp_path / "a.html", contacts=contacts, forces=forces, trails=["tip"],
+                          beside=(*arm, t, -q))  # fmt: skip
     browser.open(page.as_uri())
     browser.wait_for("window.viewer?.ghost")
 
@@ -309,6 +311,10 @@ def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     click = "[...document.querySelectorAll('#view-menu label')].find(e => e.textContent.includes('{}')).control.click()"
     browser.evaluate(click.format("frames"))
     browser.evaluate(click.format("centre"))
+    browser.evaluate(click.format("forces on links, up to 5 N"))
+    push = "viewer.overlays.parts.get('forces').object.children[0]"
+    assert at(0.5, place.format(push)) == [1.0, 1.0, 1.0]
+    assert at(0.5, f"{push}.visible") is True
     assert browser.evaluate("viewer.overlays.parts.get('frames').object.children.length") == 3
     centre = at(0.5, place.format("viewer.overlays.parts.get('centre').object.children[0]"))
     expected = pin.centerOfMass(arm[0], arm[0].createData(), np.array([0.5, -1.0]))
@@ -319,6 +325,20 @@ def test_what_is_drawn_over_the_robot_is_where_it_belongs(
     look = "viewer.stage.viewer.controls.target.toArray()"  # y is up
     np.testing.assert_allclose(at(0.5, look), [tip[0], tip[2], -tip[1]], atol=1e-3)
     assert browser.errors == []
+
+
+@pytest.mark.browser
+def test_a_ball_that_flies_away_does_not_shrink_the_arm(tmp_path: Path, browser: Browser) -> None:
+    scene, t = tl.load_scene("pitch"), np.linspace(0.0, 2.0, 61)
+    q = np.tile(scene.q, (61, 1))
+    q[:, 2] += 30.0 * t  # the ball, along x
+    page = write_playback(scene.robot.model, scene.robot.visual_model(), t, q, tmp_path / "a.html")
+    browser.open(page.as_uri())
+    browser.wait_for("window.viewer?.motion")
+    distance = "viewer.stage.viewer.camera.position.distanceTo(viewer.stage.viewer.controls.target)"
+    assert browser.evaluate(distance) < 8.0
+    browser.evaluate("document.getElementById('view-fit').click()")  # all of it
+    assert browser.evaluate(distance) > 50.0
 
 
 @pytest.mark.browser

@@ -223,3 +223,22 @@ def test_a_playback_is_a_page_and_nothing_else(run: tl.Trajectory, name: str, tm
 def test_unknown_picture_format(run: tl.Trajectory, tmp_path: Path) -> None:
     with pytest.raises(ShowError, match=r"known: \.png, \.svg, \.pdf"):
         run.plot(tmp_path / "x.pngg")
+
+
+def test_forces_on_links_act_where_and_when_effects_say() -> None:
+    robot = tl.load_robot("two_link")
+    wrench = tl.effects.FrameWrench("forearm", force=(3.0, 0.0, -4.0), point=(0.0, 0.0, 0.1))
+    spring = tl.effects.SpringBetween("forearm", "universe", stiffness=20.0, second_point=(1.0, 0.0, 1.0))
+    effects = [wrench, tl.effects.Release(spring, at=0.25), tl.effects.Gravity()]
+    run = tl.simulate(tl.Scene(robot, q=[0.3, 0.4], effects=effects, duration=0.5), samples=40)
+    found = run.forces_on_links
+    assert list(found) == ["frame-wrench on forearm", "spring-between on forearm"]
+    turn, place = robot.frame_pose(run.q, "forearm")
+    points, forces = found["frame-wrench on forearm"]
+    np.testing.assert_allclose(points[:, 0], place + turn @ [0.0, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(forces[:, 0], np.tile([3.0, 0.0, -4.0], (len(run.t), 1)))
+    points, forces = found["spring-between on forearm"]
+    held = run.t < 0.25
+    np.testing.assert_allclose(forces[held, 0], 20.0 * (np.array([1.0, 0.0, 1.0]) - place[held]), atol=1e-10)
+    assert np.isnan(forces[~held]).all()
+    assert np.isnan(points[~held]).all()

@@ -67,6 +67,10 @@ class SteppedSolution:
         states = np.concatenate([self.q, self.v], axis=1).T
         return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T
 
+    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
+        """None: steps have no equations of motion."""
+        return {}
+
     def contacts(self) -> dict[str, tuple[Array, Array]]:
         """As `DenseOutput.contacts`: points (n, k, 3) and forces (n, k, 3) by pair, means over the step before."""
         most: dict[str, int] = {}

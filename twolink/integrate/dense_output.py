@@ -5,7 +5,7 @@ setting of the solution. At an event, t belongs to the piece after it.
 """
 
 import collections
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
-from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, forces_on_links
 from twolink.integrate.methods import METHODS
 from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.solution import Piece
@@ -23,6 +23,7 @@ from twolink.integrate.step_map import LANES, step_map
 from twolink.integrate.stepping import FINE, advance, start_state
 from twolink.integrate.taylor import Precision
 
+Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
 ONE_STEP = Perturbation(min_steps=1.0)  # between two samples no more steps are needed
 
 
@@ -114,10 +115,17 @@ class DenseOutput:
 
         The forces are those on the first body. Where fewer than k points touch, the rest are NaN.
         """
+        return self._by_name(contacts)
+
+    def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
+        """Of each effect that acts on a link, points and forces as `contacts` gives them."""
+        return self._by_name(forces_on_links)
+
+    def _by_name(self, forces_of: Forces) -> dict[str, tuple[Array, Array]]:
         found: dict[str, list[Array]] = {}
         for group in self._groups(self.t):
             count = collections.Counter[str]()
-            for pair, point, force in contacts(group.equations, group.t, group.stored_x):
+            for pair, point, force in forces_of(group.equations, group.t, group.stored_x):
                 columns = found.setdefault(pair, [])
                 if count[pair] == len(columns):
                     columns.append(np.full((2, len(self.t), 3), np.nan))

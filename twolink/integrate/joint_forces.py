@@ -1,13 +1,18 @@
-"""Accelerations along a solution, the torques that effects, friction and holds apply in the joints, contact forces."""
+"""Along a solution: accelerations, torques of effects, friction and holds, forces on links, contact forces."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
+from twolink.effects.motion import Loads, Motion
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.force_share import within_laws
 from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
+from twolink.io.text import kebab_case
 
 
 def accelerations_and_joint_torques(equations: Equations, t: Array, x: Array) -> tuple[Array, Array]:
@@ -65,6 +70,45 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
             pair, *vectors = contact
             point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
             found.append((pair, point, force))
+    return found
+
+
+class _ForcesOnLinks(Loads):
+    """Loads that note each force on a link, and where it acts."""
+
+    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None) -> None:
+        super().__init__(motion, sides)
+        self.noted: list[tuple[str, Vec, Vec]] = []
+
+    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
+        """Note a force at a point of a frame."""
+        del moment
+        if self._motion.frame(frame)[0] > 0:
+            self.noted.append((frame, self._motion.position(frame, point), force))
+
+    def wrench(self, body: int, force: Vec, moment: Vec) -> None:
+        """Note a force at the origin of a body's joint, along the body's axes."""
+        del moment
+        place = self._motion.body(body)
+        self.noted.append((self._motion.model.names[body], place.origin, outward(place, force)))
+
+
+def forces_on_links(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array, Array]]:
+    """The forces of effects on links at states x (nq + nv, n) of one piece, without gravity, contacts and loops.
+
+    Returns
+    -------
+    list of (str, ndarray (3, n), ndarray (3, n))
+        Of each, the effect and the link, the point where it acts, m, and the force, N; world's axes.
+    """
+    states, found = _full(equations, x), list[tuple[str, Array, Array]]()
+    motion = motion_of(equations, equations.mechanism, t, states, Numbers)
+    for effect in equations.layout.with_numbers(equations.effects, list(states[equations.moving :])):
+        loads = _ForcesOnLinks(motion, equations.sides)
+        effect.act(motion, loads)
+        for link, *vectors in loads.noted:
+            point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
+            found.append((f"{kebab_case(type(effect).__name__)} on {link}", point, force))
     return found
 
 

@@ -99,7 +99,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     )  # fmt: skip
     path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
     run.save(path)
-    if path.stat().st_size > largest and run.contacts:  # the samples matter more
+    if path.stat().st_size > largest:  # the samples matter more than what is drawn over them
         dataclasses.replace(run, solution=None, recorded_contacts=None).save(path)
     if path.stat().st_size > largest:
         path.unlink()
@@ -171,6 +171,7 @@ def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
         "centre_of_mass": np.round(run.robot.centre_of_mass(q), 7).tolist(),
         "direction": plane_direction(poses),
         "contacts": contact_data(run.t, run.contacts, times),
+        "forces": contact_data(run.t, run.forces_on_links, times),
     }
     return msgspec.json.encode(content)
 

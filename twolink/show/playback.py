@@ -71,6 +71,7 @@ def playback_page(
     live: bool = False,
     events: Sequence[tuple[float, str]] = (),
     contacts: Contacts | None = None,
+    forces: Contacts | None = None,
     trails: Sequence[str] | None = None,
     beside: Run | None = None,
     beside_title: str = "compared run",
@@ -102,6 +103,8 @@ def playback_page(
     contacts : mapping, optional
         By pair of bodies, its contacts at the times t: points (n, k, 3), m, and forces (n, k, 3), N, NaN where it is
         apart.
+    forces : mapping, optional
+        In the same form, other forces by name.
     trails : sequence of str, optional
         Links that draw a trail at first; by default the last link, where there is one.
     beside : (model, visuals, t, q), optional
@@ -130,6 +133,7 @@ def playback_page(
     motion = motion_data(model, shown, path) | {
         "events": [{"t": float(at), "text": text} for at, text in events],
         "contacts": contact_data(times, contacts or {}, shown),
+        "forces": contact_data(times, forces or {}, shown),
     }
     film = {"visuals": robot, "motion": motion, "speed": speed, "live": live, "trails": chosen}
     if beside is not None:

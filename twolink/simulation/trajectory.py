@@ -73,6 +73,8 @@ class Trajectory:
         The error is an estimate and no bound: contacts were stepped.
     recorded_contacts : mapping of str to (ndarray (n, k, 3), ndarray (n, k, 3)), or None
         Contact points, m, and forces, N, by pair, of a run without its solution: they are shown.
+    recorded_forces : as recorded_contacts
+        Those of effects on links, by effect and link.
     """
 
     robot: Robot
@@ -91,6 +93,7 @@ class Trajectory:
     title: str = ""
     estimated: bool = False
     recorded_contacts: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None
+    recorded_forces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -191,6 +194,15 @@ class Trajectory:
         return {pair: (points[kept], forces[kept]) for pair, (points, forces) in self.solution.contacts().items()}
 
     @functools.cached_property
+    def forces_on_links(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Points [m] and forces [N] of effects by effect and link, (n, k, 3) each, NaN where none acts."""
+        if self.solution is None:
+            return dict(self.recorded_forces or {})
+        kept = np.searchsorted(self.solution.t, self.t)
+        found = self.solution.forces_on_links().items()
+        return {name: (points[kept], forces[kept]) for name, (points, forces) in found}
+
+    @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
         solution = self._solution("tau")
         a, tau = solution.accelerations_and_torques()
@@ -242,10 +254,10 @@ class Trajectory:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path.
 
-        The latter two also keep the robot's name, the events, and contact points with their forces.
+        The latter two also keep the robot's name, the events, and contacts and forces on links.
         """
         notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events or ())}
-        columns = {**self.columns(), **tables.mark_columns(self.contacts)}
+        columns = {**self.columns(), **tables.mark_columns(self.contacts, self.forces_on_links)}
         return write_table(Path(path), columns, {**robot_notes(self.robot), **notes})
 
     @classmethod
@@ -273,7 +285,7 @@ class Trajectory:
         samples = tables.read_samples(Path(path), robot)
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
                    recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
-                   recorded_contacts=samples.contacts)  # fmt: skip
+                   recorded_contacts=samples.contacts, recorded_forces=samples.forces)  # fmt: skip
 
     @overload
     def plot(self) -> Figure: ...
@@ -349,7 +361,7 @@ class Trajectory:
         """Make a standalone page that plays the motion in 3D in any browser, offline.
 
         It has a time line with the run's events, and shows at will trails and frames of links, the centre of mass, and
-        contact points with their forces.
+        contact points and forces on links.
 
         Parameters
         ----------
@@ -394,7 +406,8 @@ class Trajectory:
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()
         ]
-        return {"title": self.title or self.robot.name, "events": events, "contacts": self.contacts}
+        return {"title": self.title or self.robot.name, "events": events, "contacts": self.contacts,
+                "forces": self.forces_on_links}  # fmt: skip
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any

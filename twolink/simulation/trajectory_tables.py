@@ -15,14 +15,15 @@ from twolink.integrate.event import Event
 from twolink.io.tables import read_table
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
-CONTACT, EVENTS = "contact ", "events"  # before the names of pairs, for columns (n, 6 k); the name of a note
-Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts
+# Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.
+CONTACT, FORCE, EVENTS = "contact ", "force ", "events"
+Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts; also of forces on links
 UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error": "rad or m"}
 
 
 class Samples(NamedTuple):
     """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
-    the error is an estimate and no bound, events, and contacts, which are None where a file does not say."""
+    the error is an estimate and no bound, events, contacts and forces on links, which are None where a file does not say."""
 
     robot: Robot
     t: np.ndarray
@@ -34,6 +35,7 @@ class Samples(NamedTuple):
     estimated: bool = False
     events: tuple[Event, ...] = ()
     contacts: Contacts | None = None
+    forces: Contacts | None = None
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -62,9 +64,10 @@ def columns(samples: Samples) -> dict[str, np.ndarray]:
     return table
 
 
-def mark_columns(contacts: Contacts) -> dict[str, np.ndarray]:
-    """Contacts as columns (n, 6 k): of each of k points its place and the force."""
-    return {CONTACT + pair: np.concatenate(both, axis=2).reshape(len(both[0]), -1) for pair, both in contacts.items()}
+def mark_columns(contacts: Contacts, forces: Contacts) -> dict[str, np.ndarray]:
+    """Contacts and forces on links as columns (n, 6 k): of each of k points its place and the force."""
+    return {kind + name: np.concatenate(both, axis=2).reshape(len(both[0]), -1)
+            for kind, found in ((CONTACT, contacts), (FORCE, forces)) for name, both in found.items()}  # fmt: skip
 
 
 def mark_notes(events: Sequence[Event]) -> dict[str, str]:
@@ -85,13 +88,14 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     label = str(path)
     content, notes = read_table(path)
     robot = find_robot(notes, label) if robot is None else require_same(robot, notes, label)
-    marks = {name: content.pop(name) for name in list(content) if name.startswith(CONTACT)}
+    marks = {name: content.pop(name) for name in list(content) if name.startswith((CONTACT, FORCE))}
     table = _numbers(content, label)
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
                       notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
-                      _contacts(marks, n, label) if EVENTS in notes else None)  # fmt: skip
+                      *(_forces(marks, kind, n, label) if EVENTS in notes else None
+                        for kind in (CONTACT, FORCE)))  # fmt: skip
     wanted = columns(samples)
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]
@@ -113,15 +117,17 @@ def _events(notes: Mapping[str, str], label: str) -> tuple[Event, ...]:
         raise SceneError(f"its events are damaged: {error}", where=label, remedy="save it again") from None
 
 
-def _contacts(columns: Mapping[str, np.ndarray], n: int, label: str) -> Contacts:
-    """Points and forces (n, k, 3) by pair."""
-    contacts = {}
+def _forces(columns: Mapping[str, np.ndarray], kind: str, n: int, label: str) -> Contacts:
+    """Points and forces (n, k, 3) by name, of contacts or on links."""
+    found = {}
     for name, values in columns.items():
+        if not name.startswith(kind):
+            continue
         if values.dtype.kind != "f" or values.ndim != 2 or len(values) != n or values.shape[1] % 6:
-            raise SceneError(f"column {name!r} is not a table of contacts", where=label, remedy="save it again")
+            raise SceneError(f"column {name!r} is not a table of forces", where=label, remedy="save it again")
         both = values.reshape(n, -1, 6)
-        contacts[name.removeprefix(CONTACT)] = both[..., :3], both[..., 3:]
-    return contacts
+        found[name.removeprefix(kind)] = both[..., :3], both[..., 3:]
+    return found
 
 
 def _numbers(content: Mapping[str, np.ndarray], label: str) -> dict[str, np.ndarray]:

@@ -180,7 +180,7 @@ export class SceneEditor {
     const { q, frames, poses } = this.pose();
     const fixed = new Set(this.robot.fixed_links);
     const tip = this.robot.links.filter(link => !fixed.has(link)).at(-1);
-    const place = poses?.[frames.indexOf(tip)]?.slice(0, 3) ?? [0, 0, 0];
+    const place = poses?.[frames.indexOf(tip)] ?? [0, 0, 0, 0, 0, 0, 1];
     return templates({ robot: this.robot, q, place, constants: this.names.constants });
   }
 

@@ -2,8 +2,8 @@
 
 const G = -9.81;
 
-/** Effects by their names in the list. robot: its description. q: its configuration. place: where its tip is, m.
- * constants: its physical constants by name. */
+/** Effects by their names in the list. robot: its description. q: its configuration. place: its tip's, [x, y, z, qx, qy,
+ * qz, qw], m. constants: its physical constants by name. */
 export function templates({ robot, q, place, constants }) {
   const single = robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1 && joint.layout !== "mimic");
   const lines = single.filter(joint => joint.q[1] - joint.q[0] === 1);
@@ -43,6 +43,13 @@ export function templates({ robot, q, place, constants }) {
       add("Motors and controllers", "Computed torque, to where it starts", { type: "computed-torque", path, kp: 100, kd: 20 });
     }
     add("Motors and controllers", "Motors that carry the weight", { type: "gravity-compensation" });
+    if (lines.length) {
+      const [kp, kd] = [100, 10];
+      const row = ({ v: [k] }) => Array.from({ length: 2 * robot.nv }, (_, i) => (i === k ? kp : i === robot.nv + k ? kd : 0));
+      const feedback = { type: "state-feedback", gain: each(lines, row), target: [...q] };
+      add("Motors and controllers", "State feedback, to where it starts", feedback);
+      add("Motors and controllers", "State feedback from 1 s on", { type: "engage", at: 1, of: feedback });
+    }
   }
   if (tip) {
     const payload = { type: "payload", frame: tip, mass: 1 };
@@ -51,10 +58,18 @@ export function templates({ robot, q, place, constants }) {
     add("Bodies", `A load of 1 kg on ${tip}`, payload);
     add("Bodies", `A load on ${tip}, let go after 0.5 s`, { type: "release", at: 0.5, of: payload });
     const [x, y, z] = place;
+    const turn = place.slice(3);
+    const point = [x, y, z];
     const ends = { first: tip, second: "universe", second_point: [x, y, z + 1] };
     add("Forces", `A spring from ${tip} upwards`, { type: "spring-between", ...ends, stiffness: 20, rest_length: 1, damping: 1 });
     add("Bodies", `A floor below ${tip}`, { type: "plane-contact", frame: tip, height: z - 0.3, restitution: 0.5, friction: 0.4 });
-    add("Bodies", `${tip} pinned where it is`, { type: "point-loop", a: tip, b: "universe", point_b: [x, y, z] });
+    const ground = { kind: "plane", normal: [0, 0, 1], height: z - 0.3 };
+    const ball = { [tip]: [{ kind: "sphere", radius: 0.05 }] };
+    add("Bodies", `${tip} as a ball that touches a floor`, { type: "contact", pairs: [[tip, ground]], shapes: ball, friction: 0.4, restitution: 0.5 });
+    const held = { a: tip, b: "universe", point_b: point };
+    add("Closed loops", `${tip} pinned where it is, free to turn`, { type: "point-loop", ...held });
+    add("Closed loops", `${tip} on a hinge along y`, { type: "hinge-loop", ...held, axis_a: along(turn), axis_b: [0, 1, 0] });
+    add("Closed loops", `${tip} welded where it is`, { type: "weld-loop", ...held, rpy: anglesOf(turn) });
   }
   const masses = Object.entries(constants).filter(([name]) => name.endsWith(".mass"));
   if (tip) add("Bodies", "Other masses", { type: "constants", values: Object.fromEntries(masses) });
@@ -72,4 +87,18 @@ function stops(at) {
     const [low, high] = [joint.lower[0], joint.upper[0]];
     return low !== null && high !== null && low < at(joint) && at(joint) < high ? [low, high] : [at(joint) - 3, at(joint) + 3];
   };
+}
+
+/** The world's y axis in the axes of a link that is turned by a quaternion. */
+function along([x, y, z, w]) {
+  return [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)];
+}
+
+/** Roll, pitch, yaw of a quaternion, as in URDF, rad. */
+function anglesOf([x, y, z, w]) {
+  return [
+    Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+    Math.asin(Math.max(-1, Math.min(1, 2 * (w * y - z * x)))),
+    Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+  ];
 }

@@ -1,13 +1,20 @@
 // The data that the viewer shows: typed arrays as the server writes them, and a motion with its time axis.
 
+/** The bytes of a text in base64. */
+export function bytesOf(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i); // ten times as quick as Uint8Array.from
+  return bytes;
+}
+
 /** Typed arrays come as {"$array": class, "base64": bytes}; with "below_new" each number is how far it is below the next
  * one that no number before it has reached. */
 export function revive(value) {
   if (Array.isArray(value)) return value.map(revive);
   if (value === null || typeof value !== "object") return value;
   if (value.$array) {
-    const bytes = Uint8Array.from(atob(value.base64), c => c.charCodeAt(0));
-    const array = new globalThis[value.$array](bytes.buffer);
+    const array = new globalThis[value.$array](bytesOf(value.base64).buffer);
     return value.below_new ? counted(array) : array;
   }
   return Object.fromEntries(Object.entries(value).map(([name, item]) => [name, revive(item)]));
@@ -25,17 +32,15 @@ function flat(numbers) {
 
 export class Motion {
   /** data: {t [s], links, poses: [x, y, z, qx, qy, qz, qw] a link and time, and optionally centre_of_mass, contacts,
-   * events, direction}. */
+   * forces, events, direction}. */
   constructor(data) {
     this.links = data.links;
     this.t = flat(data.t);
     this.poses = flat(data.poses);
     this.centre = data.centre_of_mass ? flat(data.centre_of_mass) : null;
-    this.contacts = (data.contacts ?? []).map(({ pair, points, forces }) => ({
-      pair,
-      points: flat(points),
-      forces: flat(forces),
-    }));
+    const arrows = list => (list ?? []).map(({ pair, points, forces }) => ({ pair, points: flat(points), forces: flat(forces) }));
+    this.contacts = arrows(data.contacts);
+    this.forces = arrows(data.forces);
     this.events = data.events ?? [];
     this.direction = data.direction ?? null;
   }
@@ -73,15 +78,15 @@ export class Motion {
     for (let i = 0; i < this.t.length - 1; i += step) frames.push(i);
     return [...frames, this.t.length - 1];
   }
+}
 
-  /** The largest contact force, N. */
-  get strongest() {
-    let most = 0;
-    for (const { forces } of this.contacts) {
-      for (let i = 0; i < forces.length; i += 3) {
-        most = Math.max(most, Math.hypot(forces[i], forces[i + 1], forces[i + 2]) || 0);
-      }
+/** The largest force of contacts, or of other forces, N. */
+export function strongest(arrows) {
+  let most = 0;
+  for (const { forces } of arrows) {
+    for (let i = 0; i < forces.length; i += 3) {
+      most = Math.max(most, Math.hypot(forces[i], forces[i + 1], forces[i + 2]) || 0);
     }
-    return most;
   }
+  return most;
 }

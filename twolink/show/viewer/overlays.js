@@ -1,8 +1,11 @@
-// What is drawn over a robot: trails, axes of frames, the centre of mass, contact points and forces.
+// What is drawn over a robot: trails, axes of frames, the centre of mass, points and forces that act there.
+
+import { strongest } from "./motion.js";
 
 const TRAIL_COLOURS = [0xd1495b, 0x00798c, 0xedae49, 0x5b3f8c, 0x3a7d44, 0x8d5524];
-const CONTACT_COLOUR = 0xc2255c,
-  CENTRE_COLOUR = 0x111111;
+export const CONTACT_COLOUR = 0xc2255c,
+  FORCE_COLOUR = 0x1c7ed6;
+const CENTRE_COLOUR = 0x111111;
 const SIDES = 6; // of a trail's tube
 const FEW = 1500; // frames, between which a trail is rounded
 const KEPT = 4; // seconds of playing that a trail goes back
@@ -104,18 +107,18 @@ export class Overlays {
     });
   }
 
-  /** Contacts: a dot at each point that touches, and an arrow for its force, the strongest a fifth of the picture. */
-  contacts(name, motion) {
+  /** A dot at each point where a force acts, and an arrow for the force, the strongest a fifth of the picture. */
+  arrows(name, acting, colour) {
     const { THREE, size } = this.stage;
-    const scale = (0.22 * size) / (motion.strongest || 1);
-    const material = new THREE.MeshBasicMaterial({ color: CONTACT_COLOUR, depthTest: false, transparent: true, opacity: 0.85 });
+    const scale = (0.22 * size) / (strongest(acting) || 1);
+    const material = new THREE.MeshBasicMaterial({ color: colour, depthTest: false, transparent: true, opacity: 0.85 });
     const [dot, shaft, head] = [
       new THREE.SphereGeometry(size / 120, 16, 12),
       new THREE.CylinderGeometry(size / 400, size / 400, 1, 10).translate(0, 0.5, 0),
       new THREE.ConeGeometry(size / 120, size / 40, 14).translate(0, -size / 80, 0),
     ];
     const group = new THREE.Group();
-    const arrows = motion.contacts.map(contact => {
+    const arrows = acting.map(contact => {
       const parts = [dot, shaft, head].map(geometry => new THREE.Mesh(geometry, material));
       for (const part of parts) part.renderOrder = 4;
       const arrow = new THREE.Group();

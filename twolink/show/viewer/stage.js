@@ -3,6 +3,7 @@
 const FIELD_OF_VIEW = 32; // degrees; narrow, so that parallel rods look parallel
 const SLANTED = [0.3, -1, 0.24]; // from the robot to the eye, where the motion has no plane; z is up
 const MOST = 0.8; // of the links: the picture reaches twice as far as they do
+const FAR = 4; // sizes of a robot, which a link that has left it flies
 const MARGIN = 1.12;
 const SHADOW_PIXELS = 1024;
 const FRAMES = 40; // of a motion, which decide where the camera stands
@@ -79,33 +80,55 @@ export class Stage {
     this.viewer.set_dirty();
   }
 
-  /** Aim the camera at all that robots cover along their motions: [{robot, motion}]. */
-  fit(shown, direction = null) {
+  /** Aim the camera at what robots cover along their motions: [{robot, motion}]. whole: also where links fly away from
+   * others that stay, which are too small then. */
+  fit(shown, direction = null, whole = false) {
     this.turned = false;
     this.direction = direction ?? SLANTED;
-    const all = shown.flatMap(({ robot, motion }) => motion.some(FRAMES).map(i => robot.reached(motion, i)));
-    const near = this.#near(all);
+    const near = this.#near(shown, whole);
     if (!near.length) return;
-    this.swept = near.flat();
+    this.swept = near;
     this.box = new this.THREE.Box3().setFromPoints(this.swept);
-    const lowest = all.map(parts => Math.min(...parts.flat().map(corner => corner.z)));
+    const lowest = reachedBy(shown[0], false).map(parts => Math.min(...parts.flat().map(corner => corner.z)));
     const moves = Math.max(...lowest) - Math.min(...lowest) > 1e-6;
     this.touches = shown.some(({ motion }) => motion.contacts.length || motion.events.some(e => /^impact/.test(e.text)));
     this.#lay(moves && !this.touches ? 0.04 : 0.0005);
     this.#aim();
   }
 
-  /** The links' corners at all times, without links that fly far away: the others would be too small to see. */
-  #near(all) {
-    const centre = corners => new this.THREE.Box3().setFromPoints(corners).getCenter(new this.THREE.Vector3());
-    const start = all[0]?.flat() ?? [];
-    if (!start.length) return [];
-    const middle = centre(start);
-    const size = new this.THREE.Box3().setFromPoints(start).getSize(new this.THREE.Vector3()).length();
-    const parts = all.flat().map(corners => ({ corners, far: centre(corners).distanceTo(middle) }));
+  /** The corners that links reach, without those far away: the others would be too small to see. whole: with all of the
+   * scenery, and with links that leave the others. */
+  #near(shown, whole) {
+    const moving = shown.flatMap(each => reachedBy(each, true));
+    const still = shown.flatMap(({ robot }) => robot.still);
+    const start = moving[0]?.flat() ?? [];
+    if (!start.length) return still;
+    const [middle, size] = [this.#centre(start), this.#length(start)];
+    const parts = moving.flat().map(corners => ({ corners, far: this.#centre(corners).distanceTo(middle) }));
     const sorted = parts.map(part => part.far).sort((a, b) => a - b);
-    const reach = 2 * sorted[Math.floor(MOST * (sorted.length - 1))] + size / 2;
-    return parts.filter(part => part.far <= reach).map(part => part.corners);
+    const left = !whole && shown.some(each => this.#isLeft(each));
+    const reach = left ? 2 * size : 2 * sorted[Math.floor(MOST * (sorted.length - 1))] + size / 2;
+    const near = parts.filter(part => part.far <= reach).flatMap(part => part.corners);
+    const around = near.reduce((most, corner) => Math.max(most, corner.distanceTo(middle)), FAR * size);
+    return [...near, ...still.filter(corner => whole || corner.distanceTo(middle) <= around)];
+  }
+
+  #centre(corners) {
+    return new this.THREE.Box3().setFromPoints(corners).getCenter(new this.THREE.Vector3());
+  }
+
+  #length(corners) {
+    return new this.THREE.Box3().setFromPoints(corners).getSize(new this.THREE.Vector3()).length();
+  }
+
+  /** Whether links fly far away from others that stay, as a ball that is thrown. */
+  #isLeft(each) {
+    const frames = reachedBy(each, true);
+    const size = this.#length(frames[0].flat());
+    const ways = frames[0].map((start, k) =>
+      Math.max(...frames.map(parts => this.#centre(parts[k]).distanceTo(this.#centre(start)))),
+    );
+    return Math.min(...ways) <= size && Math.max(...ways) > FAR * size;
   }
 
   /** The size of what is shown, m. */
@@ -236,4 +259,9 @@ export class Stage {
     camera.position.copy(controls.target).add(offset.setFromSpherical(round));
     this.viewer.set_dirty();
   }
+}
+
+/** The corners of a robot's links along its motion, by time and link; moving: without what is fixed. */
+function reachedBy({ robot, motion }, moving) {
+  return motion.some(FRAMES).map(i => robot.reached(motion, i, moving));
 }

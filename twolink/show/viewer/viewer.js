@@ -1,8 +1,8 @@
 // The viewer: one robot, or a second one as a ghost, its motion with time controls, and a menu of what is shown.
 
 import { check, make } from "./elements.js";
-import { Motion, revive } from "./motion.js";
-import { Overlays } from "./overlays.js";
+import { Motion, revive, strongest } from "./motion.js";
+import { CONTACT_COLOUR, FORCE_COLOUR, Overlays } from "./overlays.js";
 import { Robot } from "./robot.js";
 import { Stage } from "./stage.js";
 import { Timeline } from "./timeline.js";
@@ -18,7 +18,7 @@ export class Viewer {
     this.pane = make("div", { id: "pane", className: "pane", tabIndex: 0, role: "img", ariaLabel: LABEL });
     this.note = make("p", { id: "view-note", className: "view-note", role: "status" });
     this.fitButton = make("button", { type: "button", id: "view-fit", className: "quiet", title: "Show all of it" }, "Fit");
-    this.fitButton.addEventListener("click", () => this.fit());
+    this.fitButton.addEventListener("click", () => this.fit(true));
     this.menu = make("div", { className: "menu", id: "view-menu" });
     const shown = make("details", { id: "view-shown" }, make("summary", { className: "quiet" }, "Show"), this.menu);
     const bar = make("div", { className: "playback", id: "playback", role: "group", ariaLabel: "Playback", hidden: true });
@@ -28,12 +28,12 @@ export class Viewer {
     root.append(view, bar);
     this.timeline = new Timeline(bar, t => this.#show(t));
     this.pane.addEventListener("keydown", event => {
-      if (event.key === "0") this.fit();
+      if (event.key === "0") this.fit(true);
       if (event.key !== " " || bar.hidden) return;
       event.preventDefault();
       this.timeline.toggle();
     });
-    this.choice = { shadows: true, follow: "", frames: false, centre: false, contacts: true, ghost: true, trails: null };
+    this.choice = { shadows: true, follow: "", frames: false, centre: false, contacts: true, forces: false, ghost: true, trails: null };
   }
 
   /** Start drawing; meshcat's script must be loaded. Where that is impossible the note says so: all else works. */
@@ -127,13 +127,13 @@ export class Viewer {
     return this.posed ? this.still : (this.motion ?? this.still);
   }
 
-  /** Aim the camera at all that is reached. */
-  fit() {
+  /** Aim the camera at what is reached. whole: also by what flies far away. */
+  fit(whole = false) {
     const motion = this.#shown;
     if (!this.stage || !this.robot || !motion) return;
     const shown = [{ robot: this.robot, motion }];
     if (this.ghost && !this.posed) shown.push(this.ghost);
-    this.stage.fit(shown, motion.direction ?? this.visuals.direction);
+    this.stage.fit(shown, motion.direction ?? this.visuals.direction, whole);
     this.#redraw();
   }
 
@@ -177,7 +177,8 @@ export class Viewer {
     this.ghost?.robot.show(choice.ghost && !this.posed);
     if (choice.frames) overlays.frames("frames", robot, motion, [...robot.frames.keys()], 0.1 * stage.size);
     if (choice.centre && motion.centre) overlays.centre("centre", motion, stage.floor.position.z);
-    if (choice.contacts && motion.contacts.length) overlays.contacts("contacts", motion);
+    if (choice.contacts && motion.contacts.length) overlays.arrows("contacts", motion.contacts, CONTACT_COLOUR);
+    if (choice.forces && motion.forces.length) overlays.arrows("forces", motion.forces, FORCE_COLOUR);
     for (const frame of moving ? choice.trails : []) {
       overlays.trail(`trail ${frame}`, robot, motion, frame, () => this.timeline.speed);
     }
@@ -192,12 +193,13 @@ export class Viewer {
         choice[key] = checked;
         this.#redraw();
       });
-    const newtons = Number(motion.strongest.toPrecision(3));
+    const newtons = [motion.contacts, motion.forces].map(acting => Number(strongest(acting).toPrecision(3)));
     const items = [
       item("shadows", "shadows"),
       item("frames", "frames of the links"),
       motion.centre && item("centre", "centre of mass"),
-      motion.contacts.length && item("contacts", `contact forces, up to ${newtons} N`),
+      motion.contacts.length && item("contacts", `contact forces, up to ${newtons[0]} N`),
+      motion.forces.length && item("forces", `forces on links, up to ${newtons[1]} N`),
       this.ghost && item("ghost", this.ghost.title),
     ];
     const key = JSON.stringify([moving, newtons, this.ghost?.title, [...this.robot.frames.keys()]]);
