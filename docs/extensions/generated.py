@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from gallery import picture
 
 import twolink as tl
 from twolink.cli.app import app as command_line
@@ -15,8 +16,10 @@ from twolink.effects.loop import Loop
 from twolink.effects.switching import SwitchingEffect
 from twolink.hard import SimulationCase, all_cases
 from twolink.io.listing import Table
+from twolink.io.text import kebab_case
 
 FOLDER = "generated"
+SHOWN = 3  # pictures of an effect
 ROOMS = {  # the order and the titles of the reference's pages, by the room that a name comes from
     "dynamics": "Robots and queries",
     "robots": "Robots and queries",
@@ -52,8 +55,18 @@ def autodoc(directive: str, name: str, *options: str) -> str:
     return "\n".join(["```{eval-rst}", f".. {directive}:: {name}", *(f"   :{option}:" for option in options), "```"])
 
 
-def effects() -> str:
+def shown_in(app: Any) -> dict[str, str]:
+    """Pictures of the scenes with each effect, by the effect's type."""
+    found: dict[str, list[str]] = {}
+    for scene in tl.scenes():
+        for kind in dict.fromkeys(scene["effects"]):
+            found.setdefault(kind, []).append(picture(app, str(scene["name"]), f"{scene['name']}: {scene['title']}"))
+    return {kind: "".join(pictures[:SHOWN]) for kind, pictures in found.items()}
+
+
+def effects(app: Any) -> str:
     """The catalogue of effects, by what they do."""
+    pictures = shown_in(app)
     groups: dict[str, list[str]] = {
         "Forces, controllers and changes of the robot": [],
         "Events": [],
@@ -68,7 +81,8 @@ def effects() -> str:
             group = (
                 events if switching else loops if loop else smooth if issubclass(kind, tl.effects.Effect) else inputs
             )
-            group.append(f"### {name}\n\n{autodoc('autoclass', f'twolink.effects.{name}')}")
+            entry = autodoc("autoclass", f"twolink.effects.{name}")
+            group.append(f"### {name}\n\n{entry}\n\n{pictures.get(kebab_case(name), '')}")
     about = (
         "A scene calls for each of these by name; what is not in its list does not exist for it. `twolink explain` "
         "counts the operations of each. In Python they are `tl.effects.NAME(...)`; in a scene file `type` is the name "
@@ -86,7 +100,7 @@ def methods() -> str:
     return page("Methods", about, markdown(tl.methods()))
 
 
-def scenes() -> str:
+def scenes(app: Any) -> str:
     """The catalogue of bundled scenes, each with its file."""
     parts = [
         "`tl.load_scene(NAME)` loads one, `twolink run NAME` runs it, and the [gallery](../gallery.md) plays them all."
@@ -95,11 +109,12 @@ def scenes() -> str:
     folder = resources.files("twolink.scenes") / "bundled"
     for scene in tl.scenes():
         text = (folder / f"{scene['name']}.toml").read_text("utf-8")
-        parts.append(f"## {scene['name']}\n\n{cell(scene['title'])}.\n\n```toml\n{text}```")
+        shown = picture(app, str(scene["name"]), str(scene["title"]))
+        parts.append(f"## {scene['name']}\n\n{cell(scene['title'])}.\n\n{shown}\n\n```toml\n{text}```")
     return page("Scenes", *parts)
 
 
-def hard_cases() -> str:
+def hard_cases(app: Any) -> str:
     """The catalogue of hard cases."""
     parts = [
         "What breaks simulators, with the exact answer of each case. `twolink hard-cases NAME` runs one and judges it; "
@@ -111,7 +126,9 @@ def hard_cases() -> str:
             facts = [f"- Truth: {cell(case.truth)}."]
             if isinstance(case, SimulationCase):
                 facts.append(f"- Compared: {cell(case.quantity)}, for {case.duration or case.load().duration:g} s.")
-            parts.append(f"### {case.name}\n\n**{cell(case.title)}.** {cell(case.why)}\n\n" + "\n".join(facts))
+            about = f"**{cell(case.title)}.** {cell(case.why)}"
+            shown = picture(app, f"case-{case.name}", case.title)
+            parts.append("\n\n".join([f"### {case.name}", about, shown, "\n".join(facts)]))
     return page("Hard cases", *parts)
 
 
@@ -162,8 +179,8 @@ def reference() -> dict[str, str]:
 
 def write(app: Any) -> None:
     """Write all pages into docs/generated; what did not change stays, so that Sphinx does not read it again."""
-    pages = {"effects": effects(), "methods": methods(), "scenes": scenes(), "hard_cases": hard_cases(),
-             "command_line": commands(), **reference()}  # fmt: skip
+    pages = {"effects": effects(app), "methods": methods(), "scenes": scenes(app),
+             "hard_cases": hard_cases(app), "command_line": commands(), **reference()}  # fmt: skip
     folder = Path(app.srcdir) / FOLDER
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):

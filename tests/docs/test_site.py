@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from PIL import Image
 
 import twolink as tl
 from tests.show.browser import Browser
@@ -103,6 +106,23 @@ def test_the_catalogues_are_complete(site: Path) -> None:
         assert [name for name in names if name not in text] == []
     reference = "".join(page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
     assert [name for name in tl.__all__ if f'id="twolink.{name}"' not in reference] == ["effects", "errors", "lagrange"]
+
+
+def test_the_gallery_has_a_page_and_a_picture_of_each_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS / "extensions")
+    gallery = importlib.import_module("gallery")
+    entries = {entry.key: entry for entry in (*gallery.scene_entries(), *gallery.case_entries())}
+    assert len(entries) > len(tl.scenes()) + 30
+    folder = tmp_path / gallery.FOLDER
+    folder.mkdir()
+    for key in ("arm-swing", "case-misaligned-hinge"):  # the latter is refused
+        gallery.write_entry(folder, entries[key])
+    assert sorted(file.name for file in folder.iterdir()) == ["arm-swing.html", "arm-swing.png"]
+    with Image.open(folder / "arm-swing.png") as image:
+        assert image.size == gallery.SIZE
+    site = SimpleNamespace(outdir=tmp_path)
+    assert 'src="../playback/arm-swing.png"' in gallery.picture(site, "arm-swing", "An arm")
+    assert gallery.picture(site, "case-misaligned-hinge", "A hinge") == ""
 
 
 def test_the_site_asks_no_other_host(site: Path) -> None:

@@ -322,7 +322,8 @@ def test_the_accuracy_study_is_drawn(page: Page) -> None:
     page.click("#tab-study")
     page.choose("#study-duration", "0.5")
     page.wait_for("document.querySelector('#study-methods input[value=dop853]')")
-    page.evaluate("for (const name of ['rk4', 'taylor']) document.querySelector(`#study-methods [value=${name}]`).click()")
+    for name in ("rk4", "taylor"):
+        page.evaluate(f"document.querySelector('#study-methods [value={name}]').click()")
     page.evaluate("document.getElementById('study-settings').open = true")
     page.choose("[aria-label='Study tolerances']", "1e-3 1e-6")
     page.choose("[aria-label='Study repeats']", "2")
