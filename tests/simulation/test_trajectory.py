@@ -51,8 +51,8 @@ def test_events_and_contacts_are_saved_but_in_csv(suffix: str, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("column", "events", "part"),
     [
-        (np.zeros((101, 5)), "[]", "'contact a - b' is not a table of contacts"),
-        (np.zeros((100, 6)), "[]", "'contact a - b' is not a table of contacts"),
+        (np.zeros((101, 5)), "[]", "'contact a - b' is not a table of forces"),
+        (np.zeros((100, 6)), "[]", "'contact a - b' is not a table of forces"),
         (np.zeros((101, 6)), '[{"t": 1}]', "its events are damaged"),
     ],
 )
@@ -225,13 +225,15 @@ def test_unknown_picture_format(run: tl.Trajectory, tmp_path: Path) -> None:
         run.plot(tmp_path / "x.pngg")
 
 
-def test_forces_on_links_act_where_and_when_effects_say() -> None:
+def test_forces_on_links_act_where_and_when_effects_say(tmp_path: Path) -> None:
     robot = tl.load_robot("two_link")
     wrench = tl.effects.FrameWrench("forearm", force=(3.0, 0.0, -4.0), point=(0.0, 0.0, 0.1))
     spring = tl.effects.SpringBetween("forearm", "universe", stiffness=20.0, second_point=(1.0, 0.0, 1.0))
     effects = [wrench, tl.effects.Release(spring, at=0.25), tl.effects.Gravity()]
     run = tl.simulate(tl.Scene(robot, q=[0.3, 0.4], effects=effects, duration=0.5), samples=40)
     found = run.forces_on_links
+    loaded = tl.Trajectory.load(run.save(tmp_path / "a.npz"), robot).forces_on_links
+    assert all(np.array_equal(loaded[name], both, equal_nan=True) for name, both in found.items())
     assert list(found) == ["frame-wrench on forearm", "spring-between on forearm"]
     turn, place = robot.frame_pose(run.q, "forearm")
     points, forces = found["frame-wrench on forearm"]

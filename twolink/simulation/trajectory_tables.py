@@ -23,7 +23,7 @@ UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error":
 
 class Samples(NamedTuple):
     """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
-    the error is an estimate and no bound, events, contacts and forces on links, which are None where a file does not say."""
+    the error is an estimate and no bound, events, and contacts and forces on links, None where a file does not say."""
 
     robot: Robot
     t: np.ndarray
