@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -92,8 +92,8 @@ class Trajectory:
     recorded_energy: np.ndarray | None = None
     title: str = ""
     estimated: bool = False
-    recorded_contacts: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None
-    recorded_forces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None
+    recorded_contacts: tables.Contacts | None = None
+    recorded_forces: tables.Contacts | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -188,19 +188,18 @@ class Trajectory:
     @functools.cached_property
     def contacts(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Points [m] and forces [N] by pair, (n, k, 3) each, NaN where it is apart."""
-        if self.solution is None:
-            return dict(self.recorded_contacts or {})
-        kept = np.searchsorted(self.solution.t, self.t)
-        return {pair: (points[kept], forces[kept]) for pair, (points, forces) in self.solution.contacts().items()}
+        return self._at_samples("contacts", self.recorded_contacts)
 
     @functools.cached_property
     def forces_on_links(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Points [m] and forces [N] of effects by effect and link, (n, k, 3) each, NaN where none acts."""
+        return self._at_samples("forces_on_links", self.recorded_forces)
+
+    def _at_samples(self, what: str, recorded: tables.Contacts | None) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if self.solution is None:
-            return dict(self.recorded_forces or {})
+            return dict(recorded or {})
         kept = np.searchsorted(self.solution.t, self.t)
-        found = self.solution.forces_on_links().items()
-        return {name: (points[kept], forces[kept]) for name, (points, forces) in found}
+        return {name: (points[kept], forces[kept]) for name, (points, forces) in getattr(self.solution, what)().items()}
 
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
@@ -406,8 +405,8 @@ class Trajectory:
             (event.t, f"{event.kind} {event.what}{': ' if event.detail else ''}{event.detail}")
             for event in self.events or ()
         ]
-        return {"title": self.title or self.robot.name, "events": events, "contacts": self.contacts,
-                "forces": self.forces_on_links}  # fmt: skip
+        drawn = {"contacts": self.contacts, "forces": self.forces_on_links}
+        return {"title": self.title or self.robot.name, "events": events, **drawn}
 
     def video(
         self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any
@@ -439,14 +438,8 @@ class Trajectory:
         """
         from twolink.show.live import play_live
 
-        play_live(
-            *self._motion,
-            **self._told,
-            speed=self._speed(speed),
-            open_browser=open_browser,
-            on_url=on_url or _log_url,
-            on_skipped=on_skipped or _log_skipped,
-        )
+        play_live(*self._motion, **self._told, speed=self._speed(speed), open_browser=open_browser,
+                  on_url=on_url or _log_url, on_skipped=on_skipped or _log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
         from twolink.show.motion_samples import usual_speed
