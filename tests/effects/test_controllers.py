@@ -86,6 +86,16 @@ def test_a_joint_follows_the_paths_of_others() -> None:
     assert np.abs(run.q.sum(axis=1) + error * (1 + 4 * t) * np.exp(-4 * t)).max() < 2e-9
 
 
+def test_a_run_beyond_the_end_of_a_curve_is_refused() -> None:
+    control = E.ComputedTorque({joint: E.Bezier((0.0, 0.0, 0.0, 1.0, 1.0, 1.0), 0.2) for joint in BOTH}, 4.0, 4.0)
+    for effect in (control, E.Release(E.Torque({"elbow": E.Bezier((0.0, 1.0), 0.2)}), at=0.1)):
+        scene = tl.Scene(robot("arm"), effects=[effect])
+        assert tl.simulate(scene, 0.2).t[-1] == 0.2
+        with pytest.raises(SceneError, match=r"a curve ends at 0.2 s, the run at 0.3 s") as caught:
+            tl.simulate(scene, 0.3)
+        assert caught.value.code == "curve-ends"
+
+
 def test_computed_torque_on_the_ur5() -> None:
     path = {joint: E.Sine(0.3, 1.0 + 0.2 * i, 0.1 * i) for i, joint in enumerate(robot("ur5").joint_names)}
     q = [0.3 * np.sin(0.1 * i) for i in range(6)]

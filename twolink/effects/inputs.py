@@ -12,6 +12,7 @@ from twolink.effects.sampled import Piece, Sampled
 from twolink.errors import SceneError
 
 _E = TypeVar("_E", bound=Effect)
+SAME_TIME = 1e-12  # relative: an end that differs by rounding
 
 
 class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="polynomial"):
@@ -53,7 +54,7 @@ class Bezier(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     points : tuple of float
         p_0, ..., p_n, in the unit of the input.
     duration : float
-        Of the way from p_0 to p_n, s, above 0. Later the polynomial goes on.
+        Of the way from p_0 to p_n, s, above 0. A longer run is refused.
 
     Notes
     -----
@@ -145,6 +146,21 @@ def _polynomial(coefficients: Any, t: Scalar) -> Scalar:
 
 def _derivative(coefficients: list[Scalar]) -> list[Scalar]:
     return [times(float(k), c) for k, c in enumerate(coefficients)][1:]
+
+
+def require_curves(signal: Any, end: float) -> None:
+    """Require that the curves in an effect, or in one of its fields, reach to a time. Raises SceneError."""
+    if isinstance(signal, Bezier):
+        if end > signal.duration * (1.0 + SAME_TIME):
+            raise SceneError(f"a curve ends at {signal.duration:g} s, the run at {end:g} s",
+                             where="effects: bezier input", remedy="give it the duration of the run, or a shorter run",
+                             code="curve-ends")  # fmt: skip
+    elif isinstance(signal, Effect):
+        for name in signal.__struct_fields__:
+            require_curves(getattr(signal, name), end)
+    elif isinstance(signal, (Mapping, tuple, list)):
+        for value in signal.values() if isinstance(signal, Mapping) else signal:
+            require_curves(value, end)
 
 
 def tables_of(effect: Effect) -> list[Sampled | Slot]:

@@ -17,7 +17,7 @@ import numpy as np
 from twolink.algorithms.mechanism import Mechanism
 from twolink.dynamics import Robot
 from twolink.effects import Effect
-from twolink.effects.inputs import Slot
+from twolink.effects.inputs import Slot, require_curves
 from twolink.effects.switching import Switching
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.layout import NO_SLOTS, Layout
@@ -93,10 +93,12 @@ class Equations:
         return tuple(distinct)
 
     def require(self, start: float, end: float) -> None:
-        """Require that tables reach so far. Raises SceneError."""
+        """Require that tables and curves reach so far. Raises SceneError."""
         for table in self.layout.tables:
             if not isinstance(table, Slot):
                 table.require(start, end)
+        for effect in self.effects:
+            require_curves(effect, end)
 
     def starting_at(
         self, x: Any, t: float, locks: Array | None = None, slots: Mapping[str, float] = NO_SLOTS

@@ -29,7 +29,7 @@ from twolink.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MARGIN = 10.0  # times smaller than the accuracy the first tolerance is
+MARGIN, SMOOTH_MARGIN = 10.0, 2.0  # times smaller than the accuracy the first tolerance is, with events and without
 TRIALS = 5  # of smaller tolerances
 Result = TypeVar("Result")
 
@@ -218,6 +218,7 @@ def refined(
     if any_numbers:
         equations = replace(equations, any_numbers=True)
     sought, excess, run = accuracy, 0.0, None
+    margin = MARGIN if equations.has_events else SMOOTH_MARGIN
     for _ in range(TRIALS):
         choice = choose(equations, sought, end - begin, "auto")
         if any_numbers and choice.method.kind == "taylor":  # whose optimized code is for one scene
@@ -228,7 +229,7 @@ def refined(
             if not excess:
                 raise
             break
-        result, excess = attempt(equations, run, sought, sought / MARGIN)
+        result, excess = attempt(equations, run, sought, sought / margin)
         if excess <= 1.0:
             return result
         sought *= 0.5 / excess

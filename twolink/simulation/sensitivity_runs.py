@@ -14,6 +14,10 @@ from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 4096 by its order
+# Of the distance, where the derivatives are those along the second solution: their steps are halved, of order 8, and
+# its motion is 10 times or more as accurate, so that a tenth of the distance would do. Not so where the motions differ
+# by where the second one starts: then it is as far off as the distance says.
+OF_FINER, BY_START = 0.25, 0.1
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
 
 
@@ -69,8 +73,26 @@ class SensitivityRun:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
         choice, perturbations = self._courses.second_ones()
         distances = [self._distance_to(legs, states, choice, one) for one in perturbations]
-        safety = SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL
+        safety: float | np.ndarray = SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL
+        if len(distances) == 1 and not self._course.jumps:
+            safety = SAFETY * np.where(self._differs_by_start(legs, perturbations[0]), 1.0, OF_FINER)[:, None]
         return np.asarray(safety * np.max(distances, axis=0))
+
+    def _differs_by_start(self, legs: Sequence[Leg], perturbation: Perturbation) -> np.ndarray:
+        """Whether the first of the second solutions differs from the run as its start does, at the times of all legs.
+
+        The shift of the start is followed along the run's own derivatives.
+        """
+        rows, out = self._rows, []
+        moved = (
+            np.eye(legs[0].matrices.shape[2], rows) * perturbation.start_shift * max(1.0, np.abs(legs[0].x[:, 0]).max())
+        )
+        for leg, (fine, _) in zip(legs, self._fine, strict=False):
+            along = leg.along(moved)
+            off = np.abs(fine.x[:, ::2] - leg.x).max(axis=0)
+            out.append(np.abs(along[:, :rows]).sum(axis=2).max(axis=1) > BY_START * off)
+            moved = along[-1]
+        return np.concatenate(out)
 
     def _distance_to(
         self, legs: Sequence[Leg], states: Sequence[np.ndarray], choice: MethodChoice, perturbation: Perturbation
