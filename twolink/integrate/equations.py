@@ -97,7 +97,7 @@ class Equations:
         for table in self.layout.tables:
             if not isinstance(table, Slot):
                 table.require(start, end)
-        for effect in self.effects:
+        for effect in self.effects if self.switching is None else self.switching.effects:
             require_curves(effect, end)
 
     def starting_at(
