@@ -1,13 +1,11 @@
 """Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted; each failure is one line on stderr."""
 
-import io
-import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
 
-from tests.command import call, one_line
+from tests.command import call, call_process, one_line
 from twolink.cli.app import main
 
 FAILED = {
@@ -54,19 +52,13 @@ MISUSED = {
 @pytest.mark.parametrize("case", FAILED)
 def test_failures_are_one_line_and_exit_1(case: str) -> None:
     arguments, part = FAILED[case]
-    one_line(call(*arguments), 1, part)
+    one_line(call_process(*arguments), 1, part)
 
 
 @pytest.mark.parametrize("case", MISUSED)
-def test_misuse_is_one_line_and_exit_2(
-    case: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_misuse_is_one_line_and_exit_2(case: str) -> None:
     arguments, part = MISUSED[case]
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b'{"q": [0, 0]}')))
-    monkeypatch.setattr(sys, "argv", ["twolink", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    one_line(subprocess.CompletedProcess(arguments, stop.value.code, *capsys.readouterr()), 2, part)
+    one_line(call(*arguments, stdin='{"q": [0, 0]}'), 2, part)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +70,7 @@ def test_a_wrong_states_file_is_no_misuse(states: str, part: str) -> None:
 
 
 def test_done_is_0() -> None:
-    assert call("query", "arm", "bias", "--q", "0 0").returncode == 0
+    assert call_process("query", "arm", "bias", "--q", "0 0").returncode == 0
 
 
 def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import twolink as tl
-from tests.command import TOP, call
+from tests.command import TOP, call, call_process
 from twolink.cli.app import app
 
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
@@ -46,4 +46,4 @@ def test_summaries_of_the_commands_are_whole() -> None:
 
 def test_both_modules_are_the_command() -> None:
     old = subprocess.run([sys.executable, "-m", "twolink.cli", "--version"], capture_output=True, text=True, cwd=TOP)
-    assert old.stdout == call("--version").stdout == f"twolink {tl.__version__}\n"
+    assert old.stdout == call_process("--version").stdout == f"twolink {tl.__version__}\n"

@@ -18,8 +18,9 @@ from typing import Any
 
 import httpx
 import pytest
+import uvicorn
 
-from tests.command import call, one_line
+from tests.command import call, call_process, one_line
 from tests.service.serving import serving, wait_until
 from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
@@ -51,7 +52,10 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_start_options_that_make_no_sense_are_refused(case: str, tmp_path: Path) -> None:
+def test_start_options_that_make_no_sense_are_refused(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(uvicorn.Server, "run", lambda *_, **__: pytest.fail("it started"))
     options, part = REFUSED[case]
     one_line(call("serve", "--data", str(tmp_path / "data"), *options), 2, part)
     assert not (tmp_path / "data").exists()
@@ -68,7 +72,7 @@ def test_a_smaller_quota_deletes_results_only_when_told_to(tmp_path: Path) -> No
         for key in keys:
             add_done(store, key, 100_000)
     options = ["--data", str(tmp_path / "data"), "--quota", "disk_mb=0.15", "--quota", "result_mb=0.1"]
-    one_line(call("serve", *options), 1, "--delete-results")
+    one_line(call_process("serve", *options), 1, "--delete-results")
     assert len(list((tmp_path / "data" / "results").iterdir())) == 3
     with serving(tmp_path / "data", *options[2:], "--delete-results") as served, served.client() as http:
         assert [job["id"] for job in http.get("/v1/simulations").json()] == [keys[-1]]
