@@ -11,6 +11,7 @@ import numpy as np
 
 from tests.show.browser import Browser
 
+PATIENCE = 240.0  # seconds: more is a hang on any machine, though its workers yield to all that runs beside them
 READY = "document.documentElement?.dataset.ready && document.getElementById('expected')"
 
 
@@ -24,12 +25,12 @@ class Page:
         """Load the page afresh and wait until it can be used."""
         self.browser.call("Page.navigate", url="about:blank")
         self.browser.call("Page.navigate", url=f"{self.url}/{where}")
-        self.browser.wait_for(until)
+        self.wait_for(until)
 
     def evaluate(self, expression: str) -> Any:
         return self.browser.evaluate(expression)
 
-    def wait_for(self, condition: str, limit: float = 60.0) -> None:
+    def wait_for(self, condition: str, limit: float = PATIENCE) -> None:
         self.browser.wait_for(condition, limit)
 
     def text(self, selector: str) -> str:
@@ -85,10 +86,10 @@ class Page:
             for (const kind of ['dragenter', 'dragover', 'drop'])
               window.dispatchEvent(new DragEvent(kind, {{dataTransfer: data, cancelable: true}})); }})()""")
 
-    def run(self, limit: float = 90.0) -> None:
+    def run(self) -> None:
         """Press Run and wait for the curves."""
         self.click("#run-button")
-        self.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden", limit)
+        self.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden")
 
     def colours(self, plot: int) -> int:
         """How many different pixels a plot has: 1 is a blank one."""
@@ -102,7 +103,7 @@ class Page:
         left, top, width, height = (round(x) for x in self.box("#pane"))
         return self.browser.screenshot()[max(top, 0) : top + height, left : left + width]
 
-    def moves(self, before: np.ndarray | None = None, seconds: float = 1.0) -> bool:
+    def moves(self, before: np.ndarray | None = None, seconds: float = PATIENCE) -> bool:
         """Whether the picture of the robot changes from what it was before, or is now, within some seconds."""
         first = self.robot() if before is None else before
         end = time.monotonic() + seconds

@@ -18,7 +18,7 @@ import httpx
 TOP = Path(__file__).parents[2]
 
 
-def wait_until(condition: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_until(condition: Callable[[], object], seconds: float = 240.0) -> None:
     """Wait until the condition holds. Raises TimeoutError when it does not in time."""
     end = time.monotonic() + seconds
     while not condition():
@@ -44,7 +44,7 @@ class Served:
 
     def kill(self) -> None:
         self.process.kill()
-        self.process.wait(30)
+        self.process.wait(120)
 
     def workers(self) -> list[int]:
         """Process ids of its worker processes."""
@@ -80,7 +80,7 @@ def serving(folder: Path, *options: str, environment: dict[str, str] | None = No
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
             try:
-                process.wait(30)
+                process.wait(120)
             except subprocess.TimeoutExpired:
                 process.kill()
                 raise

@@ -199,8 +199,8 @@ def test_sigterm_tells_who_waits_and_leaves_the_job_to_the_next_start(tmp_path: 
             wait_until(lambda: "twolink_jobs_running 1.0" in other.get("/metrics").text)
             (key,) = (job["id"] for job in other.get("/v1/simulations").json())
         served.process.send_signal(signal.SIGTERM)
-        waiter.join(30)
-        served.process.wait(30)
+        waiter.join(120)
+        served.process.wait(120)
     assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
     assert answers[0].headers["retry-after"]
     assert "Traceback" not in served.log
@@ -219,8 +219,8 @@ def test_sigterm_waits_for_no_worker_that_hangs(tmp_path: Path) -> None:
         waiter.start()
         wait_until(lambda: "twolink_requests_under_way 2.0" in http.get("/metrics").text)
         served.process.send_signal(signal.SIGTERM)
-        waiter.join(30)
-        served.process.wait(30)
+        waiter.join(120)
+        served.process.wait(120)
     assert (answers[0].status_code, answers[0].json()["code"]) == (503, "ending")
     assert "Traceback" not in served.log
     wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in stopped))

@@ -28,7 +28,7 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     page.click("#tab-sense")
     page.wait_for("document.querySelectorAll('#panel-sense .picker input:checked').length === 2")
     page.click("#sense-button")
-    page.wait_for("document.querySelector('#sense-result table')", 120)
+    page.wait_for("document.querySelector('#sense-result table')")
     names = page.evaluate("[...document.getElementById('sense-name').options].map(x => x.value)")
     scene = tl.load_scene("arm-swing")
     found = tl.sensitivities(scene, names, 0.5)
@@ -68,7 +68,7 @@ def test_parameters_are_identified_from_a_file(page: Page, tmp_path: Path) -> No
     page.wait_for("document.querySelector('#identify-problem .problem')")
     page.upload(tmp_path / "m.csv", "identify-file")
     page.click("#identify-button")
-    page.wait_for("document.getElementById('identify-verdict')", 90)
+    page.wait_for("document.getElementById('identify-verdict')")
     found = page.evaluate("document.querySelectorAll('#identify-result tbody tr').length")
     assert page.text("#identify-verdict").startswith(f"{found} found from 200 samples")
     assert "cannot be told" in page.text("#identify-result details").lower()
@@ -86,7 +86,7 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
         document.querySelector('#sweep-verdict b')?.textContent)).observe(
         document.getElementById('panel-sweep'), {subtree: true, childList: true})""")
     page.click("#sweep-button")
-    page.wait_for("document.querySelector('#sweep-result .downloads')", 120)
+    page.wait_for("document.querySelector('#sweep-result .downloads')")
     seen = page.evaluate("[...window.seen].filter(Boolean)")
     assert len(seen) > 1, seen  # it was drawn before all was done
     assert "over q.shoulder and q.elbow" in page.evaluate("document.querySelector('.heatmap').ariaLabel")
@@ -96,7 +96,7 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowRight", 39)
     page.press("Enter", 13, "\r")
-    page.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden", 90)
+    page.wait_for("!document.getElementById('result').hidden && !document.getElementById('playback').hidden")
     start = page.evaluate("JSON.parse(document.getElementById('scene-json').value).q")
     assert start == {"shoulder": pytest.approx(-0.5 + 1 / 59), "elbow": -0.5}
     page.choose("#sweep-name-1", "forearm.mass")
@@ -104,11 +104,11 @@ def test_a_sweep_fills_its_map_marks_what_failed_and_a_cell_is_seen_to_move(page
         page.choose(f"#panel-sweep fieldset:nth-child(1) .field:nth-child({place}) input", value)
     page.choose("#panel-sweep fieldset:nth-child(2) .field:nth-child(3) input", "3")
     page.click("#sweep-button")
-    page.wait_for("document.querySelector('#sweep-result .signs').innerText.includes('failed: 6')", 120)
+    page.wait_for("document.querySelector('#sweep-result .signs').innerText.includes('failed: 6')")
     page.evaluate("document.querySelector('#sweep-result .heatmap').focus()")
     page.press("ArrowUp", 38)
     assert "-1" in page.text("#sweep-result .facts")  # the reason of a failed run
     page.choose("#sweep-name-2", "")  # over one quantity: a curve
     page.click("#sweep-button")
-    page.wait_for("document.querySelector('#sweep-result .plot')", 120)
+    page.wait_for("document.querySelector('#sweep-result .plot')")
     assert "failed: 2" in page.text("#sweep-result .signs")

@@ -157,7 +157,7 @@ def test_runs_are_compared(page: Page) -> None:
     page.wait_for("!document.getElementById('compared').hidden")
     page.evaluate("document.querySelectorAll('#effects [role=switch]')[1].click()")
     page.click("#run-button")
-    page.wait_for("document.getElementById('compared').innerText.includes('other effects')", 90)
+    page.wait_for("document.getElementById('compared').innerText.includes('other effects')")
     assert "q differs by up to" in page.text("#compared")
     both = page.colours(0)
     page.open(page.evaluate("location.hash"))
@@ -176,11 +176,11 @@ def test_a_run_goes_on_after_a_reload(page: Page) -> None:
     page.click("#run-button")
     page.wait_for("location.hash.includes('run=')")
     page.open(page.evaluate("location.hash"), until="document.documentElement?.dataset.ready")
-    page.wait_for("!document.getElementById('cancel-button').hidden", 90)
+    page.wait_for("!document.getElementById('cancel-button').hidden")
     assert page.evaluate("document.getElementById('duration').value") == "1000"
     page.wait_for("/Running|Queued/.test(document.getElementById('run-status').innerText)")
     page.evaluate("document.getElementById('cancel-button').click()")
-    page.wait_for("document.getElementById('cancel-button').hidden", 60)
+    page.wait_for("document.getElementById('cancel-button').hidden")
 
 
 def test_one_robot_of_a_zip_is_chosen(page: Page, tmp_path: Path) -> None:
