@@ -13,6 +13,7 @@ import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
 from twolink.contact.choice import choose_way
 from twolink.errors import AccuracyError, SceneError
+from twolink.hard.cases.contacts import ERRORS, coin
 from twolink.integrate.scene_equations import equations_of
 
 E = tl.effects
@@ -270,43 +271,10 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
 
 
 def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
-    """A thin cylinder rolls on its rim: its angular momentum by SciPy, with r from the centre to what touches.
-
-    L' = r x m (a + g),   v = -w x r,   u' = w x u
-    """
-    mass, radius, half, lean, n = 0.5, 0.1, 0.004, 1.1, np.array([0.0, 0.0, 1.0])
-    across, along = mass * (radius**2 / 4 + half**2 / 3), mass * radius**2 / 2
-
-    def places(u: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """r and its derivative."""
-        w, dw = n - u[2] * u, -change[2] * u - u[2] * change
-        size = np.linalg.norm(w)
-        m = w / size
-        return -half * u - radius * m, -half * change - radius * (dw - m * (m @ dw)) / size
-
-    def rate(_: float, y: np.ndarray) -> np.ndarray:
-        u, w = y[:3], y[3:6]
-        change = np.cross(w, u)
-        r, dr = places(u, change)
-        left = across * np.eye(3) + (along - across) * np.outer(u, u) + mass * (r @ r * np.eye(3) - np.outer(r, r))
-        right = -(along - across) * (w @ u) * change + mass * np.cross(r, G * n - np.cross(w, dr))
-        return np.concatenate([change, np.linalg.solve(left, right), -np.cross(w, r)])
-
-    u = np.array([math.sin(lean), 0.0, math.cos(lean)])
-    w = 9.0 * n - 2.0 * u
-    r = places(u, np.cross(w, u))[0]
-    moments = f'ixx="{across}" iyy="{across}" izz="{along}" ixy="0" ixz="0" iyz="0"'
-    inertial = f'<inertial><mass value="{mass}"/><inertia {moments}/></inertial>'
-    text = f'<robot name="coin"><link name="coin">{inertial}</link></robot>'
-    to_body = pin.rpy.rpyToMatrix(0.0, lean, 0.0).T
-    contact = E.Contact(("ground",), friction=2.0, shapes={"coin": (E.Cylinder(radius, 2 * half),)})
-    scene = tl.Scene(tl.load_robot(text, root="free"), [*-r, 0, math.sin(lean / 2), 0, math.cos(lean / 2)],
-                     [*to_body @ -np.cross(w, r), *to_body @ w], [E.Gravity(), contact])  # fmt: skip
+    """The hard case at one accuracy: a thin cylinder rolls on its rim."""
+    scene = coin()
     run = tl.simulate(scene, 1.0, 1e-9, samples=20)
-    truth = solve_ivp(rate, (0, 1), np.concatenate([u, w, -r]), "DOP853", t_eval=run.t, rtol=1e-13, atol=1e-13)
-    assert np.abs(run.q[:, :3] - truth.y[6:].T).max() < 1e-9
-    axes = np.array([pin.Quaternion(q[3:]).matrix()[:, 2] for q in run.q])
-    assert np.abs(axes - truth.y[:3].T).max() < 2e-9
+    assert ERRORS["coin"](scene.robot, run).max() < 2e-9
     assert not run.events
 
 
