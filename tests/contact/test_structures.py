@@ -2,6 +2,7 @@
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,3 +102,59 @@ def test_an_arch_stands_as_thick_as_the_static_theorem_asks_for(share: float, st
 @pytest.mark.parametrize(("share", "stands"), [(1.02, True), (0.98, False)])
 def test_a_thick_arch_stands_with_as_much_friction_as_it_needs(share: float, stands: bool) -> None:
     assert (moved(0.4, share * least(None)) < 1e-9) == stands
+
+
+PADS = {"panda_leftfinger": (E.Box((0.0175, 0.0152, 0.0185), (0.0, 0.0076, 0.04525)),),
+        "panda_rightfinger": (E.Box((0.0175, 0.0152, 0.0185), (0.0, -0.0076, 0.04525)),)}  # fmt: skip
+EDGE, MASS, GRIP, LIFT, END = 0.04, 0.2, 10.0, 0.2, 0.3  # m, kg, N, m/s, s
+ARM = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
+
+
+def panda_with_cube() -> tuple[tl.Robot, np.ndarray]:
+    """A Panda whose hand points down, with a cube between its fingers, and the configuration."""
+    text = tl.load_robot("panda").visuals.text
+    inertia = MASS * EDGE**2 / 6
+    cube = BODY.format("cube").replace('"ground"', '"panda_link0"').replace('mass value="1"', f'mass value="{MASS}"')
+    robot = tl.load_robot(text.replace("</robot>", cube.replace("0.05", str(inertia)) + "</robot>"))
+    q = robot.neutral
+    for joint in robot.joints:
+        if joint.name.startswith("panda"):
+            q[joint.q] = EDGE / 2 if "finger" in joint.name else ARM[int(joint.name[-1]) - 1]
+    _, place = robot.frame_pose(q, "panda_leftfinger")
+    free = next(joint for joint in robot.joints if joint.name == "cube_joint")
+    q[free.q] = [place[0], 0.0, place[2] - 0.04525, 0.0, 0.0, 0.0, 1.0]
+    return robot, q
+
+
+@pytest.mark.slow
+def test_a_panda_grasps_a_cube_and_lifts_it() -> None:
+    """Friction of its fingers alone carries the cube: their forces are its weight and what accelerates it."""
+    robot, q = panda_with_cube()
+    driven = [joint for joint in robot.joints if joint.name.startswith("panda")]
+    arm = [joint for joint in driven if "finger" not in joint.name]
+    mass = np.diag(robot.mass_matrix(q))
+    up = np.linalg.pinv(robot.frame_jacobian(q, "panda_hand")[:, [j.v.start for j in arm]])[:, 2]
+    target: dict[str, Any] = {j.name: E.Polynomial((float(q[j.q][0]), LIFT * rate))
+                              for j, rate in zip(arm, up.tolist(), strict=True)}  # fmt: skip
+    target |= {j.name: EDGE / 2 for j in driven if j not in arm}
+    kp = {j.name: 0.0 if j not in arm else 400.0 * float(mass[j.v][0]) for j in driven}
+    kd = {j.name: 40.0 * float(mass[j.v][0]) for j in driven}
+    grip = {j.name: -GRIP for j in driven if j not in arm}
+    top = float(q[next(j for j in robot.joints if j.name == "cube_joint").q][2])
+    pairs = (("cube", "panda_leftfinger"), ("cube", "panda_rightfinger"), ("cube", E.Plane(height=top - EDGE / 2)))
+    contact = E.Contact(pairs, 0.8, shapes={**PADS, "cube": (E.Box((EDGE,) * 3),)})
+    effects = [E.Gravity(), E.GravityCompensation(tuple(kp)), E.JointPD(target, kp, kd, grip), contact]
+    run = tl.simulate(tl.Scene(robot, q, effects=effects), END, contact="stepped", step=0.01, samples=20, verify=False)
+    finger = [robot.frame_pose(x, "panda_leftfinger") for x in run.q]
+    cube = [robot.frame_pose(x, "cube") for x in run.q]
+    held = np.array([r.T @ (c - p) for (r, p), (_, c) in zip(finger, cube, strict=True)])
+    assert cube[-1][1][2] - cube[0][1][2] > 0.6 * LIFT * END
+    assert np.abs(held - held[0]).max() < 2e-4
+    forces = run.contact_forces
+    total = forces["cube - panda_leftfinger"] + forces["cube - panda_rightfinger"]
+    free = next(joint for joint in robot.joints if joint.name == "cube_joint")
+    speed = np.array([r @ v for (r, _), v in zip(cube, run.v[:, free.v.start : free.v.start + 3], strict=True)])
+    steady = run.t > 0.2
+    gained = MASS * (speed[-1] - speed[steady][0]) / (run.t[-1] - run.t[steady][0])
+    assert total[steady][1:].mean(axis=0) == pytest.approx(gained + MASS * np.array([0.0, 0.0, G]), abs=0.02 * MASS * G)
+    assert np.abs(forces["cube - panda_leftfinger"][steady, 1]) == pytest.approx(GRIP, rel=0.05)

@@ -8,9 +8,10 @@ G = J M^-1 J^T; b: the velocities without impulses; c: what the gap still leaves
 
 The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radius mu P_n, g the size of G at a contact.
 Newton's method on F from the last step's impulses mostly ends in a few steps (Alart, Curnier, Comput. Methods Appl.
-Mech. Engrg. 92 (1991) 353-375). Where it does not, Pinocchio's ADMM solver brings it near (Carpentier, Montaut, Le
-Lidec: From Compliant to Rigid Contact Simulation, RSS 2024), and where that does not, sweeps over the contacts
-(Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47).
+Mech. Engrg. 92 (1991) 353-375). Where it does not, it begins again from a few steps of P - F / 3, or is led over
+contacts that give way, G + e D with e to 0. Where that fails too, Pinocchio's ADMM solver brings few contacts near
+(Carpentier, Montaut, Le Lidec: From Compliant to Rigid Contact Simulation, RSS 2024), or sweeps over them (Jourdan,
+Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47).
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from twolink.integrate.state import Array
 
 NEWTON = 40  # steps
 SHORTEST = 0.02  # of a step
+ROUNDS = 8  # of relaxing
 REGULAR = 1e-11  # relative to G: what makes Newton's matrix regular where forces are not determined
 ADMM = 2_000  # iterations
+SOFT = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)  # of G: how much softened contacts give way
 SWEEPS = 300
 LARGE = 200  # contacts beyond which these two take longer than half the step
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
@@ -41,8 +44,8 @@ class Impulses:
     """Impulses P (n, 3), velocities U (n, 3), and how far they miss the laws.
 
     feasibility: the largest approach beyond the gap and the largest |P_t| - mu P_n as a velocity, m/s.
-    complementarity: the largest P_n (U_n + c) and mu P_n |U_t| + P_t . U_t, J. residual: |g F|, m/s. solver: of the
-    three that found them.
+    complementarity: the largest P_n (U_n + c) and mu P_n |U_t| + P_t . U_t, J. residual: |g F|, m/s. solver: what
+    found them.
     """
 
     p: Array
@@ -161,24 +164,24 @@ def _with_tangents(matrix: Any) -> Any:
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     best = problem.answer(newton(problem, guess), "newton")
-    for solver in (admm, sweeps):
-        if best.solved or len(guess) > LARGE:
+    for solver in (relaxed, softened, relaxed, admm, sweeps):
+        if best.solved or (len(guess) > LARGE and solver in (admm, sweeps)):
             break
         found = problem.answer(newton(problem, solver(problem, best.p)), solver.__name__)
         best = min((best, found), key=lambda one: one.residual)
     return best
 
 
-def newton(problem: Problem, guess: Array) -> Array:
-    """The best iterate of Newton's method on F, each step as long as F becomes smaller."""
-    p = guess
-    f, z, _ = problem.miss(p)
+def newton(problem: Problem, guess: Array, *, shorten: bool = True) -> Array:
+    """The best iterate of Newton's method on F. shorten: each step only as long as F becomes smaller."""
+    p, (f, z, _) = guess, problem.miss(guess)
+    best = problem.residual(f), guess
     for _ in range(NEWTON):
         size = problem.norm(f)
-        if problem.residual(f) <= 0.1 * EXACT or not np.isfinite(size):
+        if best[0] <= 0.1 * EXACT or not np.isfinite(size):
             break
         step, share, nearest = _newton_step(problem, f, z), 1.0, (np.inf, p, f, z)
-        while share >= SHORTEST and not nearest[0] < (1.0 - 1e-4 * share) * size:
+        while share >= (SHORTEST if shorten else 1.0) and not nearest[0] < (1.0 - 1e-4 * share) * size:
             trial = p - share * step
             missed, place, _ = problem.miss(trial)
             nearest = min(nearest, (problem.norm(missed), trial, missed, place), key=lambda one: one[0])
@@ -186,7 +189,8 @@ def newton(problem: Problem, guess: Array) -> Array:
         if not np.isfinite(nearest[0]):
             break
         _, p, f, z = nearest
-    return p
+        best = min(best, (problem.residual(f), p), key=lambda one: one[0])
+    return best[1]
 
 
 def _newton_step(problem: Problem, f: Array, z: Array) -> Array:
@@ -219,6 +223,32 @@ def _derivative(mu: Array, z: Array) -> Array:
     c[slips, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
     c[slips, :2, 2] = mu[slips, None] * d
     return c
+
+
+def relaxed(problem: Problem, guess: Array) -> Array:
+    """Impulses by a few steps of P - F / 3, then whole Newton steps, which pass the corners of friction's cone."""
+    best = problem.residual(problem.miss(guess)[0]), guess
+    p = guess
+    for _ in range(ROUNDS):
+        for _ in range(5):
+            p = p - problem.miss(p)[0] / 3.0
+        end = newton(problem, p, shorten=False)
+        residual = problem.residual(problem.miss(end)[0])
+        if residual < best[0]:
+            best, p = (residual, end), end
+        if residual <= EXACT:
+            break
+    return best[1]
+
+
+def softened(problem: Problem, guess: Array) -> Array:
+    """Impulses of contacts that give way, less and less, each solved from those before."""
+    p = guess
+    for share in SOFT:
+        give = np.repeat(share * problem.size, 3)
+        matrix = problem.matrix + (sparse.diags_array(give) if sparse.issparse(problem.matrix) else np.diag(give))
+        p = newton(Problem(matrix, problem.b, problem.mu), p)
+    return p
 
 
 def admm(problem: Problem, guess: Array) -> Array:
