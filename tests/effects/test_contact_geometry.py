@@ -154,6 +154,14 @@ def test_self_leaves_out_adjacent_links_and_those_that_overlap_at_rest() -> None
     assert "1 pairs are left out (overlap at rest): l0 - l2" in explained
 
 
+def test_self_leaves_out_those_within_a_margin_at_rest() -> None:
+    robot = chain([0.3, 0.3, 0.4, 0.3])  # l0 and l2 are 1.3 m apart, l1 and l3 1.4 m, l0 and l3 2.4 m
+    for margin, left in ((1.2, {"l0 - l2", "l1 - l3", "l0 - l3"}), (1.35, {"l1 - l3", "l0 - l3"}), (1.5, {"l0 - l3"})):
+        pairs = E.Contact("self", margin=margin).selected(robot)
+        assert {pair.name for pair in pairs.chosen} == left
+        assert [why for _, why in pairs.excluded].count(f"within {margin:g} m at rest") == 3 - len(left)
+
+
 def test_free_bodies_may_touch_though_their_neutral_places_overlap() -> None:
     robot = free_bodies("a", "b")
     shapes = {"a": (E.Sphere(0.1), E.Sphere(0.1, (1.0, 0.0, 0.0))), "b": (E.Sphere(0.1),)}

@@ -41,8 +41,8 @@ class Contact(SwitchingEffect, frozen=True):
     pairs : str, or tuple of str or pair
         Which bodies may touch: pairs of names of links or of collision shapes, "ground" or a `Plane`, such as
         ("foot", "ground"). Alone, "ground" means every link against the ground z = 0, and "self" the robot's links
-        against each other, without those that a joint connects and those that overlap in the neutral configuration;
-        bodies that only a free joint connects count as separate.
+        against each other, without those that a joint connects and those that overlap in the neutral configuration,
+        which `explain` lists; bodies that only a free joint connects count as separate.
     friction : float
         mu of sliding bodies, not negative.
     restitution : float
@@ -53,6 +53,8 @@ class Contact(SwitchingEffect, frozen=True):
         The law of several contacts at once, see above.
     shapes : mapping of link to shapes
         In place of the URDF's <collision> elements of these links: `Sphere`, `Box`, `Cylinder`, `Capsule`, `Convex`.
+    margin : float
+        Pairs of "self" that are nearer than this in the neutral configuration are left out too, m.
 
     Notes
     -----
@@ -71,6 +73,7 @@ class Contact(SwitchingEffect, frozen=True):
     static: NotNegative | None = None
     impacts: Literal["newton", "reflections"] = "newton"
     shapes: Mapping[str, tuple[AnyShape, ...]] = {}
+    margin: NotNegative = 0.0
 
     def check(self, robot: Robot) -> None:
         """Names exist, and at least one pair may touch."""
@@ -82,9 +85,8 @@ class Contact(SwitchingEffect, frozen=True):
 
     def selected(self, robot: Robot) -> Pairs:
         """The pairs that may touch, and those of "self" that may not."""
-        return select_pairs(
-            robot, solids_of(robot, self.shapes), (self.pairs,) if isinstance(self.pairs, str) else self.pairs
-        )
+        asked = (self.pairs,) if isinstance(self.pairs, str) else self.pairs
+        return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin))
 
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, and which of "self" are not."""

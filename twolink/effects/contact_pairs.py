@@ -66,8 +66,13 @@ def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[So
     return tuple(solids)
 
 
-def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tuple[Body, Body]]) -> Pairs:
-    """The pairs that a scene asks for. Raises SceneError for names that do not exist and bodies that never meet."""
+def select_pairs(
+    robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tuple[Body, Body]], margin: float = 0.0
+) -> Pairs:
+    """The pairs that a scene asks for. margin: of "self" those nearer than this at rest are left out, m.
+
+    Raises SceneError for names that do not exist and bodies that never meet.
+    """
     if not solids:
         raise SceneError("no link of the robot has a collision shape", where="pairs",
                          remedy="add <collision> elements to the URDF, or give shapes=", code="no-shapes")  # fmt: skip
@@ -76,7 +81,7 @@ def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tu
     excluded: list[tuple[str, str]] = []
     for i, item in enumerate(asked):
         if item == SELF:
-            allowed, not_allowed = _own_pairs(robot, solids)
+            allowed, not_allowed = _own_pairs(robot, solids, margin)
             excluded += not_allowed
         elif item == GROUND:
             allowed = [_pair(alone, solid, LEVEL) for solid in solids if _body(robot, solid)]
@@ -88,7 +93,7 @@ def select_pairs(robot: Robot, solids: Sequence[Solid], asked: Sequence[str | tu
     return Pairs(tuple(chosen.values()), tuple(excluded))
 
 
-def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[tuple[str, str]]]:
+def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[list[Pair], list[tuple[str, str]]]:
     """The robot's own pairs that may touch, and the others: adjacent links, and shapes that overlap at rest.
 
     Bodies that only a joint of three directions or more connects, such as a free one, are neither: they are separate.
@@ -104,19 +109,21 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid]) -> tuple[list[Pair], list[
         pair, separate = _pair(alone, solids[i], solids[k]), free[a] != free[b]
         if not separate and len(_joints_between(model, a, b)) == 1:
             excluded.append((pair.name, "adjacent"))
-        elif not separate and _overlap(geometry, poses, i, k):
-            excluded.append((pair.name, "overlap at rest"))
+        elif not separate and _overlap(geometry, poses, i, k, margin):
+            excluded.append((pair.name, f"within {margin:g} m at rest" if margin else "overlap at rest"))
         else:
             allowed.append(pair)
     return allowed, excluded
 
 
-def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i: int, k: int) -> bool:
+def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i: int, k: int, margin: float) -> bool:
     import coal
 
     placed = [(item, poses[item.parentJoint] * item.placement) for item in (geometry[i], geometry[k])]
     (a, p), (b, q) = [(item.geometry, coal.Transform3s(at.rotation, at.translation)) for item, at in placed]
-    return bool(coal.collide(a, p, b, q, coal.CollisionRequest(), coal.CollisionResult()))
+    request = coal.CollisionRequest()
+    request.security_margin = margin
+    return bool(coal.collide(a, p, b, q, request, coal.CollisionResult()))
 
 
 def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:
