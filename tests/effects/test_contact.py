@@ -52,6 +52,23 @@ def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_fr
     assert np.abs(run.q[:, 3:] - run.q[0, 3:]).max() < 1e-10
 
 
+def test_a_free_block_that_slides_to_rest_stops_with_all_corners() -> None:
+    """Where it stops, rounding has given it a turn of 1e-8 rad/s: each corner still slides in its own direction."""
+    angle, mu, v0, high = 0.52, 0.878, 3.3, 0.0445
+    n, down = np.array([math.sin(angle), 0.0, math.cos(angle)]), np.array([math.cos(angle), 0.0, -math.sin(angle)])
+    contact = E.Contact(
+        (("block", E.Plane(tuple(map(float, n)))),), mu, shapes={"block": (E.Box((0.334, 0.578, 0.089)),)}
+    )
+    q = [*(high * n), 0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
+    run = tl.simulate(tl.Scene(free_bodies("block"), q, [v0, 0, 0, 0, 0, 0], [E.Gravity(), contact]), 1.338, 1e-6,
+                      samples=20)  # fmt: skip
+    slope = G * (math.sin(angle) - mu * math.cos(angle))
+    t = np.fmin(run.t, -v0 / slope)
+    truth = np.outer(v0 * t + slope * t**2 / 2, down) + q[:3]
+    assert np.abs(run.q[:, :3] - truth).max() < 1e-8
+    assert run.error.max() <= 1e-6
+
+
 def test_a_block_that_is_pushed_high_tips() -> None:
     """Push P = k t at a height h over the ground: it tips at m g b / 2 h, before it would slide at mu m g."""
     mu, k, width, height = 0.5, 10.0, 0.4, 0.6

@@ -19,6 +19,7 @@ from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
 SLOW = 1e-8  # m/s: a sliding contact so slow is tried at rest, which it would reach at once
+SLOWEST = 1e-6  # m/s: such ones are tried at rest where no mode is consistent else: friction stops them within 1e-12 m
 ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
@@ -43,23 +44,29 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
     """
     still = still_speed(here.v)
     here = _with_joints_at_rest(here, still, opened)
-    here = here.in_mode(_with_closed_contacts(here, still, opened))
+    for slow in (SLOW, SLOWEST):
+        found = _with_consistent_contacts(here, still, opened, slow)
+        if found is not None:
+            return _determined(found)
+    raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
+                        where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
+                        code="no-consistent-mode", t=here.t)  # fmt: skip
+
+
+def _with_consistent_contacts(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Situation | None:
+    """The situation in the mode that is consistent; None where none is found. slow: see SLOW."""
+    here = here.in_mode(_with_closed_contacts(here, still, opened, slow))
     tried: set[Key] = set(opened)
     for _ in range(20 + 6 * (len(here.system.names) + len(here.system.contacts))):
         here = here.in_mode(_without_redundant_locks(here))
         mode, key = _improved(here, tried)
         here = here.in_mode(mode)
         if key is None and not _overlapping(here, still):
-            return _determined(here)
+            return here
         if key is None or key == SHARE:
             break
         tried.add(key)
-    solved = _by_contact_problem(here, still)
-    if solved is not None:
-        return _determined(solved)
-    raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
-                        where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
-                        code="no-consistent-mode", t=here.t)  # fmt: skip
+    return _by_contact_problem(here, still)
 
 
 def freed(here: Situation, k: int, torque: float) -> Mode:
@@ -91,7 +98,7 @@ def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) 
     return here._replace(mode=mode, x=x)
 
 
-def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key]) -> Mode:
+def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Mode:
     """The mode with every contact closed that touches and does not part."""
     mode = here.mode
     if not mode.contacts:
@@ -108,7 +115,7 @@ def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key])
         direction = (float(slip[0] / speed), float(slip[1] / speed)) if speed > still else None
         if not contact.friction:
             mode = mode.with_contact(i, "sliding", (0.0, 0.0))
-        elif speed <= (SLOW if mode.contacts[i] == "sliding" else still) and ("roll", i) not in opened:
+        elif speed <= (slow if mode.contacts[i] == "sliding" else still) and ("roll", i) not in opened:
             mode = mode.with_contact(i, "rolling")
         else:
             mode = mode.with_contact(i, "sliding", direction)

@@ -31,7 +31,7 @@ from twolink.integrate.state import Array
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
-PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
+PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions")
