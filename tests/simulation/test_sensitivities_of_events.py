@@ -130,6 +130,15 @@ def test_a_joint_that_friction_holds_keeps_its_derivatives_when_another_is_hit()
     require_within_bars(s, "v.elbow", truth, 1e-6)
 
 
+def test_a_start_at_rest_with_friction_has_no_derivative_by_its_velocity() -> None:
+    """Pushed up, the arm is braked by gravity and friction before it falls; pushed down, friction keeps its side."""
+    scene = tl.Scene(ARM, [0.2, 0.4], [0.0, -1.0], [GRAVITY, fx.DryFriction({"shoulder": 0.5})])
+    with pytest.raises(AccuracyError, match=r"by a start that would move shoulder, .*at rest with friction") as caught:
+        tl.sensitivities(scene, ["v.shoulder"], 0.3, 1e-6)
+    assert caught.value.code == "sensitivity-undefined"
+    assert tl.sensitivities(scene, ["q.shoulder", "v.elbow"], 0.3, 1e-6).error["q.shoulder"].max() < 1e-5
+
+
 def test_what_has_no_derivative_is_named() -> None:
     """Two releases at one time; a stop that holds a joint at the start; how a loop closes."""
     both = arm(fx.Release(LOAD, at=0.1), fx.Release(SINE, at=0.1))

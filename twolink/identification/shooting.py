@@ -16,6 +16,7 @@ import numpy as np
 from twolink.errors import SceneError
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.unknowns import Unknowns
+from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 from twolink.simulation.sensitivities import Sensitivities, sensitivities_at
 
@@ -120,7 +121,9 @@ class Shooting:
     def _segment(self, scene: Scene, start: State, number: int, by_z: np.ndarray, accuracy: float) -> Segment:
         """Simulate a segment."""
         begin, rows, unknowns = self.begins[number], self.rows[number], self.unknowns
-        own, wrt = scene, [*unknowns.wrt, "q", "v"]
+        # Motions with events have one piece, which no other start leads into; at rest with friction there are none.
+        by_start = () if equations_of(scene).has_events else ("q", "v")
+        own, wrt = scene, [*unknowns.wrt, *by_start]
         if number:
             own = Scene(scene.base, *start, scene.effects, scene.duration)
             wrt = [*unknowns.wrt[: unknowns.constants], "q", "v"]
@@ -133,8 +136,12 @@ class Shooting:
                              remedy="leave out the effect that ends it, or later measurements")  # fmt: skip
         kept = np.searchsorted(s.run.t, times)
         q, v, by, error = s.run.q[kept], s.run.v[kept], _stacked(s, wrt)[kept], _errors(s, wrt)[kept]
-        count = by.shape[2] - 2 * scene.robot.nv
-        along_z, along_start = by[:, :, :count] @ by_z[:count], by[:, :, count:]
+        nx = 2 * scene.robot.nv
+        count = by.shape[2] - (nx if by_start else 0)
+        along_z, along_start = (
+            by[:, :, :count] @ by_z[:count],
+            by[:, :, count:] if by_start else np.zeros((len(by), nx, nx)),
+        )
         return Segment(
             q, v, self.data.residuals(q, v, rows), self.data.derivatives(q, along_z, rows),
             self.data.derivatives(q, along_start, rows), along_z[-1], along_start[-1],

@@ -114,6 +114,8 @@ class Saltation:
         held = [k for k in run.mode.locked if s[nv + k].any() or any(hold.entry is not None and s[k].any()
                 for hold in run.system.holds(k, run.x))]  # fmt: skip
         held += [k for k in run.mode.locked for i in moving if self._places(run, k, i) != self._places(run, k)]
+        at_rest = [k for k in run.mode.slip if k not in run.mode.locked and run.x[self.equations.space.nq + k] == 0.0]
+        held += [k for k in at_rest if s[nv + k].any() and any(hold.kinetic for hold in run.system.holds(k, run.x))]
         names = [run.system.names[k] for k in held]
         for i, kind in enumerate(run.mode.contacts):
             if kind == "free":
@@ -125,7 +127,8 @@ class Saltation:
             if any(np.abs(self._derivative(run, rows, column, 0.0, bound=False)).max() > UNCHANGED for column in s.T):
                 names.append(run.system.contacts[i].name)
         if names:
-            raise AccuracyError(f"there are no derivatives by a start that would move {', '.join(names)}, held there",
+            raise AccuracyError(f"there are no derivatives by a start that would move {', '.join(names)}, held there "
+                                "or at rest with friction, which acts against either direction",
                                 where="wrt", remedy='ask for single joints, such as "q.elbow"',
                                 code="sensitivity-undefined", t=run.t)  # fmt: skip
         return s
