@@ -1,5 +1,7 @@
 // Requests to the service with fetch: JSON, problems as exceptions, streams of events, downloads.
 
+import { el, showProblem } from "./dom.js";
+
 export class Problem extends Error {
   constructor(content) {
     super(content.detail || content.title || "it did not work");
@@ -105,11 +107,17 @@ export async function* events(path, signal) {
 }
 
 /** Save the answer of a path as a file. */
-export async function download(path, name) {
+async function download(path, name) {
   const address = URL.createObjectURL(await (await request(path)).blob());
   const link = document.createElement("a");
   link.href = address;
   link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(address), 60_000);
+}
+
+/** A button that saves the answer of a path as a file of this name; host: where its problem is shown. */
+export function downloadButton(text, path, name, host) {
+  const save = () => download(path, name).catch(failure => showProblem(host, failure));
+  return el("button", { type: "button", className: "quiet", onclick: save }, text);
 }

@@ -92,7 +92,8 @@ export class HeatMap {
   }
 
   #say() {
-    this.said.textContent = `${this.#words()}. Click to see that run move.`;
+    const known = Number.isFinite(this.cell(...this.at).value);
+    this.said.textContent = `${this.#words()}.${known ? " Click to see that run move." : ""}`;
   }
 
   #key(event) {

@@ -1,9 +1,9 @@
 // The results of a run: a summary, plots with one time axis, events, downloads; and runs kept to compare with.
 
-import { download } from "./api.js";
+import { downloadButton } from "./api.js";
 import { locate } from "./axes.js";
 import { CurveChoice } from "./curves.js";
-import { announce, byId, count, el, seconds, short, showProblem } from "./dom.js";
+import { announce, byId, count, el, seconds, short } from "./dom.js";
 import { Plot } from "./plots.js";
 import { byMotion, samplesOf, unitOf } from "./samples.js";
 
@@ -176,18 +176,7 @@ export class Results {
 
   #downloads(job) {
     const path = `/v1/simulations/${job.id}`;
-    const button = (text, address, name) =>
-      el(
-        "button",
-        {
-          type: "button",
-          className: "quiet",
-          onclick: () => {
-            download(address, name).catch(failure => showProblem(byId("run-problem"), failure));
-          },
-        },
-        text,
-      );
+    const button = (text, address, name) => downloadButton(text, address, name, byId("run-problem"));
     const name = `${job.result.robot}-${job.id.slice(-6)}`;
     byId("downloads").replaceChildren(
       el("button", { type: "button", id: "keep", onclick: () => this.onKeep() }, "Keep to compare"),

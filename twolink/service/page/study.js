@@ -1,6 +1,6 @@
 // The accuracy study: its job, its figure and the cost of each digit; and the list of earlier runs.
 
-import { download, get, request } from "./api.js";
+import { downloadButton, get, request } from "./api.js";
 import { byId, clearProblem, count, el, seconds, short, showProblem, table } from "./dom.js";
 import { fields } from "./form.js";
 import { finished, Job } from "./jobs.js";
@@ -76,16 +76,7 @@ export class Study {
     ];
     const heads = ["Accuracy", "Seconds", "To the row before", "Method", "Setting"];
     const name = `${robot}-${job.id.slice(-6)}`;
-    const button = (text, address, file) =>
-      el(
-        "button",
-        {
-          type: "button",
-          className: "quiet",
-          onclick: () => download(address, file).catch(failure => showProblem(byId("study-problem"), failure)),
-        },
-        text,
-      );
+    const button = (text, address, file) => downloadButton(text, address, file, byId("study-problem"));
     byId("study-result").replaceChildren(
       figure,
       el("p", { className: "hint" }, `Errors are against ${reference.how}.`),

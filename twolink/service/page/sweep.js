@@ -1,6 +1,6 @@
 // Many runs of the scene over one or two quantities: a curve or a heat map, whose runs can be seen.
 
-import { download, get } from "./api.js";
+import { downloadButton, get } from "./api.js";
 import { byId, el, showProblem } from "./dom.js";
 import { numberInput } from "./form.js";
 import { Job, jobControls } from "./jobs.js";
@@ -11,9 +11,9 @@ const VALUES = 21; // of a quantity
 const AROUND = 0.5; // of a quantity that is 0, and 20 % of others
 const LOOK = 500; // ms between looks at a sweep that runs
 const FILES = [
-  ["csv", "CSV"],
-  ["parquet", "Parquet"],
-  ["zip", "Zarr"],
+  ["csv", "CSV", "csv"],
+  ["parquet", "Parquet", "parquet"],
+  ["zip", "Zarr", "zarr.zip"],
 ];
 
 export class Sweep {
@@ -151,11 +151,10 @@ export class Sweep {
   async #show(job) {
     const path = `/v1/sweeps/${job.id}/result`;
     this.#draw(job, await get(path));
-    const save = ([format, text]) => {
-      const name = `sweep-${job.id.slice(-6)}.${format === "zip" ? "zarr.zip" : format}`;
-      const take = () => download(`${path}?format=${format}`, name).catch(failure => showProblem(this.parts.problem, failure));
-      return el("button", { type: "button", className: "quiet", onclick: take }, text);
-    };
-    this.result.append(el("p", { className: "downloads" }, el("span", { className: "hint" }, "Download "), ...FILES.map(save)));
+    const name = `sweep-${job.id.slice(-6)}`;
+    const buttons = FILES.map(([format, text, ending]) =>
+      downloadButton(text, `${path}?format=${format}`, `${name}.${ending}`, this.parts.problem),
+    );
+    this.result.append(el("p", { className: "downloads" }, el("span", { className: "hint" }, "Download "), ...buttons));
   }
 }

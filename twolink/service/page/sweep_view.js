@@ -69,7 +69,7 @@ export class SweepView {
     const plot = new Plot(this.place, {
       title,
       unit: units,
-      across: `${x.units} of ${x.name}`,
+      across: [x.name, x.units].filter(Boolean).join(", "),
       onZoom: (from, to) => plot.setWindow(from, to),
       onPoint: (place, how) => {
         plot.setCursor(place);

@@ -15,7 +15,7 @@ export class Overlays {
     this.stage = stage;
     this.group = new stage.THREE.Group();
     stage.viewer.scene.add(this.group);
-    this.parts = new Map(); // name -> {object, at(t, i)}
+    this.parts = new Map(); // name -> {object, at(t, i, share)}: share of the way from frame i to the next
   }
 
   /** Remove a part, or all. */
@@ -29,14 +29,10 @@ export class Overlays {
     this.stage.viewer.set_dirty();
   }
 
-  has(name) {
-    return this.parts.has(name);
-  }
-
   /** Bring all parts to a time. */
   at(motion, t) {
-    const [i] = motion.locate(t);
-    for (const part of this.parts.values()) part.at(t, i);
+    const [i, share] = motion.locate(t);
+    for (const part of this.parts.values()) part.at(t, i, share);
   }
 
   #put(name, object, at) {
@@ -127,12 +123,15 @@ export class Overlays {
       return { contact, arrow, parts };
     });
     const force = new THREE.Vector3(),
+      next = new THREE.Vector3(),
       upward = new THREE.Vector3(0, 1, 0);
-    this.#put(name, group, (_, i) => {
+    this.#put(name, group, (_, i, share) => {
       for (const { contact, arrow, parts } of arrows) {
         arrow.visible = Number.isFinite(contact.points[3 * i]);
         if (!arrow.visible) continue;
         arrow.position.fromArray(contact.points, 3 * i);
+        next.fromArray(contact.points, 3 * i + 3);
+        if (Number.isFinite(next.x)) arrow.position.lerp(next, share); // with the body, whose pose is between frames too
         force.fromArray(contact.forces, 3 * i);
         const length = scale * force.length();
         parts[1].visible = parts[2].visible = length > size / 200;
