@@ -10,6 +10,7 @@ import twolink as tl
 from tests.effects.bodies import G, ball
 from twolink.contact import held
 from twolink.contact.held import HeldSteps
+from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 
 E = tl.effects
@@ -78,9 +79,13 @@ def test_held_steps_are_those_of_the_contact_problem(
 
 
 def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    """5/7 g sin."""
+    """5/7 g sin. Its function is in the disk cache then."""
+    names: list[str] = []
     monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    monkeypatch.setattr(held, "is_at_hand", lambda name: bool(names.append(name)))
     run = run_of(incline())
+    assert max(map(len, names)) < 100  # file systems end at 255, and points are many
+    assert all(cache.has(name) for name in names)
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     assert np.abs(down - 5 / 7 * G * math.sin(ANGLE) * run.t**2 / 2).max() < 1e-12
 

@@ -8,6 +8,7 @@ solved (`impulses`). Overlap is removed as in `stepping`. For few points of bodi
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -93,7 +94,8 @@ class HeldSteps:
             order = np.argsort(group.key)
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
             points = (group.joint, group.local, group.radius, group.normal, group.height, chosen)
-            name = self.equations.key("held", repr([x.tolist() for x in points]))
+            digest = hashlib.sha256(repr([x.tolist() for x in points]).encode()).hexdigest()
+            name = self.equations.key("held", digest[:32])  # of a file
             if not is_at_hand(name) and spent(name) < compiling_seconds(SIZE * self.equations.operations):
                 count(name, STEP)
                 return None

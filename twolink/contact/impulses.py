@@ -30,7 +30,7 @@ from twolink.integrate.state import Array
 
 NEWTON = 40  # steps
 SHORTEST = 0.02  # of a step
-ROUNDS = 8  # of relaxing
+ROUNDS = 4  # of relaxing
 REGULAR = 1e-11  # relative to G: what makes Newton's matrix regular where forces are not determined
 ADMM = 2_000  # iterations
 SOFT = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)  # of G: how much softened contacts give way
@@ -163,12 +163,13 @@ def _with_tangents(matrix: Any) -> Any:
 
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
-    best = problem.answer(newton(problem, guess), "newton")
+    best = near = problem.answer(newton(problem, guess), "newton")
     for solver in (relaxed, softened, relaxed, admm, sweeps):
         if best.solved or (len(guess) > LARGE and solver in (admm, sweeps)):
             break
-        found = problem.answer(newton(problem, solver(problem, best.p)), solver.__name__)
-        best = min((best, found), key=lambda one: one.residual)
+        start = guess if solver is softened else near.p
+        near = problem.answer(newton(problem, solver(problem, start)), solver.__name__)
+        best = min((best, near), key=lambda one: one.residual)
     return best
 
 

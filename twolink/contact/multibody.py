@@ -145,7 +145,7 @@ def _turning(v: Array, lin: slice) -> Array:
     """omega x v of the linear velocity of a free joint, or of a planar one."""
     after = v[lin.stop : lin.stop + 3]
     if lin.stop - lin.start == 3:
-        return np.cross(after, v[lin])
+        return cross(after, v[lin])
     return np.array([-after[0] * v[lin][1], after[0] * v[lin][0]])
 
 
