@@ -18,7 +18,7 @@ from twolink.service.job_requests import prepare
 from twolink.service.jobs import Jobs
 from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
-from twolink.service.settings import Settings
+from twolink.service.settings import Quotas, Settings
 from twolink.service.store import Store
 from twolink.service.sweep_tasks import STORE, sweep_columns
 from twolink.service.sweep_threads import NO_TASK, SweepThreads
@@ -54,7 +54,7 @@ def test_the_service_gives_a_run_up_that_ends_its_workers(tmp_path: Path) -> Non
     assert job["state"] == "done"
     assert json.loads(bytes(job["result"]))["abandoned"] == 1
     folder = str(next((tmp_path / "results").iterdir()))
-    columns = json.loads(sweep_columns(folder=folder, names=["status"], quotas=Settings().quotas))["columns"]
+    columns = json.loads(sweep_columns(folder=folder, names=["status"], quotas=Quotas()))["columns"]
     assert columns["status"]["values"] == [1, 4, 1]
     assert len(deaths) == 5  # three of all runs together, one of two, one of the run itself
 
