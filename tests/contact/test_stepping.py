@@ -243,3 +243,12 @@ def test_balls_that_fall_on_each_other_do_not_overlap_and_gain_no_energy() -> No
     assert run.contact_record is not None
     assert run.contact_record["overlap"] < 1e-6
     assert np.diff(run.energy).max() < 1e-6 * run.energy[0]
+
+
+def test_steps_too_long_for_a_stiff_controller_end_with_an_error() -> None:
+    """Explicit steps of x'' = -k x grow without end for h sqrt(k) > 2."""
+    effects = [E.Gravity(), E.JointPD({"x": 0.0}, {"x": 1e6}), E.Contact(("ground",), 0.5, shapes=BLOCK)]
+    scene = tl.Scene(planar(), [0.01, 0.1, 0], effects=effects)
+    with pytest.raises(tl.errors.AccuracyError, match="take steps smaller than") as caught:
+        stepped(scene, 10.0, 0.01)
+    assert caught.value.code == "step-too-large"

@@ -33,6 +33,7 @@ from twolink.contact.points import Points
 from twolink.effects.contact import Contact
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
+from twolink.integrate.failures import failure
 from twolink.integrate.state import Array
 
 CLOSED = 1e-10  # m: what counts as no gap
@@ -113,9 +114,13 @@ class Stepper:
         return max(0.0, -float(points.gap[deepest])), self.detector.names[points.pair[deepest]]
 
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
-        """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small."""
+        """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
+
+        So it does where velocities are not finite.
+        """
         step = self.step(t, h, q, v, numbers, memory)
         if step is not None:
+            _require_finite(step.v, t, h)
             self.record.add(step)
             return step
         if depth == HALVINGS:
@@ -136,6 +141,7 @@ class Stepper:
         fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
         free = v + h * a
+        _require_finite(free, t, h)
         points = self.detector.points(places, 3.0 * h * fastest + 100.0 * h * h)
         if not len(points.gap):
             change = a if not len(memory.keys) else np.zeros_like(a)
@@ -209,6 +215,12 @@ class Stepper:
             return np.asarray(response @ solve_normal(own @ response, gaps[near]))
         except (ArithmeticError, np.linalg.LinAlgError):
             return None
+
+
+def _require_finite(v: Array, t: float, h: float) -> None:
+    """Stiff forces are taken explicitly: steps that are too long for them let velocities grow beyond all numbers."""
+    if not np.isfinite(v).all():
+        raise failure("step-too-large", t, step=h)
 
 
 class _Law:
