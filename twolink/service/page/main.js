@@ -76,6 +76,7 @@ let drawn = null; // id of the robot in the 3D view
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
 let restoring = false; // the page follows the address, and does not write it
+let stepping = false; // the next address that is written is a new step of the browser's history
 
 // Picking ---------------------------------------------------------------------------------------------------------
 
@@ -159,10 +160,12 @@ async function draw(robot) {
 
 /** Write what is shown into the address; step: a new one in the browser's history. */
 function remember(step = false) {
+  stepping ||= step;
   if (restoring || !robots.robot) return;
   const scene = editor.id === OWN ? null : editor.id;
   const { changes } = editor;
-  writeAddress({ robot: robots.robot.id, scene, changes, run: running, compared: comparison.ids }, step);
+  writeAddress({ robot: robots.robot.id, scene, changes, run: running, compared: comparison.ids }, stepping);
+  stepping = false;
   document.title = `${editor.current().title || robots.robot.name} · twolink`;
 }
 
@@ -179,8 +182,10 @@ async function restore() {
   try {
     const job = id ? await finished(id).catch(() => null) : null;
     if (scene) await useScene(scene, null, changes ?? {});
-    else if (robot) await robots.pick(robot, changes ?? {});
-    else if (job) await useScene(null, job.request.scene, {});
+    else if (robot) {
+      await robots.pick(robot, changes ?? {});
+      stepping = false; // the address has it
+    } else if (job) await useScene(null, job.request.scene, {});
     else await useScene(FIRST);
     const failed = byId("scene-problem").firstChild ?? byId("robot-problem").firstChild;
     if (!robots.robot) {
