@@ -47,10 +47,14 @@ def test_the_samples_are_drawn_in_a_colour_a_joint() -> None:
 
 def test_few_samples_are_drawn_as_the_solution_between_them() -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 3, samples=2)
-    line = curves(run.plot().axes[0])["elbow"]
+    figure = run.plot()
+    line, energy = curves(figure.axes[0])["elbow"], figure.axes[-2].lines[0]
     assert len(run.t) == 7
     assert len(line.get_xdata()) >= 400
-    np.testing.assert_allclose(line.get_ydata(), run.at(line.get_xdata())[0][:, 1], atol=1e-12)
+    q, v = run.at(line.get_xdata())
+    np.testing.assert_allclose(line.get_ydata(), q[:, 1], atol=1e-12)
+    above = np.sum(run.robot.energy(q, v), axis=0) - run.energy[0]
+    np.testing.assert_allclose(energy.get_ydata(), above, atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,8 @@ def plot_trajectory(
     robot: RobotModel,
     title: str,
     curves: tuple[np.ndarray, np.ndarray, np.ndarray],
-    samples: tuple[np.ndarray, np.ndarray, np.ndarray | None],
+    energy: tuple[np.ndarray, np.ndarray],
+    error: tuple[np.ndarray, np.ndarray | None],
     path: Path | None,
     *,
     estimated: bool = False,
@@ -59,8 +60,10 @@ def plot_trajectory(
         The title of the figure.
     curves : (t, q, v)
         Times (m,), s, configurations (m, nq) and velocities (m, nv).
-    samples : (t, energy, error)
-        Times (n,), s, mechanical energy (n,), J, and the error bar (n,), rad or m; None when it was not verified.
+    energy : (t, E)
+        Times (k,), s, and mechanical energy (k,), J.
+    error : (t, bar)
+        Times (n,), s, and the error bar (n,), rad or m; None when it was not verified.
     path : Path or None
         A .png, .svg or .pdf file; None to keep the figure.
     estimated : bool
@@ -86,7 +89,8 @@ def plot_trajectory(
     for axis, name in zip(axes[:, 0], panels, strict=False):
         axis.set_ylabel(PANELS[name])
         draw(axis, t, [c for c in drawn if c.panel == name and c.joint in colours], colours)
-    _draw_energy_and_error(axes[-2, 0], axes[-1, 0], *samples)
+    _draw_energy(axes[-2, 0], *energy)
+    _draw_error(axes[-1, 0], *error)
     if estimated:
         axes[-1, 0].set_ylabel("estimated error\n(rad, m)")
     figure.align_ylabels(axes[:, 0])
@@ -151,11 +155,12 @@ def draw(axis: Any, t: np.ndarray, curves: Sequence[Curve], colours: dict[str, s
         axis.plot(t, curve.values, style, color=colours[curve.joint], linewidth=1.2, label=plain(name))
 
 
-def _draw_energy_and_error(
-    energy_axis: Any, error_axis: Any, t: np.ndarray, energy: np.ndarray, error: np.ndarray | None
-) -> None:
-    energy_axis.plot(t, energy - energy[0], color="0.2", linewidth=1.2)
-    energy_axis.set_ylabel(f"energy (J)\nabove {energy[0]:.4g} J")
+def _draw_energy(axis: Any, t: np.ndarray, energy: np.ndarray) -> None:
+    axis.plot(t, energy - energy[0], color="0.2", linewidth=1.2)
+    axis.set_ylabel(f"energy (J)\nabove {energy[0]:.4g} J")
+
+
+def _draw_error(error_axis: Any, t: np.ndarray, error: np.ndarray | None) -> None:
     error_axis.set(xlabel="time t (s)", ylabel="error bar\n(rad, m)")
     if error is None:
         place = {"transform": error_axis.transAxes, "ha": "center", "va": "center"}

@@ -313,9 +313,9 @@ class Trajectory:
         from twolink.show.trajectory_plot import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
-        samples = self.t, self.energy, self.error
-        return plot_trajectory(self.robot, title, self._curves(), samples, None if path is None else Path(path),
-                               estimated=self.estimated)  # fmt: skip
+        curves = self._curves()
+        return plot_trajectory(self.robot, title, curves, self._energy_along(*curves), (self.t, self.error),
+                               None if path is None else Path(path), estimated=self.estimated)  # fmt: skip
 
     def _curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, configurations and velocities to draw: between few samples the solution itself."""
@@ -326,6 +326,14 @@ class Trajectory:
             return times, *self.at(times)
         except AccuracyError:
             return self.t, self.q, self.v
+
+    def _energy_along(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Times and energies to draw: of these states, or of the samples where they are the states or bodies change."""
+        if t is self.t or len(self.robots) > 1:
+            return self.t, self.energy
+        robot = self.robots[0][0] if self.robots else self.robot
+        kinetic, potential = robot.energy(q, v)
+        return t, kinetic + potential
 
     @overload
     def playback(
