@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.saved_robot import robot_notes
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.listing import facts_html
@@ -23,6 +23,7 @@ from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
+from twolink.simulation.drawn_curves import drawn_curves
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("twolink")
 Skipped = Callable[[list[str]], None] | None
 SHOWN_EVENTS = 5  # in notebooks
-SMOOTH = 400  # times that make a smooth curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -313,27 +313,10 @@ class Trajectory:
         from twolink.show.trajectory_plot import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
-        curves = self._curves()
-        return plot_trajectory(self.robot, title, curves, self._energy_along(*curves), (self.t, self.error),
+        at = None if self.solution is None else self.at
+        curves, energy = drawn_curves(self._samples, at, self.robots)
+        return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error),
                                None if path is None else Path(path), estimated=self.estimated)  # fmt: skip
-
-    def _curves(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Times, configurations and velocities to draw: between few samples the solution itself."""
-        if self.solution is None or len(self.t) >= SMOOTH:
-            return self.t, self.q, self.v
-        times = np.union1d(self.t, np.linspace(self.t[0], self.t[-1], SMOOTH))
-        try:
-            return times, *self.at(times)
-        except AccuracyError:
-            return self.t, self.q, self.v
-
-    def _energy_along(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Times and energies to draw: of these states, or of the samples where they are the states or bodies change."""
-        if t is self.t or len(self.robots) > 1:
-            return self.t, self.energy
-        robot = self.robots[0][0] if self.robots else self.robot
-        kinetic, potential = robot.energy(q, v)
-        return t, kinetic + potential
 
     @overload
     def playback(
