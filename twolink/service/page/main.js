@@ -75,7 +75,7 @@ let running = null; // id of the run that the address names
 let drawn = null; // id of the robot in the 3D view
 let placed = {}; // where the links are at the start: {frames, poses}
 let turn = 0; // counts picks: an answer to an earlier pick is dropped
-let restoring = false; // the page follows the address, and does not write it
+let holding = 0; // changes of what is shown that are under way: the address is written after them
 let stepping = false; // the next address that is written is a new step of the browser's history
 
 // Picking ---------------------------------------------------------------------------------------------------------
@@ -83,12 +83,12 @@ let stepping = false; // the next address that is written is a new step of the b
 async function useRobot(robot, changes) {
   turn += 1;
   editor.offer(robots.source, OWN);
-  await arrange(editor.own(robot), robot, OWN, changes);
+  await held(() => arrange(editor.own(robot), robot, OWN, changes));
   remember(true);
 }
 
 async function pickScene(id, written = null) {
-  await useScene(id, written);
+  await held(() => useScene(id, written));
   remember(true);
 }
 
@@ -161,7 +161,7 @@ async function draw(robot) {
 /** Write what is shown into the address; step: a new one in the browser's history. */
 function remember(step = false) {
   stepping ||= step;
-  if (restoring || !robots.robot) return;
+  if (holding || !robots.robot) return;
   const scene = editor.id === OWN ? null : editor.id;
   const { changes } = editor;
   writeAddress({ robot: robots.robot.id, scene, changes, run: running, compared: comparison.ids }, stepping);
@@ -175,11 +175,20 @@ function noteChange() {
   remember();
 }
 
+/** Change what is shown. What happens on the way is no step of the history, and does not replace the one before. */
+async function held(change) {
+  holding += 1;
+  try {
+    await change();
+  } finally {
+    holding -= 1;
+  }
+}
+
 /** Show what the address says. */
 async function restore() {
   const { robot, scene, changes, run: id, compared } = readAddress();
-  restoring = true;
-  try {
+  await held(async () => {
     const job = id ? await finished(id).catch(() => null) : null;
     if (scene) await useScene(scene, null, changes ?? {});
     else if (robot) {
@@ -197,9 +206,7 @@ async function restore() {
     for (const other of await Promise.all(compared.map(each => finished(each).catch(() => null)))) {
       if (other?.state === "done") await comparison.keep(other, robots.robot.joints);
     }
-  } finally {
-    restoring = false;
-  }
+  });
   remember();
 }
 
@@ -319,7 +326,7 @@ async function useRequest({ scene, accuracy, method = "auto", precision = "doubl
 
 /** Show one run of a sweep. */
 async function runCell(request) {
-  await useRequest(request);
+  await held(() => useRequest(request));
   remember(true);
   byId("run-button").click();
   byId("results-title").scrollIntoView({ block: "start" });
@@ -327,9 +334,11 @@ async function runCell(request) {
 
 async function openPast(job) {
   const compared = comparison.kept;
-  await useRequest(job.request);
-  comparison.kept = compared.filter(each => each.job.result.robot === job.result.robot);
-  await showAgain(job);
+  await held(async () => {
+    await useRequest(job.request);
+    comparison.kept = compared.filter(each => each.job.result.robot === job.result.robot);
+    await showAgain(job);
+  });
   remember(true);
   byId("results-title").scrollIntoView({ block: "start" });
 }
