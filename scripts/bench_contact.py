@@ -51,7 +51,7 @@ def seconds_of(run: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def line(name: str, error: float, seconds: float, more: str = "") -> None:
-    print(f"  {name:<44}{error:10.1e} {seconds * 1e3:12.3f} ms  {more}", flush=True)
+    print(f"  {name:<58}{error:10.1e} {seconds * 1e3:12.3f} ms  {more}", flush=True)
 
 
 def block() -> None:
@@ -81,9 +81,14 @@ def block() -> None:
     task = task_of(scene, times)
     settings = {
         "mujoco": [
-            Setting(method, "", step=h) for method in ("Euler", "implicitfast", "RK4") for h in (2e-3, 2e-4, 2e-5)
+            Setting(method, f"step {h:g} s", step=h)
+            for method in ("Euler", "implicitfast", "RK4")
+            for h in (2e-3, 2e-4, 2e-5)
         ],
-        "drake": [Setting("discrete plant (SAP)", "", step=h) for h in (1e-2, 1e-3, 1e-4)],
+        "drake": [
+            *(Setting("discrete plant (SAP)", f"step {h:g} s", step=h) for h in (1e-2, 1e-3, 1e-4)),
+            *(Setting("cenic", f"stiffness 1e7 N/m, accuracy {a:g}", a, 0.1) for a in 10.0 ** -np.arange(3.0, 10.0)),
+        ],
     }
     for name, own in settings.items():
         try:
@@ -93,7 +98,7 @@ def block() -> None:
         for setting in own:
             taken, answer = seconds_of(module.prepare(task, setting))
             off = np.abs(answer.track.q[:, 0] - exact).max()
-            line(f"{name} {module.VERSION}, {setting.method}, step {setting.step:g} s", off, taken)
+            line(f"{name} {module.VERSION}, {setting}", off, taken)
 
 
 def stack(duration: float, step: float) -> None:

@@ -96,6 +96,21 @@ def test_drake_gets_no_torques_in_time() -> None:
         drake_peer.usual_settings(moving)
 
 
+@pytest.mark.skipif(not HAS_DRAKE, reason="needs the extra peers")
+def test_drakes_convex_integrator_stops_a_block_where_coulomb_does() -> None:
+    slide = """<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>
+<limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="{2}"><inertial><mass value="{4}"/>
+<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+    links = slide.format("x", "floor", "cart", "1 0 0", 1e-3) + slide.format("z", "cart", "block", "0 0 1", 1.0)
+    rail = f'<robot name="rail"><link name="floor"/>{links}</robot>'
+    contact = fx.Contact((("block", "ground"),), 0.3, shapes={"block": (fx.Box((0.4, 0.3, 0.2)),)})
+    task = task_of(tl.Scene(tl.load_robot(rail), [0, 0.1], [2.0, 0], [fx.Gravity(), contact]), np.array([0.0, 1.0]))
+    drake = peer_module("drake")
+    (setting,) = [setting for setting in drake.usual_settings(task) if setting.method == "cenic"]
+    stops = 2.0**2 / (2 * 0.3 * 9.81 / 1.001)  # the cart moves along and presses on nothing
+    assert drake.prepare(task, setting)().track.q[-1, 0] == pytest.approx(stops, abs=1e-3)
+
+
 def test_a_state_that_is_not_finite_is_the_peers_own_error() -> None:
     scene = tl.Scene(tl.load_robot("two_link"), effects=[fx.Gravity(), fx.JointSpring({"elbow": 1e9})], q=[0, 1.0])
     with pytest.raises(PeerError, match="unstable"):

@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
+import twolink as tl
+from tests.effects.bodies import G, free_bodies
+from twolink.integrate.hybrid import force_share
 from twolink.integrate.hybrid.contact_problem import Rows, friction_force, solve_contacts
 from twolink.integrate.hybrid.impacts import Touch, after
+from twolink.integrate.hybrid.state import RunState
+from twolink.integrate.scene_equations import equations_of
 
 
 def antiparallel(force: np.ndarray, slip: np.ndarray) -> float:
@@ -77,3 +82,26 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
         else:
             assert decision.slides == pytest.approx(rates / np.linalg.norm(rates))
             assert force == pytest.approx(-0.2 * normal * np.array(decision.slides), abs=1e-8)
+
+
+@pytest.mark.parametrize("high", [-0.1, 0.2])
+def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
+    high: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A block at rest is pushed. Low, all corners have the same forces; high, the rear ones carry too little."""
+    fx, push, searches = tl.effects, 0.3 * G, []
+    central = force_share._central
+    monkeypatch.setattr(force_share, "_central", lambda *given: searches.append(given) or central(*given))
+    effects = [fx.Gravity(), fx.FrameWrench("block", (push, 0.0, 0.0), point=(0.0, 0.0, high)),
+               fx.Contact(("ground",), 0.5, shapes={"block": (fx.Box((0.3, 0.2, 0.2)),)})]  # fmt: skip
+    run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0, 1e-13)
+    run.settle()
+    (forces,) = force_share.ForceShare(run.here.own, run.mode, run.system.static).best(run.here.look()).forces
+    ahead = push * (0.1 + high) / 0.15  # the load of the two corners in front less that of the others
+    each = (G + np.array([ahead, ahead, -ahead, -ahead])) / 4
+    assert forces[:, 0] == pytest.approx(each, abs=1e-9)
+    assert np.linalg.norm(forces[:, 1:].sum(axis=0)) == pytest.approx(push)
+    assert (np.linalg.norm(forces[:, 1:], axis=1) < 0.5 * forces[:, 0]).all()
+    assert bool(searches) == (high > 0.0)
+    if not searches:
+        assert np.linalg.norm(forces[:, 1:], axis=1) == pytest.approx(np.full(4, push / 4))

@@ -1,7 +1,8 @@
 """Drake: the bodies and joints of the pin.Model in a MultibodyPlant.
 
 A tree is a continuous plant, solved by Simulator's integrators with error control. Loops (ball constraints) and
-contacts (points; rigid but for regularisation) have a discrete plant, at Drake's usual 1 ms.
+contacts (points; rigid but for regularisation) have a discrete plant, at Drake's usual 1 ms; contacts also a continuous
+one, with springs at points, solved by CENIC, the convex integrator with error control (Kurtz, Castro 2025).
 """
 
 import logging
@@ -36,17 +37,20 @@ logging.getLogger("drake").setLevel(logging.ERROR)  # it warns that half spaces 
 TIGHT, STEP = 1e-10, 1e-3
 MAX_STEP = 0.1  # s, Drake's default for integrators with error control
 DISCRETE = "discrete plant (SAP)"
+CENIC = "cenic"
+STIFFNESS = 1e7  # N/m, of a point of contact for CENIC: 1e6 (Drake's own) to 1e8 have the same error within a factor 3
 METHODS = {"runge_kutta3": 1e-16, "runge_kutta5": 1e-16, "radau3": 1e-9}
 """Each with the smallest accuracy it is asked for: below it radau3's Newton iterations no longer converge, and it takes
 minutes without an error."""
 
 
 def usual_settings(task: PeerTask) -> list[Setting]:
-    """A continuous plant at the default and at a tight accuracy; with loops a discrete one at two steps."""
+    """A continuous plant at the default and at a tight accuracy; with loops or contacts a discrete one at two steps."""
     if task.torques:
         raise UnsupportedError("torques in time are not modelled for Drake")
     if task.loops or task.contacts:
-        return [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h) for h in (STEP, STEP / 10)]
+        discrete = [Setting(DISCRETE, f"{h * 1e3:g} ms", step=h) for h in (STEP, STEP / 10)]
+        return discrete if task.loops else [*discrete, Setting(CENIC, "accuracy 1e-6", 1e-6, MAX_STEP)]
     return [Setting("runge_kutta3", "default: accuracy 1e-3", default=True),
             Setting("runge_kutta5", f"accuracy {TIGHT:.0e}", TIGHT, MAX_STEP)]  # fmt: skip
 
@@ -60,7 +64,8 @@ def all_settings(task: PeerTask, coarse: bool) -> list[Setting]:
 def prepare(task: PeerTask, setting: Setting) -> Callable[[], PeerRun]:
     """The function that solves the task at the setting. Raises PeerError when Drake refuses the model."""
     discrete = setting.method == DISCRETE
-    system, plant, q_at, v_at = _build(task, setting.step if discrete else 0.0)
+    stiffness = STIFFNESS if setting.method == CENIC else None
+    system, plant, q_at, v_at = _build(task, setting.step if discrete else 0.0, stiffness)
     simulator = Simulator(system)
     whole, later = simulator.get_mutable_context(), task.times[1:].tolist()
     context = plant.GetMyMutableContextFromRoot(whole)
@@ -103,12 +108,13 @@ def accelerations(task: PeerTask) -> Callable[[np.ndarray, np.ndarray], np.ndarr
     return derivatives
 
 
-def _build(task: PeerTask, step: float) -> tuple[Any, Any, np.ndarray, np.ndarray]:
+def _build(task: PeerTask, step: float, stiffness: float | None = None) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     """The system, its finished plant, and the entries of its q and v in the order of the task's joints."""
     builder = DiagramBuilder()
     plant: Any = multibody.MultibodyPlant(time_step=step)
     if task.contacts:
         plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, plant)
+        plant.set_name("plant")  # as CENIC looks for it
     plant.mutable_gravity_field().set_gravity_vector(task.model.gravity.linear)
     bodies, joints = [plant.world_body()], []
     try:
@@ -117,7 +123,7 @@ def _build(task: PeerTask, step: float) -> tuple[Any, Any, np.ndarray, np.ndarra
         for a, point_a, b, point_b in task.loops:
             plant.AddBallConstraint(bodies[a], point_a, bodies[b], point_b)
         for k, contact in enumerate(task.contacts):
-            _add_contact(plant, bodies, k, contact)
+            _add_contact(plant, bodies, k, contact, stiffness)
         plant.Finalize()
     except (RuntimeError, ValueError) as error:
         raise PeerError(f"the model is refused: {' '.join(str(error).split())}") from None
@@ -127,10 +133,15 @@ def _build(task: PeerTask, step: float) -> tuple[Any, Any, np.ndarray, np.ndarra
     return system, plant, *peer_columns(task, starts, (4, 5, 6, 0, 1, 2, 3), (3, 4, 5, 0, 1, 2))
 
 
-def _add_contact(plant: Any, bodies: list[Any], k: int, contact: PeerContact) -> None:
-    """Both shapes with the friction of the pair; Drake lets every two bodies touch that no joint connects."""
+def _add_contact(plant: Any, bodies: list[Any], k: int, contact: PeerContact, stiffness: float | None) -> None:
+    """Both shapes with the friction of the pair; Drake lets every two bodies touch that no joint connects.
+
+    stiffness: of a point of contact, N/m; None: Drake's estimate.
+    """
     *solids, friction = contact
+    material = geometry.ProximityProperties()
     coulomb = multibody.CoulombFriction(friction, friction)
+    geometry.AddContactMaterial(material, point_stiffness=stiffness, friction=coulomb)
     for side, solid in zip("ab", solids, strict=True):
         match solid.shape:
             case None:
@@ -146,7 +157,7 @@ def _add_contact(plant: Any, bodies: list[Any], k: int, contact: PeerContact) ->
             case _:
                 raise UnsupportedError(f"{type(solid.shape).__name__} is not modelled for Drake")
         place = RigidTransform(solid.place.homogeneous)
-        plant.RegisterCollisionGeometry(bodies[solid.body], place, shape, f"{side}{k}", coulomb)
+        plant.RegisterCollisionGeometry(bodies[solid.body], place, shape, f"{side}{k}", material)
 
 
 def _add_joint(task: PeerTask, plant: Any, bodies: list[Any], joint: PeerJoint) -> Any:

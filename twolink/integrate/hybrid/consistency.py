@@ -186,7 +186,7 @@ def _determined(here: Situation) -> Situation:
     slides = any(kind == "sliding" and here.system.contacts[i].friction for i, kind in enumerate(mode.contacts))
     if not (own.redundant and slides):
         return here
-    columns, _ = ForceShare(own, mode, here.system.static).columns(here.full_state()[:, None])
+    columns = ForceShare(own, mode, here.system.static).columns(here.look())
     sizes = np.linalg.svd(columns[0], compute_uv=False)
     kept = sum(row is not None for rows in own.rows.values() for row in rows)
     if (sizes > DIFFERENT * sizes[0]).sum() > kept:

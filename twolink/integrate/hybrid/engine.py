@@ -66,8 +66,8 @@ class Engine:
         run.require_room("the start")
         run.settle()
         run.events.clear()  # the mode at the start is no event
-        fire_timed(run)
-        run.settle()
+        if fire_timed(run):
+            run.settle()
         parts: list[Solution] = []
         try:
             while run.t < self.end and not run.ended:
@@ -114,8 +114,8 @@ class Engine:
             hit.guard.transition(run)
         if run.t == stop:
             before = run.mode
-            fire_timed(run)
-            run.settle(before)
+            if fire_timed(run) or run.t < self.end:
+                run.settle(before)
         if self.at_once > AT_ONCE or len(run.events) > MAX_EVENTS:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
                                 remedy='more restitution, smooth friction, a shorter duration, or contact="stepped"',

@@ -6,16 +6,15 @@
 B: the generalized forces of the contacts' rows. The laws hold as long as the margin is not negative. Where it passes 0,
 the contacts whose laws are at their limit in the best share give way. It is the optimum of a cone program, found by
 Newton's method along the central path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at
-once. Margins beyond ENOUGH of the load are not followed to their optimum.
+once. A margin counts up to ENOUGH of the load: where the smallest forces have that, nothing is optimized.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.modes import Mode, ModeEquations, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
@@ -23,7 +22,7 @@ from twolink.integrate.state import Array
 
 RANK = 1e-9  # relative: singular values below it are 0
 ENOUGH = 0.02  # of the load
-SAME_PLACE = 1e-13  # rad or m: configurations that are one
+SAME = 1e-13  # relative: generalized forces that are the same
 GROWTH, LAST, NEWTON = 8.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each
 TIGHT = 1e-2  # of the mean weight of a law in the optimum: it is at its limit
 BROKEN = 1e-9  # of the largest force: a law that is broken
@@ -48,64 +47,47 @@ class ForceShare:
         self.contacts = tuple(own.rows)
         self.sticks = np.array([mode.contacts[i] == "rolling" for i in self.contacts])
         self.friction = np.where(self.sticks, static[list(self.contacts)], 1.0)
-        self._ways: tuple[Array, Array] | None = None  # q, and Z there
+        self.entries = [(c, k) for c, sticks in enumerate(self.sticks) for k in range(3 if sticks else 1)]  # of columns
+        self._ways: tuple[Array, Array] | None = None  # B, and Z of it
 
     def best(self, snapshot: Snapshot) -> Share:
         """The best share of the states of a snapshot."""
-        base = self._base(snapshot)
+        base, columns = self._base(snapshot), self.columns(snapshot)
         load = max(1e-300, float(np.abs(base).max(initial=0.0)))
         out = Share(np.empty(len(base)), np.empty_like(base), np.empty(base.shape[:2]), load)
-        for chosen, ways in self.ways(snapshot.x):
+        for chosen, ways in self.ways(columns):
             part = self._solved(base[chosen], ways, load)
             out.margin[chosen], out.forces[chosen], out.weight[chosen] = part.margin, part.forces, part.weight
         return out
 
-    def ways(self, x: Array) -> Iterator[tuple[Array, Array]]:
-        """Z of states x (size, n): states with k ways in common, and Z (states or 1, contacts, 3, k) of them.
+    def ways(self, columns: Array) -> Iterator[tuple[Array, Array]]:
+        """Z of states with B (n, nv, columns): states with k ways in common, and Z (states or 1, contacts, 3, k).
 
-        Its columns are forces that together do nothing.
+        Its columns are forces that together do nothing, each of size 1 and orthogonal to the others.
         """
-        q = x[: self.own.equations.space.nq]
-        if self._ways is not None and (np.abs(q - self._ways[0]) <= SAME_PLACE).all():
-            yield np.arange(q.shape[1]), self._ways[1]
+        small = SAME * np.abs(columns).max(initial=0.0)
+        if self._ways is not None and (np.abs(columns - self._ways[0]) <= small).all():
+            yield np.arange(len(columns)), self._ways[1]
             return
-        apart = np.abs(np.diff(q)).max(axis=0) > SAME_PLACE
-        place = np.cumsum(np.concatenate([[False], apart]))  # of each state, its configuration
-        first = np.searchsorted(place, np.arange(place[-1] + 1))
-        columns, entries = self.columns(x[:, first])
-        _, sizes, right = np.linalg.svd(columns)
+        apart = np.abs(np.diff(columns, axis=0)).max(axis=(1, 2)) > small
+        place = np.cumsum(np.concatenate([[False], apart]))  # of each state, its B
+        _, sizes, right = np.linalg.svd(columns[np.searchsorted(place, np.arange(place[-1] + 1))])
         ranks = (sizes > RANK * np.maximum(1e-300, sizes[:, :1])).sum(axis=1)
         for rank in np.unique(ranks):
             these = np.flatnonzero(ranks == rank)
             ways = np.zeros((len(these), len(self.contacts), 3, columns.shape[2] - rank))
-            for k, (contact, entry) in enumerate(entries):
+            for k, (contact, entry) in enumerate(self.entries):
                 ways[:, contact, entry] = right[these, rank:, k]
             chosen = np.flatnonzero(ranks[place] == rank)
             of_states = ways[np.searchsorted(these, place[chosen])]
-            if chosen[-1] == q.shape[1] - 1:
-                self._ways = q[:, -1:], of_states[-1:]
+            if chosen[-1] == len(columns) - 1:
+                self._ways = columns[-1:], of_states[-1:]
             yield chosen, of_states
 
-    def columns(self, x: Array) -> tuple[Array, list[tuple[int, int]]]:
-        """B of the contacts' rows at states x (size, n), (n, nv, columns), and of each column its contact and entry."""
-        equations = self.own.equations
-        constraints, count, nv = equations.constraints, x.shape[1], equations.space.nv
-        if constraints is None:
-            return np.empty((count, nv, 0)), []
-        counts = constraints.counts[len(constraints.counts) - len(self.contacts) :]
-        rows = range(len(constraints.all_rows) - sum(counts), len(constraints.all_rows))
-        every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
-        q, v = x[: equations.space.nq], x[equations.space.nq : equations.moving]
-        jacobian = every.jacobian(equations.mechanism, q, Numbers)
-        numbers = list(x[equations.moving :])
-        loops = equations.layout.with_numbers(constraints.loops, numbers)
-        forces = every.force_rows(equations.mechanism, q, v, Numbers, jacobian, loops)
-        free = equations.layout.free(numbers)
-        out = np.empty((count, nv, len(rows)))
-        for column, row in enumerate(rows):
-            for k in range(nv):
-                out[:, k, column] = np.multiply(forces[row][k], free[k])
-        return out, [(c, k) for c, count in enumerate(counts) for k in range(count)]
+    def columns(self, snapshot: Snapshot) -> Array:
+        """B of the contacts' rows at the states of a snapshot, (n, nv, columns)."""
+        count = len(snapshot.t)
+        return snapshot.columns.T.reshape(count, len(self.entries), -1).swapaxes(1, 2)
 
     def _base(self, snapshot: Snapshot) -> Array:
         """The multipliers of the kept rows, 0 for the others, (n, contacts, 3)."""
@@ -118,6 +100,12 @@ class ForceShare:
     def _solved(self, base: Array, ways: Array, load: float) -> Share:
         """The best shares of states, of Z (states or 1, contacts, 3, k)."""
         scaled, y = base / load, np.zeros((len(base), ways.shape[3] + 1))
+        excess = scaled.reshape(len(base), 1, -1) @ ways.reshape(len(ways), -1, ways.shape[3])
+        scaled = scaled - _applied(ways, excess[:, 0])  # the smallest forces
+        across = np.sqrt(scaled[..., 1] ** 2 + scaled[..., 2] ** 2) * self.sticks
+        inner = (self.friction * scaled[..., 0] - across).min(axis=1)
+        if inner.min() > ENOUGH:
+            return Share(np.full(len(base), load * ENOUGH), load * scaled, np.zeros(base.shape[:2]), load)
         # The cones t > |T| with t = mu N - s, and t = N - s: as (t, T), which are linear in y = (z, s).
         cone = np.concatenate([ways, np.zeros((*ways.shape[:3], 1))], axis=3)
         start = scaled.copy()
@@ -126,21 +114,20 @@ class ForceShare:
         cone[:, ~self.sticks, 1:] = start[:, ~self.sticks, 1:] = 0.0
         cone[:, :, 0, -1] = -1.0
         cone = np.broadcast_to(cone, (len(base), *cone.shape[1:]))
-        y[:, -1] = (start[..., 0] - np.linalg.norm(start[..., 1:], axis=2)).min(axis=1) - 1.0
-        weight, open_ = 1.0, np.ones(len(y), dtype=bool)
+        y[:, -1] = inner - 1.0
+        weight, open_ = 1.0, inner <= ENOUGH
         while weight < LAST and open_.any():
             y[open_] = _central(y[open_], start[open_], cone[open_], weight)
-            open_ = y[:, -1] <= ENOUGH
+            open_ &= y[:, -1] <= ENOUGH
             weight *= GROWTH
         u = start + _applied(cone, y)
         size = np.maximum(_square(u), 1e-300)
         forces = scaled + _applied(ways, y[:, :-1])
-        return Share(load * y[:, -1], load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
+        margin = np.where(inner > ENOUGH, ENOUGH, np.minimum(y[:, -1], ENOUGH))
+        return Share(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
-def within_laws(
-    equations: Equations, evaluator: Evaluator, closed: Sequence[Any], t: Array, x: Array, every: Array
-) -> Array:
+def within_laws(equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array) -> Array:
     """Multipliers (rows, n) of all rows at states x (size, n), the best share where those given break a law.
 
     closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations.
@@ -149,6 +136,7 @@ def within_laws(
     if constraints is None:
         return every
     numbers = list(range(len(closed)))
+    evaluator = Evaluator(equations, columns_of=len(closed))
     own = ModeEquations(equations, evaluator, contact_places(constraints, numbers))
     mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed))
     share = ForceShare(own, mode, np.array([loop.friction for loop in closed]))

@@ -163,9 +163,10 @@ class System:
             robot = self.switching.robot_with([effect for _, effect in acting])
             equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)
         rows = {} if equations.constraints is None else contact_places(equations.constraints, list(closed))
-        return ModeEquations(
-            equations, Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled), rows
-        )
+        redundant = any(None in own for own in rows.values())
+        evaluator = Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled,
+                              columns_of=len(closed) if redundant else 0)  # fmt: skip
+        return ModeEquations(equations, evaluator, rows)
 
 
 def contact_places(constraints: Constraints, contacts: Sequence[int]) -> dict[int, tuple[int | None, ...]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +25,9 @@ from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
+from twolink.integrate.constraints import locked_columns
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import dynamics, lock_torques, motion_of
+from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
 
 if TYPE_CHECKING:
@@ -34,14 +36,15 @@ if TYPE_CHECKING:
 PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
-FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions")
+FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions", "columns")
 ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
 
 class Snapshot:
     """States x (size, n) at times t (n,), and of each: a (nv, n), the multipliers of the kept constraint rows, the
     torques of the locks on the lockable degrees of freedom, distances to limits of effort, tau and bias h (nv, n), the
-    rows of each contact (contacts, 5, n), and the conditions' distances.
+    rows of each contact (contacts, 5, n), the conditions' distances, and the generalized forces of closed contacts'
+    rows of size 1 (rows nv, n).
 
     All but t and x is evaluated when it is first looked at: many guards need no more than x.
     """
@@ -67,7 +70,8 @@ class Snapshot:
 class Evaluator:
     """Evaluates snapshots of one mode. The start of its equations plays no part.
 
-    compiled: by heyoka's function, where it is installed and compiling takes a short time.
+    compiled: by heyoka's function, where it is installed and compiling takes a short time. columns_of: so many closed
+    contacts, whose constraints are the last ones, of which the columns are evaluated.
     """
 
     def __init__(
@@ -77,18 +81,20 @@ class Evaluator:
         conditions: Sequence[Condition] = (),
         *,
         compiled: bool = False,
+        columns_of: int = 0,
     ) -> None:
         self.equations, self.contacts, self.conditions = equations, tuple(contacts), tuple(conditions)
         constraints, nv = equations.constraints, equations.space.nv
         kept = 0 if constraints is None else len(constraints.kept)
+        self._columns = 0 if constraints is None or not columns_of else sum(constraints.counts[-columns_of:])
         sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
-                 ROWS * len(contacts), len(conditions)]  # fmt: skip
+                 ROWS * len(contacts), len(conditions), self._columns * nv]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
         pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
         self._compiled: Any = None
         if compiled and pays and heyoka() is not None:
-            content = repr([contact.content for contact in self.contacts]) + repr(self.conditions)
+            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
             name = equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
             self._compiled, _ = compiled_function(name, lambda: _compiled(self))
 
@@ -120,7 +126,18 @@ class Evaluator:
         contacts = [row for contact in self.contacts for row in self._contact_rows(contact, motion, x, solution.a)]
         conditions = [condition.distance(motion) for condition in self.conditions]
         limits = [distance for _, distance in solution.loads.limits]
-        return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions]
+        return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions,
+                *self._contact_columns(mech, x, xp)]  # fmt: skip
+
+    def _contact_columns(self, mech: Mechanism, x: Any, xp: Any) -> list[Any]:
+        """The generalized forces of the closed contacts' rows, redundant ones too, one row after the other."""
+        equations, constraints = self.equations, self.equations.constraints
+        if constraints is None or not self._columns:
+            return []
+        every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
+        rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)[-self._columns :]
+        free = equations.layout.free(list(x[equations.moving :]))
+        return list(itertools.chain.from_iterable(locked_columns(rows, free)))
 
     def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""

@@ -132,9 +132,11 @@ def _cone(forces: Value, friction: float, s: Snapshot) -> Any:
     return friction * normal - np.hypot(first, second)
 
 
-def fire_timed(run: RunState) -> None:
-    """Cause what happens at the present time."""
-    fire(run, timed_triggers(run))
+def fire_timed(run: RunState) -> bool:
+    """Cause what happens at the present time; whether anything does."""
+    now = timed_triggers(run)
+    fire(run, now)
+    return bool(now)
 
 
 def timed_triggers(run: RunState) -> list[int]:
