@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 import twolink as tl
+from tests.dynamics import robots
 from tests.effects.bodies import G, ball
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Numbers
 from twolink.contact import held
 from twolink.contact.held import HeldSteps
+from twolink.contact.held_step import moved
+from twolink.contact.multibody import Multibody
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
+from twolink.integrate.scene_equations import equations_of
 
 E = tl.effects
 BALL = {"ball": (E.Sphere(0.1),)}
@@ -72,6 +78,8 @@ def test_held_steps_are_those_of_the_contact_problem(
     assert quick.contact_record is not None
     assert quick.contact_record["solvers"]["held"] > 10
     assert quick.contact_record["feasibility"] < 1e-11
+    assert solved.contact_record is not None
+    assert quick.contact_record["overlap"] == pytest.approx(solved.contact_record["overlap"], abs=1e-12)
     assert np.abs(quick.q - solved.q).max() < 1e-9
     assert np.abs(quick.v - solved.v).max() < 1e-8
     for pair, forces in solved.contact_forces.items():
@@ -106,3 +114,13 @@ def test_steps_are_compiled_where_they_have_cost_as_much_and_never_where_bits_co
     again = run_of(incline()).contact_record
     assert again is not None
     assert "held" not in again["solvers"]
+
+
+@pytest.mark.parametrize("name", ["two_link", "planar", "spherical", "anymal"])
+def test_formulas_move_configurations_as_pinocchio_does(name: str) -> None:
+    robot = robots.of_every_kind()[name]
+    bodies, mech = Multibody(equations_of(tl.Scene(robot))), mechanism(robot.model)
+    (q,), (change,) = robot.random_state(1, seed=3)
+    for size in (1.0, 1e-4, 0.0):
+        expected = bodies.moved(q, size * change)
+        assert moved(mech, list(q), size * change, Numbers) == pytest.approx(expected, abs=1e-14)

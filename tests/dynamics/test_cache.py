@@ -12,6 +12,7 @@ import pytest
 import twolink as tl
 from tests.dynamics.states import close, states
 from twolink.dynamics import cache, compiled, kernels
+from twolink.io import fingerprints
 from twolink.io.fingerprints import kernel_key
 from twolink.lagrange.pinocchio_arm import arm_urdf
 
@@ -123,6 +124,12 @@ def test_keys_tell_robots_functions_and_parameters_apart() -> None:
         keys.add(kernel_key(tl.load_robot(texts[0].replace("0 -1 0", axis)).model, ("forward_dynamics",)))
     assert len(keys) == 9
     assert kernel_key(tl.load_robot(texts[0]).model, ("bias",)) == kernel_key(tl.load_robot(texts[0]).model, ("bias",))
+
+
+def test_keys_count_the_code_of_every_room_that_compiles() -> None:
+    package = Path(fingerprints.__file__).parents[1]
+    compiling = {path.relative_to(package).parts[0] for path in package.rglob("*.py") if ".cfunc(" in path.read_text()}
+    assert compiling <= set(fingerprints.TRACED_ROOMS)
 
 
 def test_the_kernels_keep_below_their_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

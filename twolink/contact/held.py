@@ -1,34 +1,35 @@
-"""A step in which the points that pressed and stuck in the step before do so again: one compiled function.
+"""Steps in which the points that pressed and stuck in the step before do so again: one compiled function.
 
     v+ = v_free + M^-1 J^T P,   J v+ + c = 0,   G P = -(J v_free + c)
 
 Where P is within the cones of friction and no other point closes, this obeys the laws; else the contact problem is
-solved (`impulses`). Overlap is removed as in `stepping`. For few points of bodies on planes, such as feet.
+solved (`impulses`). For few points of bodies on planes, such as feet. Many steps are computed one after the other, and
+then all are looked at: those from the first that does not obey the laws on are thrown away.
 """
 
 from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.algorithms.mechanism import Mechanism, mechanism
+from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions
-from twolink.algorithms.recursions import composite_bodies, frame_jacobian, frame_placement, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward, ldlt_solve
-from twolink.algorithms.spatial import IDENTITY, Matrix, Pose, Scalar, Vec, add, cross, dot, minus, plus, scale, times
+from twolink.contact.detection import Detector
 from twolink.contact.formulas import OnPlanes
+from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.multibody import Multibody, axes_of
+from twolink.contact.plan import Plan
+from twolink.contact.points import CLOSED
+from twolink.contact.step import Memory, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
 from twolink.integrate.first_steps import count, spent
-from twolink.integrate.formulas import unbalanced_forces
 from twolink.integrate.state import Array
 
 FEW = 12  # points on planes, up to which they are compiled
@@ -37,51 +38,63 @@ SIZE = 1.5  # of the compiled step, in evaluations of the equations of motion th
 
 
 class Held(NamedTuple):
-    """Points that stick: the function of their steps, their pairs, and their axes (k, 3, 3), the normal last."""
+    """Points that stick: the function of their steps, their keys, pairs and static friction (k,), and their axes
+    (k, 3, 3), the normal last."""
 
     function: Any
+    keys: Array
     pair: Array
+    static: Array
     axes: Array
 
 
-class HeldStep(NamedTuple):
-    """What the function says: w+ (nv,), P and U (k, 3), gaps (k,), places (k, 3); M^-1 J^T nu (nv,) and nu (k,), which
-    remove overlap; and the gaps of the other points at the end (m,)."""
+class HeldRun:
+    """Steps of lengths h (n,) one after the other, up to the first that does not obey the laws.
 
-    ends: Array
-    p: Array
-    u: Array
-    gaps: Array
-    places: Array
-    push: Array
-    nu: Array
-    others: Array
+    rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), nu (k,), which
+    removes overlap, and the gaps of all points at the end, those that stick first.
+    """
 
-    def obeys(self, static: Array, closed: float) -> bool:
-        """Whether the laws hold: points press within friction's cone, and no other closes. closed: no overlap, m."""
-        x, y, normal = self.p.T
-        inside = (normal > 0.0) & (x * x + y * y <= (static * normal) ** 2)
-        apart = not self.overlaps(closed) or self.nu.min() >= 0.0
-        return bool(apart and inside.all() and (self.others > 0.0).all() and np.abs(self.u).max() <= EXACT)
+    def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int) -> None:
+        self.held, self.h, k = held, h, len(held.keys)
+        cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k)))
+        parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
+        self.v, self.mean, self.q, p, u, places, gaps, nu, ends = parts
+        self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
+        self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
+        normal = self.p[:, :, 2]
+        inside = (normal > 0.0) & ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.static * normal) ** 2)
+        apart = (gaps.min(axis=1) >= -CLOSED) | (nu.min(axis=1) >= 0.0)
+        obeys = inside.all(axis=1) & apart & (ends[:, k:] > 0.0).all(axis=1) & (np.abs(u).max(axis=1) <= EXACT)
+        self.overlap = np.maximum(-ends.min(axis=1), 0.0)
+        self.length = len(h) if obeys.all() else int(obeys.argmin())
 
-    def overlaps(self, closed: float) -> bool:
-        """Whether points overlap by more than this [m]."""
-        return bool(self.gaps.min() < -closed)
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, j: int) -> Step:
+        """The step j."""
+        h, held, mean = float(self.h[j]), self.held, self.mean[j]
+        memory = Memory(held.keys, self.p[j] / h, np.ones(len(held.keys), dtype=bool), mean)
+        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.impulse[j],
+                    overlap=float(self.overlap[j]))  # fmt: skip
 
     @property
     def worth(self) -> Impulses:
-        """How far the impulses miss the laws."""
-        largest = float(np.abs(self.u).max())
-        return Impulses(self.p, self.u, largest, float(np.abs(self.p * self.u).max()), largest, "held")
+        """How far the impulses of all steps miss the laws."""
+        p, u = self.p[: self.length], self.u[: self.length]
+        largest = float(np.abs(u).max())
+        return Impulses(p, u, largest, float(np.abs(p * u).max()), largest, "held")
 
 
 class HeldSteps:
-    """Compiled steps of a scene by the points that stick. groups: of all its points that may touch."""
+    """Compiled steps of a scene by the points that stick."""
 
-    def __init__(self, bodies: Multibody, groups: Sequence[Any]) -> None:
-        self.equations = bodies.equations
-        few = len(groups) == 1 and type(groups[0]) is OnPlanes and len(groups[0].key) <= FEW
-        self.group: OnPlanes | None = groups[0] if few and type(bodies) is Multibody and heyoka() else None
+    def __init__(self, bodies: Multibody, detector: Detector) -> None:
+        self.equations, self.static = bodies.equations, detector.static
+        group = detector.groups[0] if len(detector.groups) == 1 else None
+        simple = type(bodies) is Multibody and heyoka() is not None
+        self.group = group if isinstance(group, OnPlanes) and len(group.key) <= FEW and simple else None
         self._known: dict[bytes, Held] = {}
 
     def of(self, keys: Array) -> Held | None:
@@ -100,119 +113,32 @@ class HeldSteps:
                 count(name, STEP)
                 return None
             function = compiled_function(name, lambda: _compiled(self.equations, group, chosen))[0]
-            self._known[content] = Held(function, group.pair[chosen], axes_of(group.normal[chosen]))
+            pair = group.pair[chosen]
+            self._known[content] = Held(function, keys, pair, self.static[pair], axes_of(group.normal[chosen]))
         return self._known[content]
 
-    def step(self, held: Held, t: float, h: float, q: Array, w: Array, change: Array, numbers: Array) -> HeldStep:
-        """The step of length h whose middle is at t and q."""
-        out = held.function(np.concatenate([[t, h], q, w, change, numbers]))
-        nv, k = len(w), len(held.pair)
-        cuts = list(itertools.accumulate((nv, 3 * k, 3 * k, k, 3 * k, nv, k)))
-        ends, p, u, gaps, places, push, nu, others = (
-            out[a:b] for a, b in zip([0, *cuts], [*cuts, len(out)], strict=True)
-        )
-        return HeldStep(ends, p.reshape(k, 3), u.reshape(k, 3), gaps, places.reshape(k, 3), push, nu, others)
+    def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, change: Array) -> HeldRun:
+        """The steps of a plan from a state on."""
+        h, nq, nv = plan.h[steps], len(q), len(w)
+        into = np.empty((len(h), 2 * nv + nq + 2 + plan.numbers.shape[1]))
+        state = slice(2 * nv + nq)
+        into[0, state] = np.concatenate([w, change, q])
+        into[:, state.stop] = plan.t[steps] + 0.5 * h
+        into[:, state.stop + 1] = h
+        into[:, state.stop + 2 :] = plan.numbers[plan.piece[steps]]
+        rows = np.empty((len(h), held.function.nouts))
+        held.function(into[0], outputs=rows[0])
+        for one, before, out in zip(into[1:], rows[:-1], rows[1:], strict=True):
+            one[state] = before[state]
+            held.function(one, outputs=out)
+        with np.errstate(over="ignore", invalid="ignore"):  # as steps that are too long
+            return HeldRun(held, h, rows, nq, nv)
 
 
 def _compiled(equations: Equations, group: OnPlanes, chosen: Array) -> Any:
-    """heyoka's function of (t, h, q, w, w', numbers)."""
+    """heyoka's function of (w, w', q, t, h, numbers)."""
     module = heyoka()
     xp, space = Expressions(module), equations.space
-    count_ = 2 + space.nq + 2 * space.nv + space.size - space.moving
-    x = [module.expression(f"x{i}") for i in range(count_)]
-    values = _held_step(equations, mechanism(equations.robot.model), group, chosen, x, xp)
+    x = [module.expression(f"x{i}") for i in range(2 + space.nq + 2 * space.nv + space.size - space.moving)]
+    values = held_step(equations, mechanism(equations.robot.model), group, chosen, x, xp)
     return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)
-
-
-def _held_step(
-    equations: Equations, mech: Mechanism, group: OnPlanes, chosen: Array, x: list[Any], xp: Any
-) -> list[Scalar]:
-    """The entries of HeldStep, one after the other."""
-    nq, nv = mech.nq, mech.nv
-    t, h, q, rest = x[0], x[1], x[2 : 2 + nq], x[2 + nq :]
-    w, change, numbers = rest[:nv], rest[nv : 2 * nv], rest[2 * nv :]
-    half = 0.5 * h
-    v = _own(mech, q, [a + half * b for a, b in zip(w, change, strict=True)], xp)
-    at = poses(mech, q, xp)
-    parents = mech.dof_parents()
-    lower, inverse = ldlt(composite_bodies(mech, at), parents, xp)
-    state = np.array([*q, *v, *numbers], dtype=object)
-    a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
-    start = _own(mech, q, w, xp)
-    free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
-    rows, gaps, places = _rows_of(mech, group, q, xp)
-    own = [row for i in chosen.tolist() for row in rows[i]]
-    inward = [ldlt_inward(lower, parents, row) for row in own]
-    g: Matrix = [[plus(*(times(times(a, b), d) for a, b, d in zip(left, right, inverse, strict=True)))
-                  for right in inward] for left in inward]  # fmt: skip
-    after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
-    for i, k in enumerate(chosen.tolist()):
-        after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gaps[k], 0.0), 0.0, 2.0 * gaps[k] / h))
-    p = ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
-    u = [plus(b, *(times(c, y) for c, y in zip(row, p, strict=True))) for b, row in zip(after, g, strict=True)]
-    pushed = [plus(*(times(z[k], y) for z, y in zip(inward, p, strict=True))) for k in range(nv)]
-    end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
-    held = chosen.tolist()
-    overlaps = [xp.where(xp.less(gaps[i], 0.0), gaps[i], 0.0) for i in held]
-    nu = ldlt_solve([row[2::3] for row in g[2::3]], [k - 1 for k in range(len(held))], [-x for x in overlaps], xp)
-    lifted = [plus(*(times(z[k], y) for z, y in zip(inward[2::3], nu, strict=True))) for k in range(nv)]
-    push = ldlt_outward(lower, inverse, parents, lifted)
-    move = [plus(times(half, a), b) for a, b in zip(end, push, strict=True)]
-    others = [plus(gap, *(times(a, b) for a, b in zip(row[2], move, strict=True)))
-              for i, (gap, row) in enumerate(zip(gaps, rows, strict=True)) if i not in held]  # fmt: skip
-    of_held = [*(gaps[i] for i in held), *(entry for i in held for entry in places[i])]
-    return [*_own(mech, q, end, xp, -1), *p, *u, *of_held, *_own(mech, q, push, xp, -1), *nu, *others]
-
-
-def _rows_of(mech: Mechanism, group: OnPlanes, q: list[Any], xp: Any) -> tuple[list[Matrix], list[Any], list[Any]]:
-    """Of each point the rows of its velocity (3, nv), its gap, and its place."""
-    rows, gaps, places = [], [], []
-    for point, (joint, local) in enumerate(zip(group.joint.tolist(), group.local.tolist(), strict=True)):
-        x, y, z = local
-        placed, radius = Pose((IDENTITY,), (x, y, z)), float(group.radius[point])
-        n = _vector(group.normal[point].tolist())
-        centre = frame_placement(mech, q, joint, placed, xp)[1]
-        gap = minus(dot(n, centre), float(group.height[point]) + radius)
-        columns = [add(_vector(c[:3]), scale(-radius, cross(_vector(c[3:]), n)))
-                   for c in zip(*frame_jacobian(mech, q, joint, placed, xp), strict=True)]  # fmt: skip
-        axes = axes_of(group.normal[point][None])[0].tolist()
-        rows.append([[dot(_vector(axis), column) for column in columns] for axis in axes])
-        gaps.append(gap)
-        places.append(add(centre, scale(-(radius + 0.5 * gap), n)))
-    return rows, gaps, places
-
-
-def _vector(values: Sequence[Any]) -> Vec:
-    x, y, z = values
-    return x, y, z
-
-
-def _own(mech: Mechanism, q: list[Any], w: Sequence[Any], xp: Any, sign: int = 1) -> list[Any]:
-    """v of w; w of v with the sign -1 (`Multibody.own`)."""
-    v = list(w)
-    for i in mech.bodies:
-        joint = mech.joints[i]
-        size = {"free-flyer": 3, "planar": 2}.get(joint.kind, 0)
-        if size:
-            (rotation,), dofs = joint.pose(q, xp).turns, joint.dofs[:size]
-            for a, k in enumerate(dofs):
-                entries = [rotation[b][a] if sign > 0 else rotation[a][b] for b in range(size)]
-                v[k] = plus(*(times(entry, w[j]) for entry, j in zip(entries, dofs, strict=True)))
-    return v
-
-
-def _with_turning(mech: Mechanism, a: Sequence[Any], v: Sequence[Any]) -> list[Any]:
-    """a with omega x v of the linear velocities of free and planar joints."""
-    out = list(a)
-    for i in mech.bodies:
-        joint = mech.joints[i]
-        own = [v[k] for k in joint.dofs]
-        if joint.kind == "free-flyer":
-            turning: Sequence[Any] = cross((own[3], own[4], own[5]), (own[0], own[1], own[2]))
-        elif joint.kind == "planar":
-            turning = (times(-1.0, times(own[2], own[1])), times(own[2], own[0]))
-        else:
-            continue
-        for k, change in zip(joint.dofs, turning, strict=False):
-            out[k] = plus(out[k], change)
-    return out

@@ -21,6 +21,8 @@ from twolink.integrate.state import Array
 from twolink.robots.collisions import Solid
 from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
+CLOSED = 1e-10  # m: what counts as no gap
+
 
 class Places(NamedTuple):
     """Where the joints of a robot are: rotations R (joints, 3, 3) and origins (joints, 3), the ground first."""

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from twolink.contact.stepping import Record, Stepper
+from twolink.contact.plan import plan_steps
+from twolink.contact.step import Record
+from twolink.contact.stepping import Stepper
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.solution import Piece, Progress
 from twolink.integrate.state import Array
@@ -89,8 +91,7 @@ def solve_stepped(
 ) -> SteppedSolution:
     """Step a scene for samples at times (n,), in steps of at most `step` [s]. Raises AccuracyError.
 
-    Samples and breaks end a step. halvings: how often the steps between two of those are doubled in number, and one
-    more: else many steps began at the same times, and an impact would fall on the same place within them.
+    halvings: see `plan_steps`.
     """
     equations, record = stepper.equations, Record()
     nq, own = equations.space.nq, stepper.bodies.own
@@ -99,23 +100,22 @@ def solve_stepped(
     states, overlap = [(q, v, np.zeros_like(v))], stepper.overlap(q)[0]
     pressing: list[dict[str, list[tuple[Array, Array]]]] = [{}]
     v = own(q, v, -1.0)
-    grid = np.union1d(times, equations.breaks(float(times[-1])))
+    plan, first = plan_steps(equations, times, step, halvings), 0
     try:
-        for begin, stop in zip(grid[:-1].tolist(), grid[1:].tolist(), strict=True):
-            count = (max(1, int(np.ceil((stop - begin) / step - 1e-9))) + 1) * 2**halvings - 1
-            h, numbers = (stop - begin) / count, equations.layout.numbers_at(0.5 * (begin + stop))
-            for k in range(count):
-                before, done = v, stepper.advance(begin + k * h, h, q, v, numbers, memory)
-                q, v, memory = done.q, done.v, done.memory
-                if progress is not None and record.steps % REPORT == 0:
-                    progress(begin + k * h)
-            if stop != times[len(states)]:
-                continue
-            pressing.append({})
-            for pair, place, impulse in zip(done.pair.tolist(), done.place, done.impulse, strict=True):
-                pressing[-1].setdefault(stepper.detector.names[pair], []).append((place, impulse / done.h))
-            states.append((q, own(q, v), own(q, v - before) / h))
-            overlap = max(overlap, stepper.overlap(q)[0])
+        while first < len(plan.h):
+            steps = stepper.run(plan, first, q, v, memory)
+            for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
+                one = steps[j]
+                pressing.append({})
+                for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
+                    pressing[-1].setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
+                states.append((one.q, own(one.q, one.v), own(one.q, one.mean)))
+                overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
+            end = steps[len(steps) - 1]
+            q, v, memory = end.q, end.v, end.memory
+            last, first = first, first + len(steps)
+            if progress is not None and first // REPORT > last // REPORT:
+                progress(float(plan.t[first - 1]))
     except KeyboardInterrupt:
         interrupted = True
     qs, vs, accelerations = (np.array(column) for column in zip(*states, strict=True))

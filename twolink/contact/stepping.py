@@ -19,75 +19,30 @@ A step whose impulses do not obey the laws is taken as two halves, and refused w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from twolink.contact.detection import Detector
 from twolink.contact.free_bodies import bodies_of
-from twolink.contact.held import HeldSteps
+from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
 from twolink.contact.multibody import axes_of
-from twolink.contact.points import Points
+from twolink.contact.plan import Plan
+from twolink.contact.points import CLOSED, Points
+from twolink.contact.step import Memory, Record, Step
 from twolink.effects.contact import Contact
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import failure
 from twolink.integrate.state import Array
 
-CLOSED = 1e-10  # m: what counts as no gap
 STILL = 1e-9  # m/s: a slip that counts as none
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
 ROUNDS = 20  # of adding contacts that the others push together
-
-
-@dataclass(frozen=True)
-class Memory:
-    """What a step passes on: keys of the contacts that pressed, their forces (n, 3), which stuck; w' where smooth."""
-
-    keys: Array
-    forces: Array
-    stuck: Array
-    change: Array
-
-
-@dataclass(frozen=True)
-class Step:
-    """The end of a step of length h: q, v, the memory, and of the points that pressed the pairs, places and impulses.
-
-    Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey the laws.
-    """
-
-    h: float
-    q: Array
-    v: Array
-    memory: Memory
-    pair: Array
-    place: Array
-    impulse: Array
-    worth: Impulses | None
-
-
-@dataclass
-class Record:
-    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J)."""
-
-    steps: int = 0
-    halved: int = 0
-    solvers: dict[str, int] = field(default_factory=dict)
-    feasibility: float = 0.0
-    complementarity: float = 0.0
-
-    def add(self, step: Step) -> None:
-        """Count a step."""
-        self.steps += 1
-        if step.worth is not None:
-            self.solvers[step.worth.solver] = self.solvers.get(step.worth.solver, 0) + 1
-            self.feasibility = max(self.feasibility, step.worth.feasibility)
-            self.complementarity = max(self.complementarity, step.worth.complementarity)
+FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
 
 class Stepper:
@@ -97,8 +52,8 @@ class Stepper:
         self.equations, self.model = equations, equations.robot.model
         self.detector = Detector(equations.robot, effects)
         self.bodies = bodies_of(equations)
-        self.held = HeldSteps(self.bodies, self.detector.groups)
-        self.record = Record()
+        self.held = HeldSteps(self.bodies, self.detector)
+        self.record, self.ahead = Record(), FIRST
 
     def start(self) -> Memory:
         """The memory at the start of a run."""
@@ -113,6 +68,19 @@ class Stepper:
         deepest = int(points.gap.argmin())
         return max(0.0, -float(points.gap[deepest])), self.detector.names[points.pair[deepest]]
 
+    def run(self, plan: Plan, first: int, q: Array, v: Array, memory: Memory) -> HeldRun | list[Step]:
+        """One or more steps of a plan: compiled ones while what stuck does so, else one. Raises as `advance`."""
+        known = self.held.of(memory.keys) if memory.stuck.all() else None
+        if known is not None:
+            found = self.held.run(known, plan, slice(first, first + self.ahead), q, v, memory.change)
+            self.ahead = min(2 * self.ahead, MOST)
+            if len(found):
+                self.record.add(found.worth, len(found))
+                return found
+        self.ahead = FIRST
+        numbers = plan.numbers[plan.piece[first]]
+        return [self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)]
+
     def advance(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory, depth: int = 0) -> Step:
         """One step, or where its laws are not reached two halves. Raises AccuracyError where these are too small.
 
@@ -121,7 +89,7 @@ class Stepper:
         step = self.step(t, h, q, v, numbers, memory)
         if step is not None:
             _require_finite(step.v, t, h)
-            self.record.add(step)
+            self.record.add(step.worth)
             return step
         if depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step",
@@ -134,9 +102,6 @@ class Stepper:
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
-        held = self._held(t, h, middle, v, numbers, memory)
-        if held is not None:
-            return held
         places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
         fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
@@ -144,27 +109,12 @@ class Stepper:
         _require_finite(free, t, h)
         points = self.detector.points(places, 3.0 * h * fastest + 100.0 * h * h)
         if not len(points.gap):
-            change = a if not len(memory.keys) else np.zeros_like(a)
-            none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), change)
+            none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), np.zeros_like(a) if len(memory.keys) else a)
             end = self.bodies.moved(middle, 0.5 * h * free)
-            return Step(h, end, free, none, points.pair, points.position, np.empty((0, 3)), None)
+            return Step(h, end, free, a, none, points.pair, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.detector.thickness[points.pair]).any():
             return None
         return self._with_contacts(h, middle, v, free, points, memory)
-
-    def _held(self, t: float, h: float, middle: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
-        """The step in which the points that pressed and stuck do so again; None where it is not compiled, or ends."""
-        known = self.held.of(memory.keys) if memory.stuck.all() else None
-        if known is None:
-            return None
-        found = self.held.step(known, t + 0.5 * h, h, middle, v, memory.change, numbers)
-        if not found.obeys(self.detector.static[known.pair], CLOSED):
-            return None
-        move = 0.5 * h * found.ends + (found.push if found.overlaps(CLOSED) else 0.0)
-        passed = Memory(memory.keys, found.p / h, memory.stuck, (found.ends - v) / h)
-        impulse = np.einsum("ni,nij->nj", found.p, known.axes)
-        end = self.bodies.moved(middle, move)
-        return Step(h, end, found.ends, passed, known.pair, found.places, impulse, found.worth)
 
     def _with_contacts(
         self, h: float, middle: Array, v: Array, free: Array, points: Points, memory: Memory
@@ -193,18 +143,11 @@ class Stepper:
         order = np.argsort(keys)
         smooth = np.array_equal(keys[order], memory.keys) and not law.hits[chosen].any()
         stuck = np.hypot(*worth.u[pressing, :2].T) < STILL
-        passed = Memory(keys[order], p[order] / h, stuck[order], (ends - v) / h if smooth else np.zeros_like(v))
+        mean = (ends - v) / h
+        passed = Memory(keys[order], p[order] / h, stuck[order], mean if smooth else np.zeros_like(v))
         impulse = np.einsum("ni,nij->nj", p, axes[chosen])
-        return Step(
-            h,
-            self.bodies.moved(middle, move),
-            ends,
-            passed,
-            points.pair[chosen],
-            points.position[chosen],
-            impulse,
-            worth,
-        )
+        end = self.bodies.moved(middle, move)
+        return Step(h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], impulse, worth)
 
     def _apart(self, rows: Any, gaps: Array, rests: Array) -> Array | None:
         """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""

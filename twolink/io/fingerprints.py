@@ -14,7 +14,13 @@ import pinocchio as pin
 from twolink.io.model_trees import trees_of
 
 KERNEL_FORMAT = 1
-TRACED_ROOMS = ("algorithms", "dynamics", "effects", "integrate")  # whose code decides what a kernel computes
+TRACED_ROOMS = (
+    "algorithms",
+    "contact",
+    "dynamics",
+    "effects",
+    "integrate",
+)  # whose code is in kernels
 
 
 def model_digest(model: pin.Model) -> str:

@@ -1,0 +1,173 @@
+"""Formulas of a step in which points of bodies on planes stick, for compiling (`held`).
+
+    v+ = v_free + M^-1 J^T P,   J v+ + c = 0,   G P = -(J v_free + c)
+
+Overlap is removed as in `stepping`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.mechanism import Mechanism
+from twolink.algorithms.recursions import composite_bodies, frame_jacobian, frame_placement, poses
+from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward, ldlt_solve
+from twolink.algorithms.spatial import IDENTITY, Matrix, Pose, Scalar, Vec, add, cross, dot, minus, plus, scale, times
+from twolink.contact.formulas import OnPlanes
+from twolink.contact.multibody import axes_of
+from twolink.contact.points import CLOSED
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import unbalanced_forces
+from twolink.integrate.state import Array
+
+SMALL = 1e-7  # rad^2: the square of half a turn whose sine is x - x^3 / 6
+
+
+def held_step(
+    equations: Equations, mech: Mechanism, group: OnPlanes, chosen: Array, x: list[Any], xp: Any
+) -> list[Scalar]:
+    """The entries of a row of `HeldRun`. x: w, w' of the step before, q, the middle in time, the length, numbers."""
+    nq, nv = mech.nq, mech.nv
+    w, change, rest = x[:nv], x[nv : 2 * nv], x[2 * nv :]
+    t, h, numbers = rest[nq], rest[nq + 1], rest[nq + 2 :]
+    half = 0.5 * h
+    q = moved(mech, rest[:nq], [half * a for a in w], xp)
+    v = _own(mech, q, [a + half * b for a, b in zip(w, change, strict=True)], xp)
+    at = poses(mech, q, xp)
+    parents = mech.dof_parents()
+    lower, inverse = ldlt(composite_bodies(mech, at), parents, xp)
+    state = np.array([*q, *v, *numbers], dtype=object)
+    a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
+    start = _own(mech, q, w, xp)
+    free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
+    rows, gaps, places = _rows_of(mech, group, q, xp)
+    own = [row for i in chosen.tolist() for row in rows[i]]
+    inward = [ldlt_inward(lower, parents, row) for row in own]
+    g: Matrix = [[plus(*(times(times(a, b), d) for a, b, d in zip(left, right, inverse, strict=True)))
+                  for right in inward] for left in inward]  # fmt: skip
+    after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
+    for i, k in enumerate(chosen.tolist()):
+        after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gaps[k], 0.0), 0.0, 2.0 * gaps[k] / h))
+    p = ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
+    u = [plus(b, *(times(c, y) for c, y in zip(row, p, strict=True))) for b, row in zip(after, g, strict=True)]
+    pushed = [plus(*(times(z[k], y) for z, y in zip(inward, p, strict=True))) for k in range(nv)]
+    end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
+    held = chosen.tolist()
+    overlaps = [xp.where(xp.less(gaps[i], 0.0), gaps[i], 0.0) for i in held]
+    nu = ldlt_solve([row[2::3] for row in g[2::3]], [k - 1 for k in range(len(held))], [-x for x in overlaps], xp)
+    lifted = [plus(*(times(z[k], y) for z, y in zip(inward[2::3], nu, strict=True))) for k in range(nv)]
+    push = _own(mech, q, ldlt_outward(lower, inverse, parents, lifted), xp, -1)
+    deep = plus(*(xp.where(xp.less(gaps[i], -CLOSED), 1.0, 0.0) for i in held))
+    ends = _own(mech, q, end, xp, -1)
+    q_end = moved(mech, rest[:nq], [half * (a + b) + xp.where(xp.less(0.0, deep), c, 0.0)
+                                    for a, b, c in zip(w, ends, push, strict=True)], xp)  # fmt: skip
+    others = [i for i in range(len(gaps)) if i not in held]
+    return [*ends, *((a - b) / h for a, b in zip(ends, w, strict=True)), *q_end, *p, *u,
+            *(entry for i in held for entry in places[i]), *(gaps[i] for i in held), *nu,
+            *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
+
+
+def _gap(mech: Mechanism, group: OnPlanes, point: int, q: list[Any], xp: Any) -> tuple[Any, Vec]:
+    """The gap of a point, and the middle of its ball."""
+    placed = Pose((IDENTITY,), _vector(group.local[point].tolist()))
+    centre = frame_placement(mech, q, int(group.joint[point]), placed, xp)[1]
+    reach = float(group.height[point]) + float(group.radius[point])
+    return minus(dot(_vector(group.normal[point].tolist()), centre), reach), centre
+
+
+def _rows_of(mech: Mechanism, group: OnPlanes, q: list[Any], xp: Any) -> tuple[list[Matrix], list[Any], list[Any]]:
+    """Of each point the rows of its velocity (3, nv), its gap, and its place."""
+    rows, gaps, places = [], [], []
+    for point, joint in enumerate(group.joint.tolist()):
+        gap, centre = _gap(mech, group, point, q, xp)
+        placed, radius = Pose((IDENTITY,), _vector(group.local[point].tolist())), float(group.radius[point])
+        n = _vector(group.normal[point].tolist())
+        columns = [add(_vector(c[:3]), scale(-radius, cross(_vector(c[3:]), n)))
+                   for c in zip(*frame_jacobian(mech, q, joint, placed, xp), strict=True)]  # fmt: skip
+        axes = axes_of(group.normal[point][None])[0].tolist()
+        rows.append([[dot(_vector(axis), column) for column in columns] for axis in axes])
+        gaps.append(gap)
+        places.append(add(centre, scale(-(radius + 0.5 * gap), n)))
+    return rows, gaps, places
+
+
+def _vector(values: Sequence[Any]) -> Vec:
+    x, y, z = values
+    return x, y, z
+
+
+def _own(mech: Mechanism, q: list[Any], w: Sequence[Any], xp: Any, sign: int = 1) -> list[Any]:
+    """v of w; w of v with the sign -1 (`Multibody.own`)."""
+    v = list(w)
+    for i in mech.bodies:
+        joint = mech.joints[i]
+        size = {"free-flyer": 3, "planar": 2}.get(joint.kind, 0)
+        if size:
+            (rotation,), dofs = joint.pose(q, xp).turns, joint.dofs[:size]
+            for a, k in enumerate(dofs):
+                entries = [rotation[b][a] if sign > 0 else rotation[a][b] for b in range(size)]
+                v[k] = plus(*(times(entry, w[j]) for entry, j in zip(entries, dofs, strict=True)))
+    return v
+
+
+def _with_turning(mech: Mechanism, a: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+    """a with omega x v of the linear velocities of free and planar joints."""
+    out = list(a)
+    for i in mech.bodies:
+        joint = mech.joints[i]
+        own = [v[k] for k in joint.dofs]
+        if joint.kind == "free-flyer":
+            turning: Sequence[Any] = cross((own[3], own[4], own[5]), (own[0], own[1], own[2]))
+        elif joint.kind == "planar":
+            turning = (times(-1.0, times(own[2], own[1])), times(own[2], own[0]))
+        else:
+            continue
+        for k, change in zip(joint.dofs, turning, strict=False):
+            out[k] = plus(out[k], change)
+    return out
+
+
+def moved(mech: Mechanism, q: list[Any], change: Sequence[Any], xp: Any) -> list[Any]:
+    """The configuration after a time in which w adds up to a change (`Multibody.moved`)."""
+    out = list(q)
+    for joint in (mech.joints[i] for i in mech.bodies):
+        if joint.mimic:
+            continue
+        own, by = [q[k] for k in joint.entries], [change[k] for k in joint.dofs]
+        if joint.kind in ("revolute", "prismatic"):
+            new = [own[0] + by[0]]
+        elif joint.kind == "continuous":
+            new = _turned(own, by[0], xp)
+        elif joint.kind == "planar":
+            new = [own[0] + by[0], own[1] + by[1], *_turned(own[2:], by[2], xp)]
+        else:
+            new = [*(a + b for a, b in zip(own[:-4], by[:-3], strict=True)), *_rotated(own[-4:], by[-3:], xp)]
+        for k, value in zip(joint.entries, new, strict=True):
+            out[k] = value
+    return out
+
+
+def _turned(at: Sequence[Any], angle: Any, xp: Any) -> list[Any]:
+    """(cos, sin) after a turn."""
+    c, s = xp.cos(angle), xp.sin(angle)
+    return _of_length_one([at[0] * c - at[1] * s, at[1] * c + at[0] * s])
+
+
+def _rotated(p: Sequence[Any], turn: Sequence[Any], xp: Any) -> list[Any]:
+    """p * exp(turn / 2), a quaternion (x, y, z, w) after a turn about axes that move with it."""
+    square = 0.25 * sum(a * a for a in turn)
+    half = xp.sqrt(square)
+    tiny = xp.less(square, SMALL)
+    sinc = xp.where(tiny, 1.0 - square / 6.0, xp.sin(half) / xp.where(tiny, 1.0, half))
+    (x, y, z, w), (a, b, c), s = p, (0.5 * sinc * a for a in turn), xp.cos(half)
+    return _of_length_one([s * x + w * a + y * c - z * b, s * y + w * b + z * a - x * c, s * z + w * c + x * b - y * a,
+                           s * w - (x * a + y * b + z * c)])  # fmt: skip
+
+
+def _of_length_one(x: Sequence[Any]) -> list[Any]:
+    """x / |x| where |x| is 1 but for rounding."""
+    shorter = 1.5 - 0.5 * sum(a * a for a in x)
+    return [a * shorter for a in x]

@@ -1,0 +1,57 @@
+"""What a step is: its end, what it passes on, and the record of all steps of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from twolink.contact.impulses import Impulses
+from twolink.integrate.state import Array
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a step passes on: keys of the contacts that pressed, their forces (n, 3), which stuck; w' where smooth."""
+
+    keys: Array
+    forces: Array
+    stuck: Array
+    change: Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """The end of a step of length h: q, w, the memory, and of the points that pressed the pairs, places and impulses.
+
+    mean (nv,): of w'. Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey
+    the laws. overlap: the largest at the end, m; None where it is not known.
+    """
+
+    h: float
+    q: Array
+    v: Array
+    mean: Array
+    memory: Memory
+    pair: Array
+    place: Array
+    impulse: Array
+    worth: Impulses | None = None
+    overlap: float | None = None
+
+
+@dataclass
+class Record:
+    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J)."""
+
+    steps: int = 0
+    halved: int = 0
+    solvers: dict[str, int] = field(default_factory=dict)
+    feasibility: float = 0.0
+    complementarity: float = 0.0
+
+    def add(self, worth: Impulses | None, count: int = 1) -> None:
+        """Count steps. worth: None where nothing touched."""
+        self.steps += count
+        if worth is not None:
+            self.solvers[worth.solver] = self.solvers.get(worth.solver, 0) + count
+            self.feasibility = max(self.feasibility, worth.feasibility)
+            self.complementarity = max(self.complementarity, worth.complementarity)
