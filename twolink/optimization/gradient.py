@@ -154,8 +154,8 @@ def _along(
     adjoint = AdjointRun(run, equations, wanted, sought, tolerance, here)
     results, values = [adjoint.pulled_back(0, covectors)], [value_of(function, run)]
     constants = by_constants(run, wanted, function)
-    for number, course in enumerate(adjoint.courses[1:], 1):
-        beside = with_states(run, course)
+    for number, nominal in enumerate(adjoint.nominals[1:], 1):
+        beside = with_states(run, nominal)
         results.append(adjoint.pulled_back(number, by_samples(beside, function, slopes, STEPS[1], here)[1]))
         values.append(value_of(function, beside))
     distance = np.max([np.abs(result - results[0]) for result in results[1:]], axis=0)

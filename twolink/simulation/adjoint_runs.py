@@ -14,7 +14,7 @@ import numpy as np
 from twolink.integrate.adjoint_steps import AdjointSteps
 from twolink.integrate.equations import Equations
 from twolink.integrate.variational_legs import Leg
-from twolink.simulation.courses import Course, Courses
+from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
@@ -24,7 +24,7 @@ Array = np.ndarray
 class AdjointRun:
     """The run of a scene and second ones, along which covectors are pulled back.
 
-    samples: of the run, at which covectors may be other than 0, (m,) numbers. Attributes: courses, the solutions: the
+    samples: of the run, at which covectors may be other than 0, (m,) numbers. Attributes: nominals, the solutions: the
     run's, then the second ones.
     """
 
@@ -32,7 +32,7 @@ class AdjointRun:
         self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float, samples: Array
     ) -> None:
         self._wanted, self._samples = wanted, samples
-        self._own = own = Courses(run, equations, wanted.neighbours, accuracy, tolerance, along_state=True)
+        self._own = own = NominalSolutions(run, equations, wanted.neighbours, accuracy, tolerance, along_state=True)
         times = np.union1d(own.times(own.first), run.t[samples])
         legs = [own.leg(own.first, number, times, tolerance) for number in range(len(own.first.edges))]
         begins = [begin for begin, _ in own.first.edges]
@@ -40,23 +40,23 @@ class AdjointRun:
         self._places = [(np.searchsorted(leg.t, run.t[samples[piece == number]]), np.flatnonzero(piece == number))
                         for number, leg in enumerate(legs)]  # fmt: skip
         choice, perturbations = own.second_ones()
-        self.courses = [own.first, *(own.second(legs, choice, one, run.t) for one in perturbations)]
-        for course in self.courses[1:]:
-            own.require_alike(course)
-        self._legs = [legs, *([own.halved(leg, course, number) for number, leg in enumerate(legs)]
-                              for course in self.courses[1:])]  # fmt: skip
+        self.nominals = [own.first, *(own.second(legs, choice, one, run.t) for one in perturbations)]
+        for nominal in self.nominals[1:]:
+            own.require_alike(nominal)
+        self._legs = [legs, *([own.halved(leg, nominal, number) for number, leg in enumerate(legs)]
+                              for nominal in self.nominals[1:])]  # fmt: skip
 
     def pulled_back(self, number: int, covectors: Array) -> Array:
-        """dF (k,) by each column that is wanted, along a course, from covectors (m, 2 nv) at the samples."""
-        course, legs, wanted = self.courses[number], self._legs[number], self._wanted
+        """dF (k,) by each column that is wanted, along a nominal solution, from covectors (m, 2 nv) at the samples."""
+        nominal, legs, wanted = self.nominals[number], self._legs[number], self._wanted
         states, stride = covectors.shape[1], 2 if number else 1
         w, by_parameters = np.zeros(states), np.zeros(len(wanted.parameters))
         for piece in reversed(range(len(legs))):
             places, samples = self._places[piece]
             added = np.zeros((len(legs[piece].t), states))
             added[stride * places] = covectors[samples]
-            if piece + 1 < len(legs) and course.jumps:
-                through = self._own.saltation(course.jumps[piece], np.eye(states + len(by_parameters)))[:states]
+            if piece + 1 < len(legs) and nominal.jumps:
+                through = self._own.saltation(nominal.jumps[piece], np.eye(states + len(by_parameters)))[:states]
                 by_parameters += w @ through[:, states:]
                 w = w @ through[:, :states]
             after = np.empty((len(added), states))
@@ -65,20 +65,20 @@ class AdjointRun:
                 after[n] = after[n + 1] @ matrix + added[n]
             w = after[0]
             if len(by_parameters):
-                by_parameters += self._by_parameters(course, piece, legs[piece], after[1:].T)
+                by_parameters += self._by_parameters(nominal, piece, legs[piece], after[1:].T)
         start = wanted.start
-        if course.begun is not None:
-            start = self._own.saltation.start(course.begun, start)
+        if nominal.begun is not None:
+            start = self._own.saltation.start(nominal.begun, start)
         return np.asarray(np.concatenate([w, by_parameters]) @ start)
 
-    def _by_parameters(self, course: Course, piece: int, leg: Leg, covectors: Array) -> Array:
+    def _by_parameters(self, nominal: NominalSolution, piece: int, leg: Leg, covectors: Array) -> Array:
         """What the steps of a leg add, with covectors (2 nv, m - 1) at their ends."""
-        steps = AdjointSteps(*self._own.driven(course, piece))
+        steps = AdjointSteps(*self._own.driven(nominal, piece))
         return steps.by_parameters(leg.t[:-1], leg.x[:, :-1], leg.t[1:], np.ascontiguousarray(covectors))
 
 
-def with_states(run: Trajectory, course: Course) -> Trajectory:
-    """The run with the states of a second course at its samples."""
-    states = course.dense.states(np.minimum(run.t, course.edges[-1][1]))
-    q, v = course.dense.pieces[0].equations.space.rows(states)
-    return replace(run, q=q, v=v, error=None, precise=None, recorded_energy=None, solution=course.dense)
+def with_states(run: Trajectory, nominal: NominalSolution) -> Trajectory:
+    """The run with the states of a second solution at its samples."""
+    states = nominal.dense.states(np.minimum(run.t, nominal.edges[-1][1]))
+    q, v = nominal.dense.pieces[0].equations.space.rows(states)
+    return replace(run, q=q, v=v, error=None, precise=None, recorded_energy=None, solution=nominal.dense)

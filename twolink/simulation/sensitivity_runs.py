@@ -8,8 +8,8 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.variational_legs import Leg
-from twolink.simulation.courses import Course, Courses
 from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
+from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
@@ -32,49 +32,49 @@ class SensitivityRun:
         self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float
     ) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, 2 * equations.space.nv
-        self._courses = Courses(run, equations, wanted.neighbours, accuracy, tolerance)
-        self._course = course = self._courses.first
-        self.s, legs, states = self._along(course, run.t if course.jumps else run.t[:0], tolerance)
+        self._nominals = NominalSolutions(run, equations, wanted.neighbours, accuracy, tolerance)
+        self._nominal = nominal = self._nominals.first
+        self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
         self.t = np.concatenate([leg.t for leg in legs])
         self._fine: list[tuple[Leg, np.ndarray]] = []
         self.distance = self._distance(legs, states)
-        if not course.jumps:
+        if not nominal.jumps:
             self.s = self._interpolated(run.t)
 
-    def _start(self, course: Course) -> np.ndarray:
+    def _start(self, nominal: NominalSolution) -> np.ndarray:
         """S at the start."""
         start = self.wanted.start
-        return start if course.begun is None else self._courses.saltation.start(course.begun, start)
+        return start if nominal.begun is None else self._nominals.saltation.start(nominal.begun, start)
 
-    def _after(self, course: Course, number: int, s: np.ndarray) -> np.ndarray:
+    def _after(self, nominal: NominalSolution, number: int, s: np.ndarray) -> np.ndarray:
         """S after the end of a piece."""
-        if not course.jumps or number + 1 == len(course.edges):
+        if not nominal.jumps or number + 1 == len(nominal.edges):
             return s
-        return self._courses.saltation(course.jumps[number], s)
+        return self._nominals.saltation(nominal.jumps[number], s)
 
     def _along(
-        self, course: Course, samples: np.ndarray, tolerance: float
+        self, nominal: NominalSolution, samples: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
         """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
-        start, times = self._start(course), self._courses.times(course)
+        start, times = self._start(nominal), self._nominals.times(nominal)
         legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), self._rows, start.shape[1]))
-        piece = np.maximum(np.searchsorted([begin for begin, _ in course.edges], samples, side="right") - 1, 0)
-        for number in range(len(course.edges)):
-            leg = self._courses.leg(course, number, times, tolerance)
+        piece = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
+        for number in range(len(nominal.edges)):
+            leg = self._nominals.leg(nominal, number, times, tolerance)
             s = leg.along(start)
             here = piece == number
             out[here] = leg.at(samples[here], s)
             legs.append(leg)
             states.append(s)
-            start = self._after(course, number, s[-1])
+            start = self._after(nominal, number, s[-1])
         return out, legs, states
 
     def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
-        choice, perturbations = self._courses.second_ones()
+        choice, perturbations = self._nominals.second_ones()
         distances = [self._distance_to(legs, states, choice, one) for one in perturbations]
         safety: float | np.ndarray = SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL
-        if len(distances) == 1 and not self._course.jumps:
+        if len(distances) == 1 and not self._nominal.jumps:
             safety = SAFETY * np.where(self._differs_by_start(legs, perturbations[0]), 1.0, OF_FINER)[:, None]
         return np.asarray(safety * np.max(distances, axis=0))
 
@@ -98,36 +98,38 @@ class SensitivityRun:
         self, legs: Sequence[Leg], states: Sequence[np.ndarray], choice: MethodChoice, perturbation: Perturbation
     ) -> np.ndarray:
         """The distance to one second solution."""
-        course = self._courses.second(legs, choice, perturbation)
-        out, start, rows, paired = [], self._start(course), self._rows, self._courses.paired(course)
+        nominal = self._nominals.second(legs, choice, perturbation)
+        out, start, rows, paired = [], self._start(nominal), self._rows, self._nominals.paired(nominal)
         for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
-            fine = self._courses.halved(leg, course, number)
+            fine = self._nominals.halved(leg, nominal, number)
             s = fine.along(start)
             out.append(np.abs(s[::2, :rows] - coarse[:, :rows]).max(axis=1))
-            if not course.jumps:
+            if not nominal.jumps:
                 between = np.abs(s[1::2, :rows] - leg.at(fine.t[1::2], coarse, interpolating=True)).max(axis=1)
                 out[-1][1:] = np.maximum(out[-1][1:], INTERPOLATED * between)
                 self._fine.append((fine, s))
-            start = self._after(course, number, s[-1])
+            start = self._after(nominal, number, s[-1])
         if paired < len(legs):
-            out.append(self._distance_in_time(legs[paired:], states[paired:], course))
+            out.append(self._distance_in_time(legs[paired:], states[paired:], nominal))
         return np.concatenate(out)
 
     def _interpolated(self, samples: np.ndarray) -> np.ndarray:
         """S (n, 2 nv, k) at sample times, from that along the first of the second solutions, at twice as many times."""
-        fine = self._fine[: len(self._course.edges)]
+        fine = self._fine[: len(self._nominal.edges)]
         piece = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
         return np.concatenate([leg.at(samples[piece == number], s, interpolating=True)
                                for number, (leg, s) in enumerate(fine)])  # fmt: skip
 
-    def _distance_in_time(self, legs: Sequence[Leg], states: Sequence[np.ndarray], course: Course) -> np.ndarray:
+    def _distance_in_time(
+        self, legs: Sequence[Leg], states: Sequence[np.ndarray], nominal: NominalSolution
+    ) -> np.ndarray:
         """The distance to a second solution that follows bounces farther, at the times of the legs.
 
         Not at events, nor while only one of the two follows bounces: there velocities differ by what an impact changes.
         """
         times = np.concatenate([leg.t for leg in legs])
-        other, _, _ = self._along(course, times, self.tolerance / SMALLER)
+        other, _, _ = self._along(nominal, times, self.tolerance / SMALLER)
         distance = np.abs(other - np.concatenate(states)[:, : other.shape[1]]).max(axis=1)
-        for jump in (*self._course.jumps[:-1], *course.jumps[:-1]):
+        for jump in (*self._nominal.jumps[:-1], *nominal.jumps[:-1]):
             distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
         return np.asarray(distance)

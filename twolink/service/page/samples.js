@@ -2,17 +2,10 @@
 
 import { get } from "./api.js";
 import { range } from "./axes.js";
+import { Q_PARTS, V_PARTS } from "./joint_parts.js";
 
 const POINTS = 2000;
-const PARTS = {
-  "q free-flyer": ["x", "y", "z", "qx", "qy", "qz", "qw"],
-  "v free-flyer": ["vx", "vy", "vz", "ωx", "ωy", "ωz"],
-  "q quaternion": ["qx", "qy", "qz", "qw"],
-  "v quaternion": ["ωx", "ωy", "ωz"],
-  "q planar": ["x", "y", "cos", "sin"],
-  "v planar": ["vx", "vy", "ω"],
-  "q cos-sin": ["cos", "sin"],
-};
+const PARTS = { q: Q_PARTS, v: V_PARTS };
 const TURN = /^(q[xyzw]|cos|sin)$/; // parts of an orientation, which have no unit
 
 /** {t, q, turn, v, energy, error}: lists of {name, joint, colour, values}. turn: parts of orientations. */
@@ -26,7 +19,7 @@ export async function samplesOf(job, joints) {
     const [letter, name] = [column.slice(0, 1), column.slice(2)];
     if (!/^[qv]\./.test(column)) continue;
     const numbered = /^(.*)\.(\d+)$/.exec(name);
-    const part = numbered && PARTS[`${letter} ${layouts.get(numbered[1])}`]?.[Number(numbered[2])];
+    const part = numbered && PARTS[letter][layouts.get(numbered[1])]?.[Number(numbered[2])];
     const joint = part ? numbered[1] : layouts.has(name) ? name : (numbered?.[1] ?? name);
     const colour = (places.get(joint) ?? 0) + Number(numbered?.[2] ?? 0);
     const kind = part && TURN.test(part) ? "turn" : letter;

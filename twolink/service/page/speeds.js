@@ -2,12 +2,7 @@
 
 import { el } from "./dom.js";
 import { numberInput } from "./form.js";
-
-const PARTS = {
-  "free-flyer": ["vx, m/s", "vy, m/s", "vz, m/s", "ωx, rad/s", "ωy, rad/s", "ωz, rad/s"],
-  quaternion: ["ωx, rad/s", "ωy, rad/s", "ωz, rad/s"],
-  planar: ["vx, m/s", "vy, m/s", "ω, rad/s"],
-};
+import { V_PARTS } from "./joint_parts.js";
 
 /** The velocities of all degrees of freedom, as one list. */
 export function speedsOf(robot, v) {
@@ -22,8 +17,9 @@ export function listSpeeds(host, robot, v, onChange) {
       const size = joint.v[1] - joint.v[0];
       const values = [v[joint.name] ?? Array(size).fill(0)].flat();
       return values.map((value, k) => {
-        const unit = /^P[XYZ]|Prismatic/.test(joint.kind) ? "m/s" : "rad/s";
-        const part = PARTS[joint.layout]?.[k] ?? unit;
+        const name = V_PARTS[joint.layout]?.[k];
+        const unit = (name ? name.startsWith("v") : /^P[XYZ]|Prismatic/.test(joint.kind)) ? "m/s" : "rad/s";
+        const part = name ? `${name}, ${unit}` : unit;
         const label = `${joint.name}: velocity, ${part}`;
         const change = to => {
           values[k] = to;

@@ -1,4 +1,4 @@
-"""Courses: the solutions along which derivatives are taken, the run's own and second ones, and the steps along them."""
+"""Nominal solutions: those along which derivatives are taken, of the run and second ones, and the steps along them."""
 
 import itertools
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from twolink.simulation.refinement import finer, rounding_tolerance
 from twolink.simulation.trajectory import Trajectory
 
 
-class Course(NamedTuple):
+class NominalSolution(NamedTuple):
     """A solution with the jumps at the ends of its pieces, and where it began; without events neither."""
 
     dense: DenseOutput
@@ -37,10 +37,10 @@ class Course(NamedTuple):
     begun: RunState | None
 
 
-class Courses:
+class NominalSolutions:
     """The solutions of a run's equations along which derivatives are taken.
 
-    along_state: derivatives by the state alone; else by the neighbours' parameters too. Attributes: first, the course
+    along_state: derivatives by the state alone; else by the neighbours' parameters too. Attributes: first, that
     of the run; saltation, for the jumps.
     """
 
@@ -54,43 +54,43 @@ class Courses:
         self.saltation = Saltation(neighbours)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
-        self.first = _course_of(dense, float(run.t[-1]))
+        self.first = _nominal_of(dense, float(run.t[-1]))
         if equations.has_events:
             self.first = self._solved(self._choice, dense.t, NO_PERTURBATION)
 
-    def times(self, course: Course) -> Array:
-        """Times along a course, about as many as the run has steps."""
-        return course.dense.t[:: max(1, len(course.dense.t) // max(1, self.run.cost.steps if self.run.cost else 1))]
+    def times(self, nominal: NominalSolution) -> Array:
+        """Times along a nominal solution, about as many as the run has steps."""
+        return nominal.dense.t[:: max(1, len(nominal.dense.t) // max(1, self.run.cost.steps if self.run.cost else 1))]
 
-    def leg(self, course: Course, number: int, times: Array, tolerance: float) -> Leg:
+    def leg(self, nominal: NominalSolution, number: int, times: Array, tolerance: float) -> Leg:
         """The leg of a piece, between those of times (m,) that are in it."""
-        begin, end = course.edges[number]
+        begin, end = nominal.edges[number]
         inside = times[(times > begin) & (times < end)]
         between = np.concatenate([[begin], inside, [end]])
-        return leg_of(self._steps_of(course, number), course.dense, number, between, tolerance)
+        return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
-    def halved(self, leg: Leg, course: Course, number: int) -> Leg:
-        """The leg of a second course beside one of the first, with every step halved."""
-        begin, end = course.edges[number]
+    def halved(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
+        """The leg of a second solution beside one of the first, with every step halved."""
+        begin, end = nominal.edges[number]
         own = leg.t
         if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
             own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
-        return halved(leg, course.dense, number, own)
+        return halved(leg, nominal.dense, number, own)
 
-    def driven(self, course: Course, number: int) -> tuple[Equations, Array]:
+    def driven(self, nominal: NominalSolution, number: int) -> tuple[Equations, Array]:
         """The equations of a piece with the parameters, and the gains of what drives them."""
-        equations = with_parameters(self._on_one_side(course, number), self.neighbours.constants)
-        mode = course.jumps[number].before.mode if course.jumps else Mode()
+        equations = with_parameters(self._on_one_side(nominal, number), self.neighbours.constants)
+        mode = nominal.jumps[number].before.mode if nominal.jumps else Mode()
         slip = {k: slip for k, slip in mode.slip.items() if k not in mode.locked}
         return equations, self.neighbours.gains(mode.idle, slip)
 
-    def _on_one_side(self, course: Course, number: int) -> Equations:
+    def _on_one_side(self, nominal: NominalSolution, number: int) -> Equations:
         """The equations of a piece, on the sides of limits of effort where it is: at its ends rounding would decide."""
-        equations: Equations = course.dense.pieces[number].equations
+        equations: Equations = nominal.dense.pieces[number].equations
         if not equations.effort_limits:
             return equations
-        middle = np.array([0.5 * sum(course.edges[number])])
-        x = np.concatenate([course.dense.states_of(number, middle)[:, 0], equations.start[equations.moving :]])
+        middle = np.array([0.5 * sum(nominal.edges[number])])
+        x = np.concatenate([nominal.dense.states_of(number, middle)[:, 0], equations.start[equations.moving :]])
         motion = motion_of(equations, equations.mechanism, middle[0], x, Numbers)
         limits = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects).limits
         values = [float(np.squeeze(value)) for _, value in limits]
@@ -99,11 +99,11 @@ class Courses:
         )
         return replace(equations, sides=tuple(sides))
 
-    def _steps_of(self, course: Course, number: int) -> VariationalSteps:
+    def _steps_of(self, nominal: NominalSolution, number: int) -> VariationalSteps:
         """The variational steps of a piece."""
-        equations, gains = self._on_one_side(course, number), np.empty((0, 0))
+        equations, gains = self._on_one_side(nominal, number), np.empty((0, 0))
         if not self.along_state:
-            equations, gains = self.driven(course, number)
+            equations, gains = self.driven(nominal, number)
         if equations.content not in self._steps:
             self._steps[equations.content] = VariationalSteps(equations, gains)
         return self._steps[equations.content].starting(equations, gains)
@@ -119,13 +119,13 @@ class Courses:
 
     def second(
         self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation, others: Array | None = None
-    ) -> Course:
-        """A second course, at the times of the legs, between them, and at other ones (n,)."""
+    ) -> NominalSolution:
+        """A second solution, at the times of the legs, between them, and at other ones (n,)."""
         times = np.unique(np.concatenate([leg.t for leg in legs]))
         every = np.union1d(times, 0.5 * (times[:-1] + times[1:]))
         return self._solved(choice, every if others is None else np.union1d(every, others), perturbation)
 
-    def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> Course:
+    def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> NominalSolution:
         """A solution, with its jumps."""
         jumps: list[Jump] = []
         begun = None
@@ -138,22 +138,23 @@ class Courses:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
         dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
                             choice.setting, choice.precision)  # fmt: skip
-        return _course_of(dense, float(solution.t[-1]), jumps, begun)
+        return _nominal_of(dense, float(solution.t[-1]), jumps, begun)
 
-    def require_alike(self, course: Course) -> None:
-        """Require that a second course has the pieces of the first. Raises AccuracyError."""
-        if not self.paired(course) == len(self.first.edges) == len(course.edges):
-            raise AccuracyError("a more accurate motion follows more bounces", where=f"t = {course.edges[-1][0]:.6g} s",
+    def require_alike(self, nominal: NominalSolution) -> None:
+        """Require that a second solution has the pieces of the first. Raises AccuracyError."""
+        if not self.paired(nominal) == len(self.first.edges) == len(nominal.edges):
+            end = nominal.edges[-1][0]
+            raise AccuracyError("a more accurate motion follows more bounces", where=f"t = {end:.6g} s",
                                 remedy="ask for more accuracy, or for a shorter duration",
-                                code="sensitivity-undefined", t=course.edges[-1][0])  # fmt: skip
+                                code="sensitivity-undefined", t=end)  # fmt: skip
 
-    def paired(self, course: Course) -> int:
+    def paired(self, nominal: NominalSolution) -> int:
         """How many pieces of a second solution end as those of the run do: all, but where one follows bounces farther.
 
         What ends the run does not count: it is at the last sample or a rounding beside it. Raises AccuracyError for
         other events.
         """
-        jumps = self.first.jumps[:-1], course.jumps[:-1]
+        jumps = self.first.jumps[:-1], nominal.jumps[:-1]
         both = [[(jump.guard and jump.guard.key, jump.before.t) for jump in each] for each in jumps]
         calm = [[jump.rest for jump in each if jump.rest > jump.before.t] for each in jumps]
         paired = _alike(*both)
@@ -175,6 +176,8 @@ def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, 
     return sum(1 for _ in alike)
 
 
-def _course_of(dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None) -> Course:
+def _nominal_of(
+    dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None
+) -> NominalSolution:
     edges = [*(piece.begin for piece in dense.pieces), end]
-    return Course(dense, list(itertools.pairwise(edges)), list(jumps), begun)
+    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun)
