@@ -210,7 +210,7 @@ def test_what_cannot_be_stepped_is_refused() -> None:
     robot = planar()
     with pytest.raises(tl.errors.SceneError, match="no Contact effect"):
         tl.simulate(tl.Scene(robot, effects=[E.Gravity()]), 0.1, contact="stepped")
-    effects = [E.DryFriction({"x": 1.0}), E.Contact(("ground",), shapes=BLOCK)]
+    effects = [E.Detent("x", 1.0), E.Contact(("ground",), shapes=BLOCK)]
     with pytest.raises(tl.errors.SceneError, match="effects that switch"):
         tl.simulate(tl.Scene(robot, [0, 1, 0], effects=effects), 0.1, contact="stepped")
     with pytest.raises(tl.errors.SceneError, match=r"overlap by 0\.05 m"):

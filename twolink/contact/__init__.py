@@ -6,6 +6,7 @@ contacts, and of each step how well they obey the laws. This room knows nothing 
 detection     the points at which bodies touch or are about to, with gaps and normals
 points        these as data; formulas, hulls, hull_pairs: what finds them, by shapes
 multibody     mass matrix, free motion and Jacobians at those points; free_bodies: of many free bodies
+joints        stops and dry friction of joints, as points of the contact problem
 impulses      the contact problem: impulses that obey the laws of contact and friction
 held          steps in which contacts stick as before, compiled; held_step: their formulas
 stepping      one step; step: what it is; plan: the steps of a run

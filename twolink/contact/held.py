@@ -21,6 +21,7 @@ from twolink.contact.detection import Detector
 from twolink.contact.formulas import OnPlanes
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
+from twolink.contact.joints import JointPoints
 from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
 from twolink.contact.points import CLOSED
@@ -52,10 +53,10 @@ class HeldRun:
     """Steps of lengths h (n,) one after the other, up to the first that does not obey the laws.
 
     rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), nu (k,), which
-    removes overlap, and the gaps of all points at the end, those that stick first.
+    removes overlap, and the gaps of all points at the end, those that stick first. joints: whose stops are not met.
     """
 
-    def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int) -> None:
+    def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints) -> None:
         self.held, self.h, k = held, h, len(held.keys)
         cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
@@ -65,7 +66,8 @@ class HeldRun:
         normal = self.p[:, :, 2]
         inside = (normal > 0.0) & ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.static * normal) ** 2)
         apart = (gaps.min(axis=1) >= -CLOSED) | (nu.min(axis=1) >= 0.0)
-        obeys = inside.all(axis=1) & apart & (ends[:, k:] > 0.0).all(axis=1) & (np.abs(u).max(axis=1) <= EXACT)
+        free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
+        obeys = inside.all(axis=1) & apart & free & (np.abs(u).max(axis=1) <= EXACT)
         self.overlap = np.maximum(-ends.min(axis=1), 0.0)
         self.length = len(h) if obeys.all() else int(obeys.argmin())
 
@@ -90,8 +92,8 @@ class HeldRun:
 class HeldSteps:
     """Compiled steps of a scene by the points that stick."""
 
-    def __init__(self, bodies: Multibody, detector: Detector) -> None:
-        self.equations, self.static = bodies.equations, detector.static
+    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints) -> None:
+        self.equations, self.static, self.joints = bodies.equations, detector.static, joints
         group = detector.groups[0] if len(detector.groups) == 1 else None
         simple = type(bodies) is Multibody and heyoka() is not None
         self.group = group if isinstance(group, OnPlanes) and len(group.key) <= FEW and simple else None
@@ -100,7 +102,9 @@ class HeldSteps:
     def of(self, keys: Array) -> Held | None:
         """The steps in which the points with these keys stick; None where they are not compiled."""
         group = self.group
-        if group is None or not len(keys) or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
+        if not len(keys) or keys[-1] >= self.joints.first_key:  # a joint at its stop, or with friction
+            return None
+        if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
             return None
         content = keys.tobytes()
         if content not in self._known:
@@ -132,7 +136,7 @@ class HeldSteps:
             one[state] = before[state]
             held.function(one, outputs=out)
         with np.errstate(over="ignore", invalid="ignore"):  # as steps that are too long
-            return HeldRun(held, h, rows, nq, nv)
+            return HeldRun(held, h, rows, nq, nv, self.joints)
 
 
 def _compiled(equations: Equations, group: OnPlanes, chosen: Array) -> Any:

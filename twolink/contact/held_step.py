@@ -15,7 +15,21 @@ import numpy as np
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import composite_bodies, frame_jacobian, frame_placement, poses
 from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward, ldlt_solve
-from twolink.algorithms.spatial import IDENTITY, Matrix, Pose, Scalar, Vec, add, cross, dot, minus, plus, scale, times
+from twolink.algorithms.spatial import (
+    IDENTITY,
+    Matrix,
+    Pose,
+    Scalar,
+    Vec,
+    add,
+    constant,
+    cross,
+    dot,
+    minus,
+    plus,
+    scale,
+    times,
+)
 from twolink.contact.formulas import OnPlanes
 from twolink.contact.multibody import axes_of
 from twolink.contact.points import CLOSED
@@ -48,6 +62,9 @@ def held_step(
     inward = [ldlt_inward(lower, parents, row) for row in own]
     g: Matrix = [[plus(*(times(times(a, b), d) for a, b, d in zip(left, right, inverse, strict=True)))
                   for right in inward] for left in inward]  # fmt: skip
+    for i, own_row in enumerate(g):
+        if constant(own_row[i]) and not own_row[i]:  # a direction in which the point cannot move: no impulse
+            own_row[i] = 1.0
     after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
     for i, k in enumerate(chosen.tolist()):
         after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gaps[k], 0.0), 0.0, 2.0 * gaps[k] / h))

@@ -30,6 +30,8 @@ class SteppedSolution:
         Times of the samples, s.
     q, v, a : ndarray (n, nq), (n, nv), (n, nv)
         Configurations, velocities, and the mean accelerations over the step before each sample.
+    held : ndarray (n, nv)
+        The mean torques of joints' stops and dry friction over that step, N m or N.
     pressing : sequence of dict
         Of each sample by pair the points that pressed in the step before it, with their mean forces, N.
     record : Record
@@ -47,6 +49,7 @@ class SteppedSolution:
     q: Array
     v: Array
     a: Array
+    held: Array
     pressing: Sequence[dict[str, list[tuple[Array, Array]]]]
     record: Record
     overlap: float
@@ -67,7 +70,7 @@ class SteppedSolution:
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Mean accelerations over the step before each sample (n, nv), and applied joint torques (n, nv)."""
         states = np.concatenate([self.q, self.v], axis=1).T
-        return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T
+        return self.a, accelerations_and_joint_torques(self.pieces[0].equations, self.t, states)[1].T + self.held
 
     def forces_on_links(self) -> dict[str, tuple[Array, Array]]:
         """None: steps have no equations of motion."""
@@ -96,10 +99,12 @@ def solve_stepped(
     equations, record = stepper.equations, Record()
     nq, own = equations.space.nq, stepper.bodies.own
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
-    stepper.record, memory, interrupted = record, stepper.start(), False
-    states, overlap = [(q, v, np.zeros_like(v))], stepper.overlap(q)[0]
+    none = np.zeros_like(v)
+    states, overlap = [(q, v, none, none)], stepper.overlap(q)[0]
     pressing: list[dict[str, list[tuple[Array, Array]]]] = [{}]
     v = own(q, v, -1.0)
+    memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
+    stepper.record, interrupted = record, False
     plan, first = plan_steps(equations, times, step, halvings), 0
     try:
         while first < len(plan.h):
@@ -109,7 +114,8 @@ def solve_stepped(
                 pressing.append({})
                 for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
                     pressing[-1].setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
-                states.append((one.q, own(one.q, one.v), own(one.q, one.mean)))
+                states.append((one.q, own(one.q, one.v), own(one.q, one.mean),
+                               none if one.joints is None else one.joints / one.h))  # fmt: skip
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             q, v, memory = end.q, end.v, end.memory
@@ -118,7 +124,7 @@ def solve_stepped(
                 progress(float(plan.t[first - 1]))
     except KeyboardInterrupt:
         interrupted = True
-    qs, vs, accelerations = (np.array(column) for column in zip(*states, strict=True))
+    qs, vs, accelerations, held = (np.array(column) for column in zip(*states, strict=True))
     n = len(qs)
-    return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations, pressing[:n],
-                           record, overlap, step, interrupted)  # fmt: skip
+    return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations, held,
+                           pressing[:n], record, overlap, step, interrupted)  # fmt: skip

@@ -23,7 +23,8 @@ class Step:
     """The end of a step of length h: q, w, the memory, and of the points that pressed the pairs, places and impulses.
 
     mean (nv,): of w'. Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey
-    the laws. overlap: the largest at the end, m; None where it is not known.
+    the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of stops and of
+    dry friction; None without.
     """
 
     h: float
@@ -36,6 +37,7 @@ class Step:
     impulse: Array
     worth: Impulses | None = None
     overlap: float | None = None
+    joints: Array | None = None
 
 
 @dataclass

@@ -11,7 +11,7 @@ closes at most to the end. Contact impulses have the power P . (U- + U+) / 2: it
 bounce, so that the energy does not grow. The impulse of an impact acts from when in the step the bodies meet, s before
 its middle; what overlap is left is removed from the positions (Acary, Brogliato: Numerical Methods for
 Nonsmooth Dynamical Systems, 2008, chapter 10). It is of first order in h, and of second order where impacts are single
-and between them.
+and between them. Stops and dry friction of joints are points of the same problem (`joints`).
 
 A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
 """
@@ -27,11 +27,13 @@ from twolink.contact.detection import Detector
 from twolink.contact.free_bodies import bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
+from twolink.contact.joints import JointPoints, Laws, complete
 from twolink.contact.multibody import axes_of
 from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED, Points
+from twolink.contact.points import CLOSED, Places, Points, joined
 from twolink.contact.step import Memory, Record, Step
 from twolink.effects.contact import Contact
+from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import failure
@@ -46,27 +48,47 @@ FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
 
 class Stepper:
-    """Steps of a scene: its equations without contacts, and its contact effects."""
+    """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction."""
 
-    def __init__(self, equations: Equations, effects: Sequence[Contact]) -> None:
+    def __init__(
+        self, equations: Equations, effects: Sequence[Contact], stops: Sequence[Stop] = (), holds: Sequence[Hold] = ()
+    ) -> None:
         self.equations, self.model = equations, equations.robot.model
         self.detector = Detector(equations.robot, effects)
+        self.joints = JointPoints(stops, holds, len(self.detector.names))
+        self.laws = self.joints.laws(self.detector)
         self.bodies = bodies_of(equations)
-        self.held = HeldSteps(self.bodies, self.detector)
+        self.held = HeldSteps(self.bodies, self.detector, self.joints)
         self.record, self.ahead = Record(), FIRST
 
-    def start(self) -> Memory:
-        """The memory at the start of a run."""
-        return Memory(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0, bool), np.zeros(self.model.nv))
+    def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
+        """The memory at the start of a run: what touches and does not slip sticks."""
+        points, still = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q), np.zeros_like(v)
+        none = Memory(points.key[:0], np.empty((0, 3)), np.empty(0, bool), still)
+        if not len(points.gap):
+            return none
+        self.bodies.free_acceleration(t, q, v, numbers)  # of which the Jacobian takes the configuration
+        speeds = (self._rows(points, axes_of(points.normal)) @ v).reshape(-1, 3)
+        keys = np.sort(points.key[(points.gap < CLOSED) & (np.abs(speeds).max(axis=1) < STILL)])
+        return Memory(keys, np.zeros((len(keys), 3)), np.ones(len(keys), bool), still)
 
     def overlap(self, q: Array) -> tuple[float, str]:
-        """The largest overlap at a configuration, m, and the pair."""
-        places, _ = self.bodies.places(q, np.zeros(self.model.nv))
-        points = self.detector.points(places, CLOSED)
+        """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair."""
+        points = self._points(self.bodies.places(q, np.zeros(self.model.nv))[0], CLOSED, q)
         if not len(points.gap):
             return 0.0, ""
         deepest = int(points.gap.argmin())
-        return max(0.0, -float(points.gap[deepest])), self.detector.names[points.pair[deepest]]
+        return max(0.0, -float(points.gap[deepest])), self.laws.names[points.pair[deepest]]
+
+    def _points(self, places: Places, reach: float, q: Array) -> Points:
+        """The points with gaps below the reach, and behind them those of the joints."""
+        points = self.detector.points(places, reach)
+        return joined([points, self.joints.points(q)]) if self.joints else points
+
+    def _rows(self, points: Points, axes: Array) -> Any:
+        """J (3n, nv) of the points."""
+        rows = self.bodies.jacobian(points, axes)
+        return self.joints.with_rows(rows, points) if self.joints else rows
 
     def run(self, plan: Plan, first: int, q: Array, v: Array, memory: Memory) -> HeldRun | list[Step]:
         """One or more steps of a plan: compiled ones while what stuck does so, else one. Raises as `advance`."""
@@ -107,12 +129,12 @@ class Stepper:
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
         free = v + h * a
         _require_finite(free, t, h)
-        points = self.detector.points(places, 3.0 * h * fastest + 100.0 * h * h)
+        points = self._points(places, 3.0 * h * fastest + 100.0 * h * h, middle)
         if not len(points.gap):
             none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), np.zeros_like(a) if len(memory.keys) else a)
             end = self.bodies.moved(middle, 0.5 * h * free)
             return Step(h, end, free, a, none, points.pair, points.position, np.empty((0, 3)))
-        if (-points.gap > DEEPEST * self.detector.thickness[points.pair]).any():
+        if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
         return self._with_contacts(h, middle, v, free, points, memory)
 
@@ -120,11 +142,11 @@ class Stepper:
         self, h: float, middle: Array, v: Array, free: Array, points: Points, memory: Memory
     ) -> Step | None:
         axes = axes_of(points.normal)
-        rows = self.bodies.jacobian(points, axes)
+        rows = self._rows(points, axes)
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
-        if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.detector.thickness[points.pair]).any():
+        if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.laws.thickness[points.pair]).any():
             return None
-        law = _Law(self.detector, points, before, after, h, memory)
+        law = _Law(self.laws, points, before, after, h, memory)
         solution = law.solved(rows, self.bodies.inverse, free)
         if solution is None:
             return None
@@ -145,9 +167,19 @@ class Stepper:
         stuck = np.hypot(*worth.u[pressing, :2].T) < STILL
         mean = (ends - v) / h
         passed = Memory(keys[order], p[order] / h, stuck[order], mean if smooth else np.zeros_like(v))
+        joints, chosen, p = self._of_joints(rows, law, chosen, p)
         impulse = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
-        return Step(h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], impulse, worth)
+        return Step(
+            h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], impulse, worth, joints=joints
+        )
+
+    def _of_joints(self, rows: Any, law: _Law, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
+        """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""
+        if not self.joints:
+            return None, chosen, p
+        own = law.of_joints[chosen]
+        return rows[_rows(chosen[own])].T @ p[own].ravel(), chosen[~own], p[~own]
 
     def _apart(self, rows: Any, gaps: Array, rests: Array) -> Array | None:
         """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
@@ -174,9 +206,7 @@ class _Law:
     u + b s, and what presses after that does so for h - s.
     """
 
-    def __init__(
-        self, detector: Detector, points: Points, before: Array, after: Array, h: float, memory: Memory
-    ) -> None:
+    def __init__(self, laws: Laws, points: Points, before: Array, after: Array, h: float, memory: Memory) -> None:
         self.points, self.after, self.h = points, after, h
         u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
         place = np.searchsorted(memory.keys, points.key)
@@ -188,17 +218,18 @@ class _Law:
         u = np.where(self.hits, u, 1.0)
         s = np.clip(2.0 * start / (u + np.sqrt(np.maximum(u * u + 2.0 * b * start, 0.0))), 0.0, h)
         left, meets = h - s, u + b * s
-        rebound = detector.restitution[points.pair] * meets - b * left
-        bounces = self.hits & (detector.restitution[points.pair] > 0.0) & (rebound > 0.0)
-        self.rests = ~bounces
+        rebound = laws.restitution[points.pair] * meets - b * left
+        bounces = self.hits & (laws.restitution[points.pair] > 0.0) & (rebound > 0.0)
+        self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
+        self.rests = ~bounces & (self.given == 0.0)
         self.open = np.where(bounces, -rebound, np.where(self.hits, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
         pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
         late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
         self.late = np.where(self.hits, late, 0.0)
         self.guess, stuck = np.zeros_like(before), np.zeros(len(u), dtype=bool)
         self.guess[known], stuck[known] = h * memory.forces[place[known]], memory.stuck[place[known]]
-        self.slower = detector.friction[points.pair]
-        self.mu = np.where(stuck, detector.static[points.pair], self.slower)
+        self.slower = laws.friction[points.pair]
+        self.mu = np.where(stuck, laws.static[points.pair], self.slower)
         closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
         self.active = closes | known
 
@@ -214,7 +245,10 @@ class _Law:
             response = inverse @ own.T
             b = self.after[active].copy()
             b[:, 2] += self.open[active]
-            worth = solve_impulses(Problem(own @ response, b, self.mu[active]), self.guess[active])
+            matrix = own @ response
+            if self.of_joints.any():
+                complete(matrix, b, np.flatnonzero(self.of_joints[active]), self.given[active])
+            worth = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
             if not worth.solved:
                 return None
             self.guess[active] = worth.p

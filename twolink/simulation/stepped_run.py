@@ -8,6 +8,7 @@ import numpy as np
 from twolink.contact.solver import SteppedSolution, solve_stepped
 from twolink.contact.stepping import Stepper
 from twolink.effects.contact import Contact
+from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
@@ -22,7 +23,7 @@ STEPS = 200_000  # of a run that an accuracy may call for
 SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 OVERLAP = 1e-9  # m, at the start
-_without_contacts: weakref.WeakKeyDictionary[Scene, Scene] = weakref.WeakKeyDictionary()
+_smooth: weakref.WeakKeyDictionary[Scene, Scene] = weakref.WeakKeyDictionary()
 
 
 def simulate_stepped(
@@ -77,20 +78,29 @@ def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float
 def stepper_of(scene: Scene) -> Stepper:
     """What steps a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
-    if scene not in _without_contacts:  # the same scene has the same equations, which are kept as long as it is
-        others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
-        _without_contacts[scene] = Scene(scene.base, scene.q, scene.v, others, scene.duration, scene.title)
-    equations = equations_of(_without_contacts[scene])
-    if equations.switching is not None or equations.constraints is not None:
-        what = "loops" if equations.constraints is not None else "effects that switch"
-        raise SceneError(f"{what} beside contacts cannot be stepped", argument="contact",
-                         remedy='contact="located", or leave them out', code="not-stepped")  # fmt: skip
-    stepper = Stepper(equations, effects)
+    others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
+    declared = [item for e in others if isinstance(e, SwitchingEffect) for item in e.modes(scene.robot)]
+    stops = [item for item in declared if isinstance(item, Stop)]
+    holds = [item for item in declared if isinstance(item, Hold) and item.entry is None]
+    if len(stops) + len(holds) < len(declared):
+        raise _not_stepped("effects that switch, other than joint stops and dry friction,")
+    if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
+        smooth = [effect for effect in others if not isinstance(effect, SwitchingEffect)]
+        _smooth[scene] = Scene(scene.base, scene.q, scene.v, smooth, scene.duration, scene.title)
+    equations = equations_of(_smooth[scene])
+    if equations.constraints is not None:
+        raise _not_stepped("loops")
+    stepper = Stepper(equations, effects, stops, holds)
     overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
-                         remedy="start with bodies apart")  # fmt: skip
+                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
     return stepper
+
+
+def _not_stepped(what: str) -> SceneError:
+    return SceneError(f"{what} beside contacts cannot be stepped", argument="contact",
+                      remedy='contact="located", or leave them out', code="not-stepped")  # fmt: skip
 
 
 def _trajectory(

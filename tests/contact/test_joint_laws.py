@@ -1,0 +1,141 @@
+"""Contacts that are stepped on robots whose joints have stops and dry friction."""
+
+import math
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import G, planar, times
+from twolink.contact import held
+from twolink.dynamics.kernels import heyoka
+
+E = tl.effects
+BLOCK = {"body": (E.Box((0.2, 0.2, 0.2)),)}
+SMOOTH = E.Contact(("ground",), shapes=BLOCK)
+
+
+def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples=samples)
+
+
+def on_ground(speed: float, *effects: tl.effects.Effect, contact: tl.effects.Effect = SMOOTH) -> tl.Scene:
+    """A block of 1 kg on the ground, with a joint along it and one about an axis across."""
+    return tl.Scene(planar(), [0, 0.1, 0], [speed, 0, 0], [E.Gravity(), contact, *effects])
+
+
+def test_a_block_slides_to_rest_by_friction_of_its_joint_and_of_the_ground() -> None:
+    """Over v0^2 / (2 a) with a = mu g + c / m, and rests."""
+    mu, c, v0, h = 0.2, 1.0, 2.0, 0.01
+    friction = E.Contact(("ground",), mu, shapes=BLOCK)
+    run = stepped(on_ground(v0, E.DryFriction({"x": c}), contact=friction), 1.0, h)
+    a = mu * G + c
+    t = np.fmin(run.t, v0 / a)
+    assert np.abs(run.q[:, 0] - (v0 * t - a * t**2 / 2)).max() < a * h**2 / 2
+    assert np.abs(run.q[:, 1:] - [0.1, 0.0]).max() < 1e-12
+    assert np.abs(run.v[-1]).max() < 1e-12
+    slides = (run.t > 0.0) & (run.t < v0 / a - h)
+    assert run.tau[slides, 0] == pytest.approx(np.full(slides.sum(), -c), rel=1e-9)
+
+
+@pytest.mark.parametrize(("push", "moves"), [(2.9, False), (3.1, True)])
+def test_static_friction_of_a_joint_holds_it_until_more_is_needed(push: float, moves: bool) -> None:
+    """From the first step on; a joint that slips is braked by the kinetic friction."""
+    kinetic, static = 1.0, 3.0
+    run = stepped(on_ground(0.0, E.DryFriction({"x": kinetic}, {"x": static}), E.Torque({"x": push})), 1.0, 0.02)
+    a = push - kinetic if moves else 0.0
+    assert np.abs(run.q[:, 0] - a * run.t**2 / 2).max() < 1e-12
+    assert run.tau[1:, 0] == pytest.approx(np.full(20, a), abs=1e-9)
+
+
+@pytest.mark.parametrize("steep", [0.35, 0.55])
+def test_static_friction_of_a_contact_holds_from_the_start(steep: float) -> None:
+    """A block on an incline between the angles of kinetic and static friction, and beyond both."""
+    mu, static, tan = 0.3, 0.5, math.tan(steep)
+    gravity = E.Gravity((-G * math.sin(steep), 0.0, -G * math.cos(steep)))
+    contact = E.Contact(("ground",), mu, static=static, shapes=BLOCK)
+    run = stepped(tl.Scene(planar(), [0, 0.1, 0], effects=[gravity, contact]), 0.5, 0.01)
+    a = G * (mu * math.cos(steep) - math.sin(steep)) if tan > static else 0.0
+    assert np.abs(run.q[:, 0] - a * run.t**2 / 2).max() < 1e-10
+
+
+def test_stops_with_restitution_send_a_block_back_and_forth() -> None:
+    """Between -0.3 and 0.5 m with e = 0.5: 2 m/s, then 1, then 0.5."""
+    run = stepped(on_ground(2.0, E.JointStops({"x": (-0.3, 0.5)}, 0.5)), 2.0, 0.01)
+    first, second = 0.25, 0.25 + 0.8
+    exact = np.where(
+        run.t < first, 2.0 * run.t, np.where(run.t < second, 0.5 - (run.t - first), 0.5 * (run.t - second) - 0.3)
+    )
+    assert np.abs(run.q[:, 0] - exact).max() < 1e-12
+
+
+def test_a_stop_holds_a_joint_under_load_until_it_is_pulled_away() -> None:
+    """A force 5 - 7 t against the stop at 0: x = -7/6 (t - 5/7)^3 after 5/7 s."""
+    scene = on_ground(0.0, E.JointStops({"x": (-1.0, 0.0)}), E.Torque({"x": E.Polynomial((5.0, -7.0))}))
+    run = stepped(scene, 1.0, 0.01)
+    assert np.abs(run.q[:, 0] + 7 / 6 * np.fmax(run.t - 5 / 7, 0.0) ** 3).max() < 2e-4
+    assert np.abs(run.q[run.t < 0.7, 0]).max() < 1e-12
+    held = (run.t > 0.0) & (run.t < 0.7)
+    assert np.abs(run.tau[held, 0]).max() < 7 * 0.01
+
+
+def arm(*, contact: bool) -> tl.Scene:
+    """A swinging arm with dry friction in its shoulder, whose elbow falls on a stop; the ground is far below."""
+    effects = [E.Gravity(), E.JointStops({"elbow": (-1.0, 0.5)}, 0.5), E.DryFriction({"shoulder": 1.0})]
+    far = E.Contact((("forearm", E.Plane(height=-9.0)),), shapes={"forearm": (E.Sphere(0.1),)})
+    return tl.Scene(tl.load_robot("two_link"), [0.4, -0.5], [0.0, 3.0], [*effects, *([far] if contact else [])])
+
+
+@pytest.fixture(scope="module")
+def located() -> tl.Trajectory:
+    return tl.simulate(arm(contact=False), 1.0, 1e-9, samples=100)
+
+
+def test_half_the_step_has_half_the_error_where_a_joint_hits_its_stop(located: tl.Trajectory) -> None:
+    """At 3/4 of the run, a quarter into a step of each run."""
+    hit = times(located, "impact")[0]
+    end, counts = hit / 0.75, (11, 23, 43, 87)
+    runs = [stepped(arm(contact=True), end, end / n, samples=1 / end) for n in counts]
+    errors = [np.abs(run.q[-1] - located.at(end)[0]).max() for run in runs]
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert order == pytest.approx(1.0, abs=0.2)
+
+
+def test_stops_and_friction_keep_their_laws_and_take_energy(located: tl.Trajectory) -> None:
+    run = stepped(arm(contact=True), 1.0, 0.005, verify=True, samples=100)
+    assert run.error is not None
+    assert run.bound == "estimated"
+    assert (np.abs(run.q - located.q).max(axis=1) <= run.error).all()
+    assert np.diff(run.energy).max() < 1e-3 * (run.energy[0] - run.energy[-1])
+    record = run.contact_record
+    assert record is not None
+    assert sum(record["solvers"].values()) == 200
+    assert record["feasibility"] < 1e-10
+    assert record["complementarity"] < 1e-10
+    assert record["overlap"] < 1e-9
+
+
+def test_explain_counts_stops_and_friction() -> None:
+    text = repr(tl.explain(arm(contact=True), duration=0.1, contact="stepped"))
+    assert "2 stops are in the contact problem" in text
+    assert "1 joints with dry friction are in the contact problem" in text
+
+
+def test_a_joint_beyond_its_stop_is_refused() -> None:
+    with pytest.raises(tl.errors.SceneError, match=r"stop of x .* by 0\.1 .* at the start"):
+        stepped(on_ground(0.0, E.JointStops({"x": (0.1, 1.0)})), 0.1, 0.01)
+
+
+@pytest.mark.skipif(heyoka() is None, reason="without heyoka no step is compiled")
+def test_a_compiled_step_ends_where_a_joint_meets_its_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that rolls with 2/3 g sin down an incline, until its joint is at 0.3 m, and rests there."""
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    gravity = E.Gravity((G * math.sin(0.3), 0.0, -G * math.cos(0.3)))
+    contact = E.Contact(("ground",), 0.5, shapes={"body": (E.Sphere(0.1),)})
+    effects = [gravity, contact, E.JointStops({"x": (-1.0, 0.3)})]
+    run = stepped(tl.Scene(planar(0.005), [0, 0.1, 0], effects=effects), 1.0, 0.01)
+    assert run.contact_record is not None
+    assert run.contact_record["solvers"]["held"] > 10
+    assert run.contact_record["overlap"] < 1e-9
+    exact = np.fmin(G * math.sin(0.3) / 1.5 * run.t**2 / 2, 0.3)
+    assert np.abs(run.q[:, 0] - exact).max() < 1e-9

@@ -1,0 +1,115 @@
+"""Stops and dry friction of joints as points of the contact problem, three rows each as a contact has.
+
+    stop       g = s (q_k - p),  U_n = s v_k       a contact without friction
+    friction   |p| <= c_k h,     U_t = v_k         a contact that the known impulse c_k h presses
+
+s: the side of the stop, p: its position. Rows that remain move nothing and are not coupled to the others.
+Source: Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapters 3 and 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.contact.detection import Detector
+from twolink.contact.points import Points, key_of
+from twolink.effects.switching import Hold, Stop
+from twolink.integrate.state import Array
+
+
+class Laws(NamedTuple):
+    """Of each pair, stop and joint with dry friction, in this order: its numbers (n,).
+
+    friction, static, restitution: of the contact. thickness: as of `Detector`. pressing: the force [N or N m] that
+    presses a joint's friction, 0 for all else. of_joints: whether it is no pair of bodies.
+    """
+
+    names: list[str]
+    friction: Array
+    static: Array
+    restitution: Array
+    thickness: Array
+    pressing: Array
+    of_joints: Array
+
+
+class JointPoints:
+    """Stops and dry friction of a robot's joints. pairs: how many pairs of bodies the scene has, which come first."""
+
+    def __init__(self, stops: Sequence[Stop], holds: Sequence[Hold], pairs: int) -> None:
+        self.stops, self.holds, self.pairs = stops, [hold for hold in holds if hold.greatest > 0.0], pairs
+        self.entry = np.array([stop.entry for stop in stops], dtype=int)
+        self.position = np.array([stop.position for stop in stops])
+        self.side = np.array([stop.side for stop in stops])
+        self.dof = np.array([*(stop.dof for stop in stops), *(hold.dof for hold in self.holds)], dtype=int)
+        self.first_key = int(key_of(np.array([pairs]), 0)[0])
+
+    def __bool__(self) -> bool:
+        return bool(len(self.dof))
+
+    def notes(self) -> list[str]:
+        """What they are, for people."""
+        counts = ((len(self.stops), "stops"), (len(self.holds), "joints with dry friction"))
+        return [f"{count} {what} are in the contact problem" for count, what in counts if count]
+
+    def laws(self, detector: Detector) -> Laws:
+        """The laws of a scene's pairs, and those of its joints behind them."""
+        stops, count, none = self.stops, len(self.dof), np.zeros(len(self.stops))
+        names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {hold.dof}" for hold in self.holds)]
+        kinetic = np.array([hold.kinetic / hold.greatest for hold in self.holds])
+        return Laws(
+            [*detector.names, *names],
+            np.concatenate([detector.friction, none, kinetic]),
+            np.concatenate([detector.static, none, np.ones(len(self.holds))]),
+            np.concatenate([detector.restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
+            np.concatenate([detector.thickness, np.full(count, np.inf)]),
+            np.concatenate([np.zeros(self.pairs), none, [hold.greatest for hold in self.holds]]),
+            np.arange(self.pairs + count) >= self.pairs,
+        )
+
+    def gaps(self, q: Array) -> Array:
+        """g of the stops (..., n) at q (..., nq), rad or m."""
+        return np.asarray(self.side * (q[..., self.entry] - self.position))
+
+    def points(self, q: Array) -> Points:
+        """All of them, as points of the ground at its origin."""
+        count, still = len(self.dof), len(self.holds)
+        pair, ground, vectors = self.pairs + np.arange(count), np.zeros(count, dtype=int), np.zeros((count, 3))
+        normal = np.tile([0.0, 0.0, 1.0], (count, 1))
+        gap = np.concatenate([self.gaps(q), np.zeros(still)])
+        return Points(pair, key_of(pair, 0), ground, ground, gap, normal, vectors)
+
+    def of(self, points: Points) -> Array:
+        """Which of the points are these (n,)."""
+        return np.asarray(points.pair >= self.pairs)
+
+    def with_rows(self, jacobian: Any, points: Points) -> Any:
+        """The Jacobian (3n, nv) of points with the rows of these, which are 0 in it."""
+        rows = np.flatnonzero(self.of(points))
+        k = points.pair[rows] - self.pairs
+        signs = np.concatenate([self.side, np.ones(len(self.holds))])
+        jacobian[3 * rows + np.where(k < len(self.stops), 2, 0), self.dof[k]] = signs[k]
+        return jacobian
+
+
+def complete(matrix: Array, b: Array, joints: Array, given: Array) -> None:
+    """Make G (3n, 3n) and b (n, 3) of points those of a contact problem.
+
+    Parameters
+    ----------
+    matrix, b : ndarray
+        G and b of the rows alone. Changed: rows that are 0 get the size of the one that is not, so that their impulses
+        are 0, and b the normal impulses that are given.
+    joints : ndarray (m,)
+        Which of the points are of joints.
+    given : ndarray (n,)
+        The normal impulse of each point, N s or N m s, 0 where it is sought.
+    """
+    for i in joints.tolist():
+        own = np.arange(3 * i, 3 * i + 3)
+        size = matrix[own, own].max()
+        matrix[own, own] = size
+        b[i, 2] -= size * given[i]
