@@ -100,7 +100,8 @@ class ForceShare:
     def _solved(self, base: Array, ways: Array, load: float) -> Share:
         """The best shares of states, of Z (states or 1, contacts, 3, k)."""
         scaled, y = base / load, np.zeros((len(base), ways.shape[3] + 1))
-        excess = scaled.reshape(len(base), 1, -1) @ ways.reshape(len(ways), -1, ways.shape[3])
+        count = 3 * len(self.contacts)
+        excess = scaled.reshape(len(base), 1, count) @ ways.reshape(len(ways), count, ways.shape[3])
         scaled = scaled - _applied(ways, excess[:, 0])  # the smallest forces
         across = np.sqrt(scaled[..., 1] ** 2 + scaled[..., 2] ** 2) * self.sticks
         inner = (self.friction * scaled[..., 0] - across).min(axis=1)

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.consistency import NEAR, still_speed
+from twolink.integrate.hybrid.consistency import DIFFERENT, NEAR, still_speed
 from twolink.integrate.hybrid.contact_problem import friction_force
 from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
@@ -190,7 +190,37 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
         raise AccuracyError(f"the impact of {touches[0].name} would create energy under its laws of restitution and "
                             "friction", where="effects", remedy="less restitution or friction",
                             code="no-impact")  # fmt: skip
+    closed = [touch for touch, least in zip(touches, wanted, strict=True)
+              if float(touch.rows[0] @ new) - least <= still_speed(v)]  # fmt: skip
+    _require_determined(closed, new, inverse)
     return new
+
+
+def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) -> None:
+    """Raise AccuracyError if v+ depends on how the impulses of touches are shared, as friction with several slips does.
+
+    A share may change along impulses that leave the normal velocities, and those of what sticks, as they are.
+    """
+    if len(touches) < 3:
+        return
+    kept, columns = [], []
+    for touch in touches:
+        slip, still = touch.rows[1:] @ new, still_speed(new)
+        slides = len(slip) > 0 and math.hypot(*slip) > still
+        kept.append(touch.rows[:1] if slides else touch.rows)
+        columns.append(touch.rows[:1] - touch.friction * (slip / math.hypot(*slip)) @ touch.rows[1:] if slides
+                       else touch.rows)  # fmt: skip
+    e, axes = np.linalg.eigh(inverse)
+    root = axes * np.sqrt(np.maximum(e, 0.0))  # forces by the velocities that they give
+    ranks = []
+    for rows in (kept, columns):
+        sizes = np.linalg.svd(np.concatenate(rows) @ root, compute_uv=False)
+        ranks.append(int((sizes > DIFFERENT * sizes[0]).sum()))
+    if ranks[1] > ranks[0]:
+        raise AccuracyError(f"{touches[0].name} slide at an impact on more points than determine their impulses, and "
+                            "the velocities after it depend on the share of each", where="effects",
+                            remedy='let them touch at three points, or give contact="stepped"',
+                            code="indeterminate-forces")  # fmt: skip
 
 
 def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *, still: float) -> Array:

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from twolink.algorithms.jets import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
+NEARBY = 1e-3  # rad or m
 FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions", "columns")
 ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
@@ -158,10 +160,12 @@ def _compiled(evaluator: Evaluator) -> Any:
     rows = np.array([module.expression(f"x{i}") for i in range(1 + equations.space.size)], dtype=object)
     values = evaluator.formulas(mechanism(equations.robot.model), rows[0], rows[1:], xp)
     compiled = module.cfunc([xp.lift(e) for e in values], vars=list(rows), **UNOPTIMIZED)
-    state = np.array(equations.start[:, None])
-    moving = slice(equations.space.nq, equations.moving)
-    # Not at rest: there the direction of sliding is rounding, which differs.
-    state[moving, 0] += np.random.default_rng(1).uniform(0.5, 1.5, equations.space.nv)
+    state, nq = np.array(equations.start[:, None]), equations.space.nq
+    # Not quite there and not at rest: the lowest point of a disc that lies flat and the direction of sliding at rest
+    # are rounding, which differs.
+    apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
+    state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
+    state[nq : equations.moving, 0] += apart[1]
     theirs = evaluator.by_numpy(np.zeros(1), state).rows
     ours = np.empty_like(theirs)
     compiled(np.concatenate([np.zeros((1, 1)), state]), ours)
