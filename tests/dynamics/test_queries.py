@@ -316,7 +316,7 @@ ERRORS = {
     "NaN in a batch": (lambda r: r.bias([[0, 0], [0, np.nan]], Z2), ["q", "nan at [1, 1]"]),
     "ragged": (lambda r: r.mass_matrix([[0, 0], [0]]), ["q: expected an array"]),
     "words": (lambda r: r.mass_matrix(["a", "b"]), ["q: expected real numbers"]),
-    "None": (lambda r: r.bias(Z2, None), ["v: expected real numbers"]),
+    "None": (lambda r: r.bias(Z2, None), ["v: expected numbers, got None; give the array"]),
     "mask": (lambda r: r.mass_matrix(np.ma.masked_array([0.0, 1.0], [0, 1])), ["q", "mask"]),
     "complex": (lambda r: r.mass_matrix([1j, 0]), ["q: expected real numbers, got complex128"]),
     "batches": (lambda r: r.bias(np.zeros((3, 2)), np.zeros((4, 2))), ["do not broadcast", "(3, 2)", "(4, 2)"]),

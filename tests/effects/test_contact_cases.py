@@ -131,6 +131,8 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
             with pytest.raises(AccuracyError, match=f"{what} on the share of each") as caught:
                 tl.simulate(one, 0.1)
             assert caught.value.code == "indeterminate-forces"
+            assert 'or contact="stepped" and step=1e-3' in str(caught.value)
+        assert tl.simulate(scene, 0.01, contact="stepped", step=1e-3).bound == "estimated"
         return
     run = tl.simulate(scene, 0.5, 1e-9)
     assert run.v[-1, 1] == pytest.approx(w0 - mu * 2 * G * arm / 0.5 * 0.5, abs=1e-9)

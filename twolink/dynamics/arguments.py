@@ -29,6 +29,8 @@ def positive(
 
 def array(name: str, value: ArrayLike, size: int | None) -> np.ndarray:
     """`value` as finite float64 of shape (..., size), or (...) for None. Raises QueryError that names the argument."""
+    if value is None:
+        raise QueryError("expected numbers, got None", argument=name, remedy="give the array")
     if isinstance(value, np.ma.MaskedArray):
         raise QueryError("expected an array, got one with a mask", argument=name, remedy="fill it: value.filled(...)")
     try:

@@ -25,8 +25,10 @@ def save_scene(
     if path.suffix != ".toml":
         what = f"{path.suffix or 'no suffix'} is no format for scenes"
         raise SceneError(what, where=str(path), remedy="use .toml", code="unknown-format")
-    content = scene_content(_robot_entry(robot, path), robot, q, v, effects, duration, title)
-    text = msgspec.toml.encode(content)
+    entry, beside = _robot_entry(robot, path)
+    text = msgspec.toml.encode(scene_content(entry, robot, q, v, effects, duration, title))
+    if beside is not None:
+        write_atomic(beside, lambda file: file.write(robot.visuals.text.encode("utf-8")))
     return write_atomic(path, lambda file: file.write(text))
 
 
@@ -45,10 +47,10 @@ def scene_content(
     )
 
 
-def _robot_entry(robot: Robot, path: Path) -> RobotEntry:
-    """The robot by its name in the catalogue; any other one by the name of a URDF that is written beside the scene."""
+def _robot_entry(robot: Robot, path: Path) -> tuple[RobotEntry, Path | None]:
+    """The robot by its name in the catalogue; any other one by the name of a URDF beside the scene, and that file."""
     notes = robot_notes(robot)
-    source = robot.name
+    source, beside = robot.name, None
     if notes["catalogue"] != "true":
         content = robot.visuals.text.encode("utf-8")
         places = (path.with_suffix(".urdf"), path.with_name(f"{path.stem}-robot.urdf"))  # the first may be the original
@@ -57,9 +59,8 @@ def _robot_entry(robot: Robot, path: Path) -> RobotEntry:
             remedy = "save the scene under another name"
             raise SceneError("another file is there", where=str(places[1]), remedy=remedy, code="file-exists")
         beside = free[0]
-        write_atomic(beside, lambda file: file.write(content))
         source = beside.name
-    return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"]))
+    return RobotEntry(source, "free" if notes["root"] == "free" else "fixed", json.loads(notes["lock"])), beside
 
 
 def _by_joint(robot: Robot, values: np.ndarray, neutral: np.ndarray, name: str) -> dict[str, float | list[float]]:

@@ -34,6 +34,7 @@ LOOKS, MAX_LOOKS = 41, 400  # times at which errors are looked at, at least and 
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
+NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces")  # codes of contacts that stepping may solve
 
 
 def simulate(
@@ -98,7 +99,14 @@ def simulate(
     choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
-    return run_of(scene, equations, choice, times, accuracy, progress, measured=measured, verify=verify)
+    try:
+        return run_of(scene, equations, choice, times, accuracy, progress, measured=measured, verify=verify)
+    except AccuracyError as error:
+        if way.way == "located" and error.code in NOT_LOCATED:
+            parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
+            remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
+            raise AccuracyError(error.what, remedy=remedy, **parts) from None
+        raise
 
 
 def _stepped(
