@@ -139,9 +139,7 @@ def content_findings(
         "limits of acceleration, deceleration and jerk (not in robot.model either)": [
             j.name for j in moving if j.rate_limits
         ],
-        "collision shapes (bodies touch where a scene has the effect Contact)": [
-            k.name for k in links if k.element.first("collision")
-        ],
+        "collision shapes (bodies touch by effects.Contact)": [k.name for k in links if k.element.first("collision")],
         "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)": missing_meshes,
     }
     repaired = {
