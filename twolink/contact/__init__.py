@@ -7,6 +7,7 @@ detection     the points at which bodies touch or are about to, with gaps and no
 points        these as data; formulas, hulls, hull_pairs: what finds them, by shapes
 multibody     mass matrix, free motion and Jacobians at those points; free_bodies: of many free bodies
 joints        stops and dry friction of joints, as points of the contact problem
+loops         motions that loops leave free
 impulses      the contact problem: impulses that obey the laws of contact and friction
 held          steps in which contacts stick as before, compiled; held_step: their formulas
 stepping      one step; step: what it is; plan: the steps of a run

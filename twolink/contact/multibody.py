@@ -87,10 +87,13 @@ class Multibody:
         for x, joints, sign in points.ends:
             rows = np.concatenate([axes, cross(x[:, None, :], axes)], axis=2)
             jacobian = jacobian + (rows @ self.data.J) * (sign * self.carries[joints])[:, None, :]
-        jacobian = jacobian.reshape(-1, self.model.nv)
+        return self.turned(jacobian.reshape(-1, self.model.nv))
+
+    def turned(self, rows: Array) -> Array:
+        """Rows for v (m, nv), which change, as rows for w."""
         for lin, rotation in self._ways:
-            jacobian[:, lin] = jacobian[:, lin] @ rotation.T
-        return jacobian
+            rows[:, lin] = rows[:, lin] @ rotation.T
+        return rows
 
     def _axes(self, q: Array) -> Iterator[tuple[slice, Array]]:
         """The entries of linear velocities that joints have along axes of their own, and these axes in the parent's."""

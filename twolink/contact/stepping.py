@@ -11,7 +11,8 @@ closes at most to the end. Contact impulses have the power P . (U- + U+) / 2: it
 bounce, so that the energy does not grow. The impulse of an impact acts from when in the step the bodies meet, s before
 its middle; what overlap is left is removed from the positions (Acary, Brogliato: Numerical Methods for
 Nonsmooth Dynamical Systems, 2008, chapter 10). It is of first order in h, and of second order where impacts are single
-and between them. Stops and dry friction of joints are points of the same problem (`joints`).
+and between them. Stops and dry friction of joints are points of the same problem (`joints`); loops leave it fewer
+motions (`loops`).
 
 A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
 """
@@ -28,7 +29,8 @@ from twolink.contact.free_bodies import bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
 from twolink.contact.joints import JointPoints, Laws, complete
-from twolink.contact.multibody import axes_of
+from twolink.contact.loops import Kept, LoopRows
+from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
 from twolink.contact.points import CLOSED, Places, Points, joined
 from twolink.contact.step import Memory, Record, Step
@@ -51,13 +53,18 @@ class Stepper:
     """Steps of a scene: its equations without contacts, its contact effects, and its joints' stops and friction."""
 
     def __init__(
-        self, equations: Equations, effects: Sequence[Contact], stops: Sequence[Stop] = (), holds: Sequence[Hold] = ()
+        self,
+        equations: Equations,
+        effects: Sequence[Contact],
+        stops: Sequence[Stop] = (),
+        holds: Sequence[Hold] = (),
+        loops: LoopRows | None = None,
     ) -> None:
         self.equations, self.model = equations, equations.robot.model
         self.detector = Detector(equations.robot, effects)
         self.joints = JointPoints(stops, holds, len(self.detector.names))
         self.laws = self.joints.laws(self.detector)
-        self.bodies = bodies_of(equations)
+        self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
         self.held = HeldSteps(self.bodies, self.detector, self.joints)
         self.record, self.ahead = Record(), FIRST
 
@@ -73,12 +80,18 @@ class Stepper:
         return Memory(keys, np.zeros((len(keys), 3)), np.ones(len(keys), bool), still)
 
     def overlap(self, q: Array) -> tuple[float, str]:
-        """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair."""
+        """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair; or gap of a loop."""
         points = self._points(self.bodies.places(q, np.zeros(self.model.nv))[0], CLOSED, q)
-        if not len(points.gap):
-            return 0.0, ""
+        open_ = 0.0 if self.loops is None else float(np.abs(self.loops.at(q)[0]).max())
+        if points.gap.min(initial=0.0) >= -open_:
+            return open_, "loops"
         deepest = int(points.gap.argmin())
-        return max(0.0, -float(points.gap[deepest])), self.laws.names[points.pair[deepest]]
+        return -float(points.gap[deepest]), self.laws.names[points.pair[deepest]]
+
+    def notes(self) -> list[str]:
+        """What is in the contact problem besides pairs of bodies."""
+        loops = [] if self.loops is None else [f"{len(self.loops.constraints.kept)} rows of loops hold at each step"]
+        return [*self.joints.notes(), *loops]
 
     def _points(self, places: Places, reach: float, q: Array) -> Points:
         """The points with gaps below the reach, and behind them those of the joints."""
@@ -92,7 +105,7 @@ class Stepper:
 
     def run(self, plan: Plan, first: int, q: Array, v: Array, memory: Memory) -> HeldRun | list[Step]:
         """One or more steps of a plan: compiled ones while what stuck does so, else one. Raises as `advance`."""
-        known = self.held.of(memory.keys) if memory.stuck.all() else None
+        known = self.held.of(memory.keys) if self.loops is None and memory.stuck.all() else None
         if known is not None:
             found = self.held.run(known, plan, slice(first, first + self.ahead), q, v, memory.change)
             self.ahead = min(2 * self.ahead, MOST)
@@ -129,33 +142,37 @@ class Stepper:
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
         free = v + h * a
         _require_finite(free, t, h)
+        kept = Kept(free, self.bodies.inverse, 0.0)
+        if self.loops is not None:
+            kept = self.loops.keep(self.bodies, q, middle, v, free)
+            free, a = kept.free, (kept.free - v) / h
         points = self._points(places, 3.0 * h * fastest + 100.0 * h * h, middle)
         if not len(points.gap):
             none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), np.zeros_like(a) if len(memory.keys) else a)
-            end = self.bodies.moved(middle, 0.5 * h * free)
+            end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)
             return Step(h, end, free, a, none, points.pair, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
-        return self._with_contacts(h, middle, v, free, points, memory)
+        return self._with_contacts(h, middle, v, kept, points, memory)
 
     def _with_contacts(
-        self, h: float, middle: Array, v: Array, free: Array, points: Points, memory: Memory
+        self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory
     ) -> Step | None:
-        axes = axes_of(points.normal)
+        axes, free = axes_of(points.normal), kept.free
         rows = self._rows(points, axes)
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
         if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.laws.thickness[points.pair]).any():
             return None
         law = _Law(self.laws, points, before, after, h, memory)
-        solution = law.solved(rows, self.bodies.inverse, free)
+        solution = law.solved(rows, kept.inverse, free)
         if solution is None:
             return None
         active, response, worth = solution
         ends = free + response @ worth.p.ravel()
-        move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel()
+        move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel() + kept.closing
         gaps = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
         if gaps[law.rests].min(initial=0.0) < -CLOSED:
-            push = self._apart(rows, gaps, law.rests)
+            push = _apart(kept.inverse, rows, gaps, law.rests)
             if push is None:
                 return None
             move += push
@@ -181,15 +198,16 @@ class Stepper:
         own = law.of_joints[chosen]
         return rows[_rows(chosen[own])].T @ p[own].ravel(), chosen[~own], p[~own]
 
-    def _apart(self, rows: Any, gaps: Array, rests: Array) -> Array | None:
-        """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
-        near = np.flatnonzero(rests)
-        own = rows[2::3][near]
-        response = self.bodies.inverse @ own.T
-        try:
-            return np.asarray(response @ solve_normal(own @ response, gaps[near]))
-        except (ArithmeticError, np.linalg.LinAlgError):
-            return None
+
+def _apart(inverse: Any, rows: Any, gaps: Array, rests: Array) -> Array | None:
+    """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
+    near = np.flatnonzero(rests)
+    own = rows[2::3][near]
+    response = inverse @ own.T
+    try:
+        return np.asarray(response @ solve_normal(own @ response, gaps[near]))
+    except (ArithmeticError, np.linalg.LinAlgError):
+        return None
 
 
 def _require_finite(v: Array, t: float, h: float) -> None:

@@ -183,7 +183,7 @@ def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Expl
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        (*_notes(scene, way), *stepper.joints.notes()),
+        (*_notes(scene, way), *stepper.notes()),
         "impulses (time stepping: the error is estimated)",
         stepper.equations.moving,
         stepper.equations.operations,

@@ -5,9 +5,11 @@ import weakref
 
 import numpy as np
 
+from twolink.contact.loops import LoopRows
 from twolink.contact.solver import SteppedSolution, solve_stepped
 from twolink.contact.stepping import Stepper
 from twolink.effects.contact import Contact
+from twolink.effects.loop import Loop
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.scene_equations import equations_of
@@ -23,7 +25,7 @@ STEPS = 200_000  # of a run that an accuracy may call for
 SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
 OVERLAP = 1e-9  # m, at the start
-_smooth: weakref.WeakKeyDictionary[Scene, Scene] = weakref.WeakKeyDictionary()
+_smooth: weakref.WeakKeyDictionary[Scene, tuple[Scene, Scene]] = weakref.WeakKeyDictionary()
 
 
 def simulate_stepped(
@@ -83,24 +85,23 @@ def stepper_of(scene: Scene) -> Stepper:
     stops = [item for item in declared if isinstance(item, Stop)]
     holds = [item for item in declared if isinstance(item, Hold) and item.entry is None]
     if len(stops) + len(holds) < len(declared):
-        raise _not_stepped("effects that switch, other than joint stops and dry friction,")
+        raise SceneError("effects that switch, other than joint stops and dry friction, cannot be stepped",
+                         argument="contact", remedy='contact="located", or leave them out',
+                         code="not-stepped")  # fmt: skip
     if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
         smooth = [effect for effect in others if not isinstance(effect, SwitchingEffect)]
-        _smooth[scene] = Scene(scene.base, scene.q, scene.v, smooth, scene.duration, scene.title)
-    equations = equations_of(_smooth[scene])
-    if equations.constraints is not None:
-        raise _not_stepped("loops")
-    stepper = Stepper(equations, effects, stops, holds)
+        looped = Scene(scene.base, scene.q, scene.v, smooth, scene.duration, scene.title)
+        free = [effect for effect in smooth if not isinstance(effect, Loop)]
+        q, v = equations_of(looped).space.rows(equations_of(looped).start)
+        _smooth[scene] = looped, Scene(scene.base, q, v, free, scene.duration, scene.title)
+    with_loops, equations = (equations_of(one) for one in _smooth[scene])
+    loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
+    stepper = Stepper(equations, effects, stops, holds, loops)
     overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
     if overlap > OVERLAP:
         raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
                          remedy="start with bodies apart, and joints within their stops")  # fmt: skip
     return stepper
-
-
-def _not_stepped(what: str) -> SceneError:
-    return SceneError(f"{what} beside contacts cannot be stepped", argument="contact",
-                      remedy='contact="located", or leave them out', code="not-stepped")  # fmt: skip
 
 
 def _trajectory(
