@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 import twolink as tl
 from tests.effects.bodies import ball, free_bodies
 from twolink.contact import stepping
-from twolink.contact.impulses import Impulses, Problem, admm, newton, relaxed, softened, solve_impulses, sweeps
+from twolink.contact.impulses import Impulses, Problem, accelerated, admm, newton, solve_impulses
 from twolink.contact.multibody import axes_of
 
 E = tl.effects
@@ -44,7 +44,7 @@ def test_impulses_obey_the_laws(seed: int, redundant: bool) -> None:
     require_laws(problem, found, 1e-9)
 
 
-@pytest.mark.parametrize("solver", [relaxed, softened, admm, sweeps])
+@pytest.mark.parametrize("solver", [lambda problem, guess: accelerated(problem, guess, 300), admm])
 def test_each_solver_comes_near_enough_for_newton(solver: Callable[[Problem, np.ndarray], np.ndarray]) -> None:
     for seed in range(3):
         problem = random_problem(seed)
@@ -86,7 +86,7 @@ def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
     assert run.v[-1, [0, 6]] == pytest.approx([speed / 2, speed / 2])
 
 
-def falling_pile(seed: int, side: int) -> Problem:
+def falling_pile(seed: int, side: int, friction: float) -> Problem:
     """Spheres of 1 m that lie loosely on a grid, side by side, and fall the faster the lower they are."""
     random = np.random.default_rng(seed)
     places = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -103,12 +103,14 @@ def falling_pile(seed: int, side: int) -> Problem:
     velocity = 0.3 * random.standard_normal(flat.shape[1])
     velocity[2::6] -= places[:, 2]
     inverse = np.tile([1.0, 1.0, 1.0, 10.0, 10.0, 10.0], len(places))
-    return Problem(sparse.csr_array((flat * inverse) @ flat.T), (flat @ velocity).reshape(-1, 3), np.full(len(a), 0.3))
+    return Problem(
+        sparse.csr_array((flat * inverse) @ flat.T), (flat @ velocity).reshape(-1, 3), np.full(len(a), friction)
+    )
 
 
-def test_a_pile_in_which_newtons_method_goes_round_in_circles_is_solved() -> None:
-    """By contacts that give way less and less."""
-    problem = falling_pile(3, 5)
+@pytest.mark.parametrize(("seed", "side", "friction"), [(3, 5, 0.3), (0, 5, 1.0), (1, 7, 0.3)])
+def test_piles_in_which_newtons_method_goes_round_in_circles_are_solved(seed: int, side: int, friction: float) -> None:
+    problem = falling_pile(seed, side, friction)
     found = solve_impulses(problem, np.zeros_like(problem.b))
     assert len(problem.b) > 300
     assert found.solved

@@ -7,11 +7,13 @@
 G = J M^-1 J^T; b: the velocities without impulses; c: what the gap still leaves open. P and U have the normal last.
 
 The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radius mu P_n, g the size of G at a contact.
-Newton's method on F from the last step's impulses mostly ends in a few steps (Alart, Curnier, Comput. Methods Appl.
-Mech. Engrg. 92 (1991) 353-375). Where it does not, it begins again from a few steps of P - F / 3, or is led over
-contacts that give way, G + e D with e to 0. Where that fails too, Pinocchio's ADMM solver brings few contacts near
-(Carpentier, Montaut, Le Lidec: From Compliant to Rigid Contact Simulation, RSS 2024), or sweeps over them (Jourdan,
-Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47).
+Newton's method on F (Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375) takes steps with G + e g, e
+in proportion to what F misses: a proximal term, which keeps the steps small where contacts leave their forces
+undetermined, and which ends with F, so that the solution obeys the laws as exactly as without. Where Newton's method
+goes round in circles, steps of P - F / 3 with Nesterov's momentum lead on, and it begins again (O'Donoghue, Candes,
+Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32).
+Where that fails too, Pinocchio's ADMM solver brings few contacts near (Carpentier, Montaut, Le Lidec: From Compliant to
+Rigid Contact Simulation, RSS 2024).
 """
 
 from __future__ import annotations
@@ -25,17 +27,17 @@ import pinocchio as pin
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from twolink.integrate.hybrid.contact_problem import friction_force
 from twolink.integrate.state import Array
 
-NEWTON = 40  # steps
-SHORTEST = 0.02  # of a step
-ROUNDS = 4  # of relaxing
-REGULAR = 1e-11  # relative to G: what makes Newton's matrix regular where forces are not determined
+NEWTON = 15  # steps before it is led on
+ROUNDS = 12  # of that
+LEADING = 30  # steps that lead, half as many more in each round
+DAMPING = 0.1  # e, relative to the share of the velocities by which the laws are missed, and the largest
+REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
+SETS = 40  # that press, without friction
+FEW = 50  # contacts for which Newton's method begins at the guess itself
 ADMM = 2_000  # iterations
-SOFT = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)  # of G: how much softened contacts give way
-SWEEPS = 300
-LARGE = 200  # contacts beyond which these two take longer than half the step
+LARGE = 200  # contacts beyond which they take longer than half the step
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
 
 
@@ -65,12 +67,14 @@ class Problem:
     """A contact problem. g_matrix: G (3n, 3n), full or sparse. b (n, 3): with c in the normal. mu (n,)."""
 
     def __init__(self, g_matrix: Any, b: Array, mu: Array) -> None:
-        thin = sparse.issparse(g_matrix)
-        self.matrix, self.b, self.mu = sparse.bsr_array(g_matrix, blocksize=(3, 3)) if thin else g_matrix, b, mu
-        self.pattern = _Pattern(self.matrix) if thin else None
+        self.matrix, self.b, self.mu = g_matrix, b, mu
+        if sparse.issparse(g_matrix):
+            self.matrix = sparse.bsr_array(g_matrix, blocksize=(3, 3))
+            self.rows = np.repeat(np.arange(len(b)), np.diff(self.matrix.indptr))  # of its blocks
         diagonal = g_matrix.diagonal().reshape(-1, 3)
         self.size = np.maximum(diagonal.max(axis=1), 1e-300)
-        self.scale = max(1.0, float(np.abs(b).max(initial=0.0)))
+        self.fastest = float(np.abs(b).max(initial=1e-300))
+        self.scale = max(1.0, self.fastest)
 
     def velocities(self, p: Array) -> Array:
         """U + c (n, 3)."""
@@ -92,10 +96,6 @@ class Problem:
         """|g F| relative to velocities that matter."""
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
 
-    def norm(self, f: Array) -> float:
-        """|g F|, the sum over all contacts."""
-        return float(np.linalg.norm(f * self.size[:, None]))
-
     def answer(self, p: Array, solver: str) -> Impulses:
         """What the impulses are worth."""
         f, _, u = self.miss(p)
@@ -106,25 +106,6 @@ class Problem:
         return Impulses(p, u, feasibility, missed, self.residual(f), solver)
 
 
-class _Pattern:
-    """Where the 3 x 3 blocks of a sparse matrix are, and where their entries are in columns."""
-
-    def __init__(self, matrix: Any) -> None:
-        count = len(matrix.indptr) - 1
-        self.rows = np.repeat(np.arange(count), np.diff(matrix.indptr))
-        self.diagonal = np.flatnonzero(self.rows == matrix.indices)
-        numbers = np.arange(matrix.data.size).reshape(matrix.data.shape)
-        columns = sparse.bsr_array((numbers, matrix.indices, matrix.indptr), shape=matrix.shape).tocsc()
-        self.order, self.parts = columns.data, (columns.indices, columns.indptr)
-
-    def solved(self, matrix: Any, factors: Array, own: Array, right: Array) -> Array:
-        """(own + factors G)^-1 times the right side (n, 3). factors, own: blocks (n, 3, 3) on the diagonal."""
-        blocks = factors[self.rows] @ matrix.data
-        blocks[self.diagonal] += own
-        columns = sparse.csc_array((blocks.ravel()[self.order], *self.parts), shape=matrix.shape)
-        return np.asarray(splu(columns).solve(right.ravel()).reshape(-1, 3))
-
-
 def solve_normal(matrix: Any, b: Array) -> Array:
     """P (n,) with 0 <= P, 0 <= G P + b and P (G P + b) = 0; G (n, n), full or sparse. Without friction.
 
@@ -133,12 +114,12 @@ def solve_normal(matrix: Any, b: Array) -> Array:
     """
     size = np.maximum(matrix.diagonal(), 1e-300)
     pressing = b < 0.0
-    for _ in range(NEWTON):
+    for _ in range(SETS):
         p, chosen = np.zeros(len(b)), np.flatnonzero(pressing)
         part = matrix[chosen][:, chosen]
         if sparse.issparse(part):
             regular = (part + REGULAR * float(size.max()) * sparse.eye_array(len(chosen))).tocsc()
-            p[chosen] = splu(regular, permc_spec="MMD_AT_PLUS_A").solve(-b[chosen])
+            p[chosen] = _factors(regular).solve(-b[chosen])
         else:
             p[chosen] = np.linalg.solve(part + REGULAR * float(size.max()) * np.eye(len(chosen)), -b[chosen])
         now = p - (matrix @ p + b) / size > 0.0
@@ -163,51 +144,87 @@ def _with_tangents(matrix: Any) -> Any:
 
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
-    best = near = problem.answer(newton(problem, guess), "newton")
-    for solver in (relaxed, softened, relaxed, admm, sweeps):
-        if best.solved or (len(guess) > LARGE and solver in (admm, sweeps)):
-            break
-        start = guess if solver is softened else near.p
-        near = problem.answer(newton(problem, solver(problem, start)), solver.__name__)
-        best = min((best, near), key=lambda one: one.residual)
-    return best
+    p = guess
+    for count in range(ROUNDS):
+        leading = int(LEADING * 1.5**count) if count or len(guess) > FEW else 0
+        p = newton(problem, accelerated(problem, p, leading))
+        best = problem.answer(p, "accelerated" if count else "newton")
+        if best.solved:
+            return best
+    if len(guess) > LARGE:
+        return best
+    return min(best, problem.answer(newton(problem, admm(problem, p)), "admm"), key=lambda one: one.residual)
 
 
-def newton(problem: Problem, guess: Array, *, shorten: bool = True) -> Array:
-    """The best iterate of Newton's method on F. shorten: each step only as long as F becomes smaller."""
-    p, (f, z, _) = guess, problem.miss(guess)
-    best = problem.residual(f), guess
-    for _ in range(NEWTON):
-        size = problem.norm(f)
-        if best[0] <= 0.1 * EXACT or not np.isfinite(size):
+def newton(problem: Problem, guess: Array) -> Array:
+    """The best iterate of Newton's method on F."""
+    p, best = guess, (np.inf, guess)
+    for _ in range(NEWTON + 1):
+        f, z, _ = problem.miss(p)
+        residual = problem.residual(f)
+        if not np.isfinite(residual):
             break
-        step, share, nearest = _newton_step(problem, f, z), 1.0, (np.inf, p, f, z)
-        while share >= (SHORTEST if shorten else 1.0) and not nearest[0] < (1.0 - 1e-4 * share) * size:
-            trial = p - share * step
-            missed, place, _ = problem.miss(trial)
-            nearest = min(nearest, (problem.norm(missed), trial, missed, place), key=lambda one: one[0])
-            share *= 0.5
-        if not np.isfinite(nearest[0]):
+        best = min(best, (residual, p), key=lambda one: one[0])
+        if residual <= 0.1 * EXACT:
             break
-        _, p, f, z = nearest
-        best = min(best, (problem.residual(f), p), key=lambda one: one[0])
+        share = residual * problem.scale / problem.fastest
+        p = p - _newton_step(problem, f, z, min(max(REGULAR, DAMPING * share), DAMPING))
     return best[1]
 
 
-def _newton_step(problem: Problem, f: Array, z: Array) -> Array:
-    """(I - C + C G / g)^-1 F with C = dproj / dz."""
-    n = len(f)
+def accelerated(problem: Problem, guess: Array, count: int) -> Array:
+    """Impulses by a number of steps of P - F / 3 with momentum, which is lost where it leads back."""
+    p = ahead = guess
+    inertia = 1.0
+    for _ in range(count):
+        f = problem.miss(ahead)[0]
+        after, change = ahead - f / 3.0, ahead - f / 3.0 - p
+        inertia = 1.0 if (f * change).sum() > 0.0 else inertia
+        more = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * inertia**2))
+        ahead, p, inertia = after + (inertia - 1.0) / more * change, after, more
+    return p
+
+
+def _newton_step(problem: Problem, f: Array, z: Array, damping: float) -> Array:
+    """(I - C + C (G / g + e))^-1 F with C = dproj / dz. Where nothing presses, z_n <= 0, it is F."""
+    pressing = z[:, 2] > 0.0
+    chosen, step = np.flatnonzero(pressing), np.where(pressing[:, None], 0.0, f)
     c = _derivative(problem.mu, z)
     scaled = c / problem.size[:, None, None]
-    own = np.eye(3) - c + REGULAR * float(problem.size.max()) * scaled
-    if problem.pattern is not None:
-        return problem.pattern.solved(problem.matrix, scaled, own, f)
-    jacobian = np.matmul(scaled, problem.matrix.reshape(n, 3, 3 * n)).reshape(3 * n, 3 * n)
+    right = (f - np.einsum("nij,nj->ni", scaled, (problem.matrix @ step.ravel()).reshape(-1, 3)))[chosen].ravel()
+    own, scaled = np.eye(3) + (damping - 1.0) * c[chosen], scaled[chosen]
+    solve = _solve_sparse if sparse.issparse(problem.matrix) else _solve_full
+    step[chosen] = solve(problem, pressing, own, scaled, right).reshape(-1, 3)
+    return step
+
+
+def _solve_sparse(problem: Problem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
+    """(own + scaled G)^-1 times the right side; of what presses, with blocks (n, 3, 3) on the diagonal."""
+    number = np.cumsum(pressing) - 1
+    kept = np.flatnonzero(pressing[problem.rows] & pressing[problem.matrix.indices])
+    rows, columns = number[problem.rows[kept]], number[problem.matrix.indices[kept]]
+    blocks = scaled[rows] @ problem.matrix.data[kept]
+    blocks[rows == columns] += own
+    ends = np.searchsorted(rows, np.arange(len(own) + 1))
+    by_rows = sparse.bsr_array((blocks, columns, ends), shape=(len(right),) * 2).tocsr()
+    transposed = sparse.csc_array((by_rows.data, by_rows.indices, by_rows.indptr), shape=by_rows.shape)
+    return np.asarray(_factors(transposed).solve(right, trans="T"))
+
+
+def _factors(matrix: Any) -> Any:
+    """Of a sparse matrix by columns, whose entries lie symmetrically."""
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
+
+
+def _solve_full(problem: Problem, pressing: Array, own: Array, scaled: Array, right: Array) -> Array:
+    """The same for a full matrix."""
+    rows, n = np.flatnonzero(np.repeat(pressing, 3)), len(own)
+    jacobian = np.matmul(scaled, problem.matrix[np.ix_(rows, rows)].reshape(n, 3, 3 * n)).reshape(3 * n, 3 * n)
     jacobian.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :] += own
     try:
-        return np.asarray(np.linalg.solve(jacobian, f.ravel()).reshape(-1, 3))
+        return np.asarray(np.linalg.solve(jacobian, right))
     except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(jacobian, f.ravel(), rcond=1e-12)[0].reshape(-1, 3))
+        return np.asarray(np.linalg.lstsq(jacobian, right, rcond=1e-12)[0])
 
 
 def _derivative(mu: Array, z: Array) -> Array:
@@ -224,32 +241,6 @@ def _derivative(mu: Array, z: Array) -> Array:
     c[slips, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
     c[slips, :2, 2] = mu[slips, None] * d
     return c
-
-
-def relaxed(problem: Problem, guess: Array) -> Array:
-    """Impulses by a few steps of P - F / 3, then whole Newton steps, which pass the corners of friction's cone."""
-    best = problem.residual(problem.miss(guess)[0]), guess
-    p = guess
-    for _ in range(ROUNDS):
-        for _ in range(5):
-            p = p - problem.miss(p)[0] / 3.0
-        end = newton(problem, p, shorten=False)
-        residual = problem.residual(problem.miss(end)[0])
-        if residual < best[0]:
-            best, p = (residual, end), end
-        if residual <= EXACT:
-            break
-    return best[1]
-
-
-def softened(problem: Problem, guess: Array) -> Array:
-    """Impulses of contacts that give way, less and less, each solved from those before."""
-    p = guess
-    for share in SOFT:
-        give = np.repeat(share * problem.size, 3)
-        matrix = problem.matrix + (sparse.diags_array(give) if sparse.issparse(problem.matrix) else np.diag(give))
-        p = newton(Problem(matrix, problem.b, problem.mu), p)
-    return p
 
 
 def admm(problem: Problem, guess: Array) -> Array:
@@ -284,22 +275,3 @@ def _cone(mu: float) -> tuple[Any, Any]:
     contact = pin.PointContactConstraintModel(model, 1, pin.SE3.Identity())
     contact.setFriction(mu)
     return pin.ConstraintModel(contact), pin.ConstraintData(contact.createData())
-
-
-def sweeps(problem: Problem, guess: Array) -> Array:
-    """Impulses by sweeps over the contacts, each solved with those of the others as they are."""
-    matrix = problem.matrix.toarray() if sparse.issparse(problem.matrix) else problem.matrix
-    p = guess.copy()
-    u = problem.velocities(p)
-    for _ in range(SWEEPS):
-        for i in range(len(p)):
-            gain, before = matrix[3 * i : 3 * i + 3, 3 * i : 3 * i + 3], p[i].copy()
-            if gain[2, 2] <= 0.0:
-                continue
-            p[i, 2] = max(0.0, before[2] - u[i, 2] / gain[2, 2])
-            wanted = gain[:2, :2] @ before[:2] - u[i, :2] - gain[:2, 2] * (p[i, 2] - before[2])
-            p[i, :2] = friction_force(gain[:2, :2], wanted, problem.mu[i] * p[i, 2])
-            u += (matrix[:, 3 * i : 3 * i + 3] @ (p[i] - before)).reshape(-1, 3)
-        if problem.residual(problem.miss(p)[0]) <= EXACT:
-            break
-    return p
