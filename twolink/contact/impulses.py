@@ -164,8 +164,9 @@ def newton(problem: Problem, guess: Array) -> Array:
         residual = problem.residual(f)
         if not np.isfinite(residual):
             break
+        ends = residual <= 0.01 * EXACT or EXACT >= best[0] < 2.0 * residual
         best = min(best, (residual, p), key=lambda one: one[0])
-        if residual <= 0.1 * EXACT:
+        if ends:
             break
         share = residual * problem.scale / problem.fastest
         p = p - _newton_step(problem, f, z, min(max(REGULAR, DAMPING * share), DAMPING))
