@@ -67,7 +67,7 @@ def test_a_step_that_misses_the_laws_is_halved_and_then_refused(monkeypatch: pyt
 
     monkeypatch.setattr(stepping, "solve_impulses", never)
     effects = [E.Gravity(), E.Contact(("ground",), shapes={"ball": (E.Sphere(0.1),)})]
-    scene = tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+    scene = tl.Scene(ball(), [0, 0, 0.11, 0, 0, 0, 1], effects=effects)
     with pytest.raises(tl.errors.AccuracyError, match="no impulses obey the laws") as failure:
         tl.simulate(scene, 0.1, contact="stepped", step=0.01)
     assert failure.value.code == "contact-not-solved"
