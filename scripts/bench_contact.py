@@ -3,7 +3,7 @@
 block       a block slides to rest, v0^2 / (2 mu g): error over seconds, located, stepped, and by the peers
 stack       ten boxes at rest for 100 s: how far they move
 spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
-quadruped   Solo falls on its four feet and stands, under PD control: error over seconds, beside MuJoCo's
+quadruped   Solo and ANYmal fall on their four feet and stand, under PD control: error over seconds, beside MuJoCo's
 Seconds are medians, of the processor for block and quadruped.
 
     python scripts/bench_contact.py [block stack spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
@@ -22,7 +22,9 @@ from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import Setting, task_of
 
 E, G = tl.effects, 9.81
-REPEATS = 3
+REPEATS = 9
+FEET = {"solo12": 0.0165, "anymal": 0.03}  # m
+GAINS = {"solo12": (5.0, 0.1), "anymal": (150.0, 4.0)}  # N m/rad, N m s/rad
 BODY = ('<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ix}" iyy="{iy}" izz="{iz}" ixy="0" ixz="0" '
         'iyz="0"/></inertial></link><joint name="{name}_joint" type="floating"><parent link="ground"/>'
         '<child link="{name}"/></joint>')  # fmt: skip
@@ -168,53 +170,62 @@ def mujoco_spheres(scene: tl.Scene, count: int, duration: float, step: float) ->
     print(f"  MuJoCo {mujoco.__version__}: {taken / steps * 1e3:.1f} ms a step, overlap up to {deepest:.1e} m")
 
 
-def solo() -> tuple[tl.Robot, np.ndarray, dict[str, float], E.Contact]:
-    """Solo, 1 cm above the ground with bent legs; the targets of its joints; its feet on the ground."""
-    robot, target = tl.load_robot("solo12", root="free"), {}
+def on_feet(name: str) -> tuple[tl.Robot, np.ndarray, dict[str, float], E.Contact]:
+    """A quadruped 1 cm above the ground with bent legs; the targets of its joints; its feet on the ground."""
+    robot, target = tl.load_robot(name, root="free"), {}
     q = robot.neutral
     for joint in robot.joints[1:]:
-        side = -1.0 if joint.name.startswith("H") else 1.0  # the hind legs bend the other way
+        side = -1.0 if "H" in joint.name[:2] else 1.0  # the hind legs bend the other way
         q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
-    feet, radius = [name for name in robot.frame_names if name.endswith("FOOT")], 0.0165
+    feet, radius = [name for name in robot.frame_names if name.endswith("FOOT")], FEET[name]
     q[2] = radius + 0.01 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
     pairs = tuple((foot, "ground") for foot in feet)
     return robot, q, target, E.Contact(pairs, 0.6, shapes={foot: (E.Sphere(radius),) for foot in feet})
 
 
-def quadruped(duration: float) -> None:
-    """Solo on its feet. Errors are of q: against the law of rigid contact, and of MuJoCo's against its own limit.
+def quadruped(name: str, duration: float) -> None:
+    """A robot on its feet. Errors are of q: against the law of rigid contact, and of MuJoCo's against its own limit.
 
-    MuJoCo's PD control is springs and dampers in the joints, which its Euler method takes implicitly.
+    Rigid contact is located; that of ANYmal, whose feet slide and stick many times, is stepped by 50 us. MuJoCo's PD
+    control is springs and dampers in the joints, which its Euler method takes implicitly.
     """
-    robot, q, target, contact = solo()
-    gains = dict.fromkeys(target, 5.0), dict.fromkeys(target, 0.1)
+    robot, q, target, contact = on_feet(name)
+    gains = tuple(dict.fromkeys(target, gain) for gain in GAINS[name])
     scene = tl.Scene(robot, q, effects=[E.Gravity(), E.JointPD(target, *gains), contact])
     effects = [E.Gravity(), E.JointSpring(gains[0], rest=target), E.JointDamping(gains[1]), contact]
     times = np.linspace(0.0, duration, round(20 * duration) + 1)
     task = task_of(tl.Scene(robot, q, effects=effects), times)
-    print(f"Solo falls on its feet and stands, {duration:g} s: the largest error of q at {len(times)} samples")
-    exact = tl.simulate(scene, duration, 1e-8, samples=20, verify=False, contact="located").q
+    print(f"{name} falls on its feet and stands, {duration:g} s: the largest error of q at {len(times)} samples")
+    exactly: dict[str, Any] = {"contact": "stepped", "step": 5e-5} if name == "anymal" else {"contact": "located"}
+    exact = tl.simulate(scene, duration, 1e-8, samples=20, verify=False, **exactly).q
 
     def off(some: np.ndarray, others: np.ndarray) -> float:
         return max(float(np.abs(robot.difference(a, b)).max()) for a, b in zip(some, others, strict=True))
 
     mujoco = peer_module("mujoco")
     limit = mujoco.prepare(task, Setting("Euler", "", step=2e-5))().track.q
-    for step in (1e-2, 4e-3, 2e-3, 2e-4):
+    for step in (1e-2, 4e-3, 2e-3, 1e-3, 2e-4):
         taken, answer = seconds_of(mujoco.prepare(task, Setting("Euler", "", step=step)))
-        line(f"mujoco {mujoco.VERSION}, Euler, step {step:g} s", off(answer.track.q, exact), taken,
-             f"{off(answer.track.q, limit):.1e} from its own limit")  # fmt: skip
-    for step in (1.25e-2, 1e-2, 5e-3, 2e-3):
+        own = off(answer.track.q, limit)
+        line(f"mujoco {mujoco.VERSION}, Euler, step {step:g} s{', the default' * (step == 2e-3)}",
+             off(answer.track.q, exact), taken, f"{own:.1e} from its own limit")  # fmt: skip
+    for count in (2, 3, 4, 5, 10, 25):
+        step = 0.05 / count
 
         def stepped(h: float = step) -> tl.Trajectory:
             return tl.simulate(scene, duration, contact="stepped", step=h, samples=20, verify=False)
 
-        while "held" not in (stepped().contact_record or {})["solvers"]:
-            pass  # until its steps have cost what compiling them does
+        try:
+            while "held" not in (stepped().contact_record or {})["solvers"]:
+                pass  # until its steps have cost what compiling them does
+        except tl.errors.AccuracyError as error:
+            print(f"  stepped, {1e3 * step:.3g} ms: {error.what}")
+            continue
         taken, run = seconds_of(stepped)
-        line(f"stepped, {step:g} s", off(run.q, exact), taken, f"{run.contact_record}")
-    taken, run = seconds_of(lambda: tl.simulate(scene, duration, 1e-4, samples=20, verify=False, contact="located"))
-    line("located, accuracy 1e-4", off(run.q, exact), taken)
+        line(f"stepped, {1e3 * step:.3g} ms", off(run.q, exact), taken, f"{run.contact_record}")
+    if exactly["contact"] == "located":
+        taken, run = seconds_of(lambda: tl.simulate(scene, duration, 1e-4, samples=20, verify=False, **exactly))
+        line("located, accuracy 1e-4", off(run.q, exact), taken)
 
 
 def main() -> None:
@@ -229,7 +240,8 @@ def main() -> None:
     if "stack" in given.parts:
         stack(given.duration or 100.0, given.step or 1e-2)
     if "quadruped" in given.parts:
-        quadruped(given.duration or 2.0)
+        for name in FEET:
+            quadruped(name, given.duration or 2.0)
     if "spheres" in given.parts:
         spheres(given.count, given.duration or 1.0, given.step or 2e-3)
 

@@ -57,8 +57,8 @@ def held_step(
     a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
     start = _own(mech, q, w, xp)
     free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
-    rows, gaps, places = _rows_of(mech, group, q, xp)
-    own = [row for i in chosen.tolist() for row in rows[i]]
+    held = chosen.tolist()
+    own, gaps, places = _rows_of(mech, group, held, q, xp)
     inward = [ldlt_inward(lower, parents, row) for row in own]
     g: Matrix = [[plus(*(times(times(a, b), d) for a, b, d in zip(left, right, inverse, strict=True)))
                   for right in inward] for left in inward]  # fmt: skip
@@ -66,24 +66,23 @@ def held_step(
         if constant(own_row[i]) and not own_row[i]:  # a direction in which the point cannot move: no impulse
             own_row[i] = 1.0
     after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
-    for i, k in enumerate(chosen.tolist()):
-        after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gaps[k], 0.0), 0.0, 2.0 * gaps[k] / h))
+    for i, gap in enumerate(gaps):
+        after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h))
     p = ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
     u = [plus(b, *(times(c, y) for c, y in zip(row, p, strict=True))) for b, row in zip(after, g, strict=True)]
     pushed = [plus(*(times(z[k], y) for z, y in zip(inward, p, strict=True))) for k in range(nv)]
     end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
-    held = chosen.tolist()
-    overlaps = [xp.where(xp.less(gaps[i], 0.0), gaps[i], 0.0) for i in held]
+    overlaps = [xp.where(xp.less(gap, 0.0), gap, 0.0) for gap in gaps]
     nu = ldlt_solve([row[2::3] for row in g[2::3]], [k - 1 for k in range(len(held))], [-x for x in overlaps], xp)
     lifted = [plus(*(times(z[k], y) for z, y in zip(inward[2::3], nu, strict=True))) for k in range(nv)]
     push = _own(mech, q, ldlt_outward(lower, inverse, parents, lifted), xp, -1)
-    deep = plus(*(xp.where(xp.less(gaps[i], -CLOSED), 1.0, 0.0) for i in held))
+    deep = plus(*(xp.where(xp.less(gap, -CLOSED), 1.0, 0.0) for gap in gaps))
     ends = _own(mech, q, end, xp, -1)
-    q_end = moved(mech, rest[:nq], [half * (a + b) + xp.where(xp.less(0.0, deep), c, 0.0)
-                                    for a, b, c in zip(w, ends, push, strict=True)], xp)  # fmt: skip
-    others = [i for i in range(len(gaps)) if i not in held]
+    move = [half * a + xp.where(xp.less(0.0, deep), b, 0.0) for a, b in zip(ends, push, strict=True)]
+    q_end = moved(mech, q, move, xp)
+    others = [i for i in range(len(group.key)) if i not in held]
     return [*ends, *((a - b) / h for a, b in zip(ends, w, strict=True)), *q_end, *p, *u,
-            *(entry for i in held for entry in places[i]), *(gaps[i] for i in held), *nu,
+            *(entry for place in places for entry in place), *gaps, *nu,
             *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
 
 
@@ -95,17 +94,19 @@ def _gap(mech: Mechanism, group: OnPlanes, point: int, q: list[Any], xp: Any) ->
     return minus(dot(_vector(group.normal[point].tolist()), centre), reach), centre
 
 
-def _rows_of(mech: Mechanism, group: OnPlanes, q: list[Any], xp: Any) -> tuple[list[Matrix], list[Any], list[Any]]:
-    """Of each point the rows of its velocity (3, nv), its gap, and its place."""
+def _rows_of(
+    mech: Mechanism, group: OnPlanes, held: list[int], q: list[Any], xp: Any
+) -> tuple[Matrix, list[Any], list[Vec]]:
+    """Of points the rows of their velocities (3k, nv), their gaps, and their places."""
     rows, gaps, places = [], [], []
-    for point, joint in enumerate(group.joint.tolist()):
+    for point in held:
         gap, centre = _gap(mech, group, point, q, xp)
         placed, radius = Pose((IDENTITY,), _vector(group.local[point].tolist())), float(group.radius[point])
         n = _vector(group.normal[point].tolist())
-        columns = [add(_vector(c[:3]), scale(-radius, cross(_vector(c[3:]), n)))
-                   for c in zip(*frame_jacobian(mech, q, joint, placed, xp), strict=True)]  # fmt: skip
+        jacobian = frame_jacobian(mech, q, int(group.joint[point]), placed, xp)
+        columns = [add(_vector(c[:3]), scale(-radius, cross(_vector(c[3:]), n))) for c in zip(*jacobian, strict=True)]
         axes = axes_of(group.normal[point][None])[0].tolist()
-        rows.append([[dot(_vector(axis), column) for column in columns] for axis in axes])
+        rows += [[dot(_vector(axis), column) for column in columns] for axis in axes]
         gaps.append(gap)
         places.append(add(centre, scale(-(radius + 0.5 * gap), n)))
     return rows, gaps, places
