@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import twolink as tl
 from tests.command import call, one_line
 from twolink.errors import SceneError, ShowError
+from twolink.show.arrows import CONTACT_COLOUR, FORCE_COLOUR, Arrows
 from twolink.show.meshcat_scene import poses
 from twolink.show.meshcat_view import look_at
 from twolink.show.raycasting import Camera, Picture
@@ -20,6 +21,7 @@ BALL = """<robot name="ball"><link name="base"><inertial><mass value="1"/>
 <visual><geometry><sphere radius="0.1"/></geometry><material name="r"><color rgba="1 0 0 1"/></material></visual>
 </link></robot>"""
 SIZE = (160, 120)
+G = 9.81
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +92,62 @@ def test_refusals_name_the_option(run: Trajectory, tmp_path: Path, options: dict
     with pytest.raises(error, match=part):
         run.video(tmp_path / "a.png", **options)
     assert not any(tmp_path.iterdir())
+
+
+@pytest.fixture
+def camera() -> Camera:
+    """One that looks at the ball."""
+    ball = tl.load_robot(BALL, root="free")
+    visuals = ball.visual_model()
+    drawn, _ = surfaces(visuals)
+    q = np.array([[0.0, 0, 0, 0, 0, 0, 1]])
+    return Camera(look_at(drawn, poses(ball.model, visuals, q, drawn)), SIZE)
+
+
+@pytest.fixture(scope="module")
+def dropped() -> Trajectory:
+    """A box of 2 kg on a slider that falls on the ground, and rests there from 0.15 s on."""
+    robot = tl.load_robot(
+        '<robot name="box"><link name="rail"/><joint name="z" type="prismatic"><parent link="rail"/><child link="box"/>'
+        '<axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="box"><inertial>'
+        '<mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry>'
+        '<box size="0.2 0.2 0.2"/></geometry></visual><collision><geometry><box size="0.2 0.2 0.2"/></geometry>'
+        "</collision></link></robot>")  # fmt: skip
+    effects = [tl.effects.Gravity(), tl.effects.Contact("ground")]
+    return tl.simulate(tl.Scene(robot, [0.1 + G * 0.15**2 / 2], effects=effects), 0.4, accuracy=1e-6)
+
+
+def test_a_film_of_a_dropped_box_shows_the_contacts_once_it_touches(dropped: Trajectory, tmp_path: Path) -> None:
+    path = dropped.video(tmp_path / "a.gif", size=SIZE, speed=1.0, rate=10, direction=(0, -1, 0))
+    with Image.open(path) as film:
+        pictures = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)]
+    coloured = [int((np.abs(image - CONTACT_COLOUR).max(axis=2) < 60).sum()) for image in pictures]
+    assert coloured[:2] == [0, 0]
+    assert min(coloured[2:]) > 20
+
+
+def test_an_arrow_goes_from_its_point_along_its_force(camera: Camera) -> None:
+    """The strongest force is 0.22 of the motion's extent long, half of it half as long; NaN is no force."""
+    white = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
+    points = np.array([[[0.05, 0.0, -0.08]] * 2, [[np.nan] * 3, [-0.06, 0.02, -0.08]]])
+    forces = np.array([[[0.0, 0.0, 8.0]] * 2, [[np.nan] * 3, [0.0, 0.0, 4.0]]])
+    times, shown = np.array([0.0, 1.0]), np.array([0.0, 0.9, 1.0])
+    arrows = Arrows(camera, times, shown, {}, {"wind on ball": (points, forces)})
+    extent = 2.0 * np.abs(camera.view.seen[:, :2]).max()
+    pictures = [arrows.over(white, k) for k in range(3)]
+    np.testing.assert_array_equal(pictures[0], pictures[1])  # the forces of the last sample before
+    for picture, start, length in ((pictures[0], points[0, 1], 0.22), (pictures[2], points[1, 1], 0.11)):
+        rows, columns = np.nonzero((picture < 200).any(axis=2))
+        (x, low), (_, high) = camera.place(np.array([start, start + np.array([0.0, 0.0, length * extent])]))
+        assert (rows.min(), rows.max()) == (pytest.approx(high, abs=2.0), pytest.approx(low, abs=3.0))
+        assert (columns.min(), columns.max()) == (pytest.approx(x, abs=3.0), pytest.approx(x, abs=3.0))
+        assert np.abs(picture.reshape(-1, 3).astype(int) - FORCE_COLOUR).max(axis=1).min() < 50
+
+
+def test_points_are_placed_where_the_rays_of_their_pixels_go(camera: Camera) -> None:
+    pixels = np.array([[0.0, 0.0], [20.0, 99.0], [140.5, 3.25]])
+    points = camera.position + np.array([[0.2], [1.0], [7.0]]) * camera.rays(pixels)
+    np.testing.assert_allclose(camera.place(points), pixels, atol=1e-9)
 
 
 def test_what_has_no_surface_is_refused(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ def video(
     camera: Annotated[
         str | None, Option(metavar='"X Y Z"', help="Direction from the robot to the camera.", show_default="by itself")
     ] = None,
+    forces: Annotated[bool, Option("--forces", help="Draw forces on links, not of contacts alone.")] = False,
     curves: Annotated[str | None, Option(help="Quantities to draw beside it, such as q.elbow,energy.")] = None,
 ) -> None:
     """Make a film of a saved trajectory, or a picture of a moment.
@@ -43,7 +44,7 @@ def video(
     run = Trajectory.load(file)
     with progress_bar() as report:
         written = run.video(
-            out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards,
+            out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,
             curves=[] if curves is None else curves.split(","),
             progress=lambda done, total: report(done, total, f"picture {done} of {total}"), on_skipped=print_not_drawn,
         )  # fmt: skip

@@ -4,7 +4,7 @@ Embree finds what a ray hits (embreex, which yourdfpy brings). It is loaded when
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -53,6 +53,21 @@ class Camera:
         directions = x[:, None] * right + y[:, None] * up - back
         return np.asarray(directions / np.sqrt(1.0 + x * x + y * y)[:, None])
 
+    def place(self, points: Floats) -> Floats:
+        """Where points (n, 3), m, are in the picture: columns and rows (n, 2) from its upper left."""
+        width, height = self.size
+        x, y, back = ((points - self.position) @ self.axes.T).T
+        return np.column_stack([width / 2 - 0.5 - x / back / self.pixel, height / 2 - 0.5 + y / back / self.pixel])
+
+
+class Ground(NamedTuple):
+    """What n rays show where there is no body, and the m of them that meet the floor."""
+
+    colours: Floats  # (n, 3)
+    rows: NDArray[np.intp]  # (m,)
+    points: NDArray[np.float32]  # (m, 3) m, from the camera's target, just above the floor
+    fade: Floats  # (m,) 1 near the robot, 0 far away
+
 
 class Picture:
     """Pictures of a robot in any configuration.
@@ -76,6 +91,7 @@ class Picture:
         columns, rows = np.meshgrid(*(np.arange(side, dtype=float) for side in camera.size))
         self._pixels = np.column_stack([columns.ravel(), rows.ravel()])
         self._rays = camera.rays(self._pixels)
+        self._ground = self._smooth_ground()
 
     def of(self, q: Floats) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of configuration q (nq,)."""
@@ -88,37 +104,45 @@ class Picture:
         return self._cast(np.concatenate(corners), np.concatenate(normals))
 
     def _cast(self, corners: Floats, normals: Floats) -> NDArray[np.uint8]:
-        """Every pixel once, and four times where neighbours differ."""
+        """Every pixel once, and four times where a body or a shadow has an edge."""
         scene = self._embree.EmbreeScene()
         # Relative to the camera's target: Embree's numbers have seven digits.
         triangles = (corners - self._camera.view.centre).astype(np.float32)
         mesh = _triangle_mesh(scene, triangles)
         width, height = self._camera.size
-        image = self._shade(scene, self._pixels, self._rays, normals).reshape(height, width, 3)
-        across, down = (np.abs(np.diff(image, axis=axis)).max(axis=2) > EDGE for axis in (1, 0))
-        edges = np.zeros((height, width), bool)
-        edges[:, 1:] |= across
-        edges[:, :-1] |= across
-        edges[1:] |= down
-        edges[:-1] |= down
-        again = (self._pixels[edges.ravel()][:, None] + OFFSETS).reshape(-1, 2)
+        colours, touched = self._shade(scene, self._ground, self._rays, normals)
+        edges = _edges(colours.reshape(height, width, 3), touched.reshape(height, width))
+        again = (self._pixels[edges][:, None] + OFFSETS).reshape(-1, 2)
         if len(again):
-            several = self._shade(scene, again, self._camera.rays(again), normals)
-            image[edges] = several.reshape(-1, len(OFFSETS), 3).mean(axis=1)
+            rays = self._camera.rays(again)
+            several, _ = self._shade(scene, self._seen_empty(again, rays), rays, normals)
+            colours[edges] = several.reshape(-1, len(OFFSETS), 3).mean(axis=1)
         del mesh  # Embree's scene refers to it
-        return np.asarray(np.round(255.0 * np.clip(image, 0.0, 1.0)), np.uint8)
+        return np.asarray(np.round(255.0 * np.clip(colours, 0.0, 1.0)), np.uint8).reshape(height, width, 3)
 
-    def _shade(self, scene: Any, pixels: Floats, rays: Floats, normals: Floats) -> Floats:
-        """Colours (n, 3) seen through points (n, 2) of the picture, along rays (n, 3)."""
+    def _smooth_ground(self) -> Ground:
+        """What the pixels show where there is no body: it is the same in all pictures."""
+        width, height = self._camera.size
+        ground = self._seen_empty(self._pixels, self._rays)
+        edges = _edges(ground.colours.reshape(height, width, 3), np.ones((height, width), bool))
+        again = (self._pixels[edges][:, None] + OFFSETS).reshape(-1, 2)
+        several = self._seen_empty(again, self._camera.rays(again)).colours
+        ground.colours[edges] = several.reshape(-1, len(OFFSETS), 3).mean(axis=1)
+        return ground
+
+    def _shade(self, scene: Any, ground: Ground, rays: Floats, normals: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Colours (n, 3) seen along rays (n, 3), and whether a body or its shadow is (n,). ground: without them."""
         camera = self._camera
         start = camera.position - camera.view.centre
         hits = scene.run(_singles(np.broadcast_to(start, rays.shape)), _singles(rays), query="INTERSECT", output=1)
-        share = np.clip(pixels[:, 1:] / camera.size[1], 0.0, 1.0)
-        colours: Floats = TOP + (BOTTOM - TOP) * share
-        body = hits["primID"] >= 0
-        self._floor(scene, colours, ~body, start, rays)
+        colours, body = ground.colours.copy(), hits["primID"] >= 0
+        free = ~body[ground.rows]
+        shaded = np.flatnonzero(free)[self._in_shadow(scene, ground.points[free])]
+        colours[ground.rows[shaded]] *= 1.0 - (1.0 - SHADOW) * ground.fade[shaded, None]
+        touched = body.copy()
+        touched[ground.rows[shaded]] = True
         if not body.any():
-            return colours
+            return colours, touched
         triangle, weights = hits["primID"][body], np.column_stack([hits["u"], hits["v"]])[body]
         weights = np.column_stack([1.0 - weights.sum(axis=1), weights])
         normal, own = (np.einsum("nk,nkd->nd", weights, of[triangle]) for of in (normals, self._colours))
@@ -137,34 +161,46 @@ class Picture:
         # A light at the camera shapes what is in shadow.
         ambient = AMBIENT * (0.65 + 0.35 * np.maximum((normal * towards).sum(axis=1), 0.0))
         colours[body] = own * (ambient + DIFFUSE * lit)[:, None] + shine[:, None]
-        return colours
+        return colours, touched
 
-    def _floor(self, scene: Any, colours: Floats, where: NDArray[np.bool_], start: Floats, rays: Floats) -> None:
-        """Draw the floor with its grid and shadows into the colours of the rays that hit no body."""
-        view = self._camera.view
-        height = start[2] + view.centre[2] - view.floor
-        down = where & (rays[:, 2] < -1e-6) & (height > 0.0)
-        if not down.any():
-            return
-        distance = height / -rays[down, 2]
-        points = start + distance[:, None] * rays[down]
+    def _seen_empty(self, pixels: Floats, rays: Floats) -> Ground:
+        """The background and the floor with its grid, seen through points (n, 2) of the picture along rays (n, 3)."""
+        camera, view = self._camera, self._camera.view
+        share = np.clip(pixels[:, 1:] / camera.size[1], 0.0, 1.0)
+        colours: Floats = TOP + (BOTTOM - TOP) * share
+        start = camera.position - view.centre
+        height = camera.position[2] - view.floor
+        rows = np.flatnonzero((rays[:, 2] < -1e-6) & (height > 0.0))
+        down = rays[rows]
+        distance = height / -down[:, 2]
+        points = start + distance[:, None] * down
         place = (points + view.centre)[:, :2]
         reach = 2.0 * float(np.max(np.abs(view.seen)))
         fade = np.clip(1.5 - np.linalg.norm(points[:, :2], axis=1) / reach, 0.0, 1.0)
         # What a pixel covers of the floor along x and y, so that a line is about a pixel wide in any direction.
-        right, up, _ = self._camera.axes
-        covered = np.abs(right[:2]) + np.abs(up[:2] - rays[down, :2] * (up[2] / rays[down, 2:]))
-        covered *= self._camera.pixel * distance[:, None]
+        right, up, _ = camera.axes
+        covered = np.abs(right[:2]) + np.abs(up[:2] - down[:, :2] * (up[2] / down[:, 2:]))
+        covered *= camera.pixel * distance[:, None]
         away = np.abs(place - view.cell * np.round(place / view.cell))
-        line = np.clip(1.2 - away / (0.8 * covered + 1e-12), 0.0, 1.0).max(axis=1) * fade
-        seen = colours[down] * (1.0 - line[:, None]) + LINE * line[:, None]
-        shadow = self._in_shadow(scene, points + np.array([0.0, 0.0, 1e-5 * reach]))
-        colours[down] = seen * np.where(shadow, 1.0 - (1.0 - SHADOW) * fade, 1.0)[:, None]
+        line = np.clip(1.2 - away / (0.8 * covered + 1e-12), 0.0, 1.0).max(axis=1, initial=0.0) * fade
+        colours[rows] = colours[rows] * (1.0 - line[:, None]) + LINE * line[:, None]
+        return Ground(colours, rows, _singles(points + np.array([0.0, 0.0, 1e-5 * reach])), fade)
 
     def _in_shadow(self, scene: Any, points: Floats) -> NDArray[np.bool_]:
         """Whether a body lies between points (n, 3) and the light."""
         light = np.broadcast_to(self._camera.light, points.shape)
         return np.asarray(scene.run(_singles(points), _singles(light), query="OCCLUDED") >= 0)
+
+
+def _edges(image: Floats, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which pixels (n,) of a picture (height, width, 3) differ from a neighbour, one of the two being touched."""
+    edges = np.zeros(touched.shape, bool)
+    for axis in (0, 1):
+        ahead, behind = (np.s_[1:], np.s_[:-1]) if axis == 0 else (np.s_[:, 1:], np.s_[:, :-1])
+        differ = (touched[ahead] | touched[behind]) & (np.abs(image[ahead] - image[behind]).max(axis=2) > EDGE)
+        edges[ahead] |= differ
+        edges[behind] |= differ
+    return edges.ravel()
 
 
 def _singles(values: Floats) -> NDArray[np.float32]:

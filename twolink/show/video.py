@@ -2,7 +2,7 @@
 
 import itertools
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,18 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from twolink.errors import ShowError, import_extra
 from twolink.io.atomic import write_atomic
 from twolink.io.tables import require_format
+from twolink.show.arrows import CONTACT_COLOUR, FORCE_COLOUR, Arrows
 from twolink.show.figure import COLOURS, new_figure, plain
 from twolink.show.meshcat_scene import poses, require_pieces
 from twolink.show.meshcat_view import look_at
 from twolink.show.motion_samples import check_motion, resample, time_digits
 from twolink.show.raycasting import Camera, Picture
 from twolink.show.surfaces import Floats, surfaces
+from twolink.show.viewer_data import Contacts
 
 FORMATS = (".mp4", ".webm", ".gif", ".png")
 CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}
 SMALLEST, LARGEST = 64, 4096  # pixels of a side
 CURVES = 0.75  # width of the curves beside the picture, of its height
 WHOLE = 600  # configurations that decide from where the camera sees the whole motion
+ARROW_COLOURS = (CONTACT_COLOUR, FORCE_COLOUR)  # thin, and of few of the pixels that decide on a palette
 GIF_RATE = 25.0  # pictures a second; a .gif counts in hundredths of a second
 Image = NDArray[np.uint8]
 Report = Callable[[int, int], None]
@@ -42,6 +45,8 @@ def write_video(
     at: float | None = None,
     direction: ArrayLike | None = None,
     curves: Mapping[str, Floats] | None = None,
+    contacts: Contacts | None = None,
+    forces: Contacts | None = None,
     progress: Report | None = None,
     on_skipped: Callable[[list[str]], None] | None = None,
 ) -> Path:
@@ -69,6 +74,8 @@ def write_video(
         From the robot to the camera; by default as the playback looks.
     curves : mapping of name to array (n,), optional
         Quantities to draw over time beside the picture.
+    contacts, forces : mapping of name to (points, forces), (n, k, 3) each, optional
+        Forces to draw as arrows, m and N at the times t, NaN where none acts: of contacts, and of others.
     progress : callable, optional
         Called with the number of pictures made and of all.
     on_skipped : callable, optional
@@ -94,16 +101,16 @@ def write_video(
     rate = min(rate, GIF_RATE) if kind == ".gif" else rate
     shown = _moments(times, speed, rate, at, kind)
     along = resample(model, times, configurations, np.unique(np.concatenate([shown, times[:: len(times) // 300 + 1]])))
-    picture = Picture(
-        model, visuals, drawn, Camera(look_at(drawn, poses(model, visuals, along, drawn), direction), size)
-    )
+    camera = Camera(look_at(drawn, poses(model, visuals, along, drawn), direction), size)
+    picture = Picture(model, visuals, drawn, camera)
+    arrows = Arrows(camera, times, shown, contacts or {}, forces or {})
     beside = _curves(times, curves, size[1]) if curves else None
 
     def made() -> Iterator[Image]:
         for k, (moment, configuration) in enumerate(
             zip(shown.tolist(), resample(model, times, configurations, shown), strict=True)
         ):
-            image = _labelled(picture.of(configuration), f"t = {moment:.{time_digits(shown)}f} s")
+            image = _labelled(arrows.over(picture.of(configuration), k), f"t = {moment:.{time_digits(shown)}f} s")
             yield np.hstack([image, beside(moment)]) if beside else image
             if progress is not None:
                 progress(k + 1, len(shown))
@@ -185,9 +192,20 @@ def _save(images: Iterable[Image], file: BinaryIO, rate: float, kind: str) -> No
     if kind == ".png":
         first.save(file, "PNG")
         return
-    palette = first.quantize(256)  # one for all: colours that differ from picture to picture flicker
+    palette = _palette([first, *rest])
     frames = [image.quantize(palette=palette, dither=Pillow.Dither.NONE) for image in (first, *rest)]
     frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=round(1000 / rate), loop=0)
+
+
+def _palette(images: Sequence[Any]) -> Any:
+    """The 256 colours of a .gif, one palette for all pictures: colours that differ from one to the next flicker."""
+    from PIL import Image as Pillow
+
+    some = [np.asarray(image)[::4, ::4] for image in images[:: len(images) // 8 + 1]]
+    palette = Pillow.fromarray(np.concatenate(some)).quantize(256 - len(ARROW_COLOURS))
+    own = (palette.getpalette() or [])[: 3 * (256 - len(ARROW_COLOURS))]
+    palette.putpalette([*own, *itertools.chain(*ARROW_COLOURS)])
+    return palette
 
 
 def _encode(ffmpeg: Any, images: Iterator[Image], path: Path, rate: float, kind: str) -> Path:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from twolink.show.meshcat_scene import Node
 from twolink.show.meshcat_shapes import Floats, Json, packed
@@ -83,9 +84,14 @@ def motion_data(model: Any, t: Floats, q: Floats) -> Json:
     }
 
 
+def sample_before(t: Floats, shown: Floats) -> NDArray[np.intp]:
+    """The number of the last sample (at times t) before each time shown."""
+    return np.clip(np.searchsorted(t, shown, side="right") - 1, 0, len(t) - 1)
+
+
 def contact_data(t: Floats, contacts: Contacts, shown: Floats) -> list[Json]:
     """The contacts (at times t) of each pair, at the times shown: of the last sample before them."""
-    rows = np.clip(np.searchsorted(t, shown, side="right") - 1, 0, len(t) - 1)
+    rows = sample_before(t, shown)
     return [
         {"pair": pair, "points": packed(points[rows, k]), "forces": packed(forces[rows, k])}
         for pair, (points, forces) in contacts.items()

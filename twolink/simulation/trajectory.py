@@ -400,17 +400,49 @@ class Trajectory:
         return {"title": self.title or self.robot.name, "events": events, **drawn}
 
     def video(
-        self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None, **options: Any
+        self,
+        path: str | os.PathLike[str],
+        *,
+        curves: Sequence[str] = (),
+        speed: float | None = None,
+        contacts: bool = True,
+        forces: bool = False,
+        **options: Any,
     ) -> Path:
-        """Write a film (.mp4 .webm .gif), or a picture of a moment (.png), without a display. Returns the path.
+        """Write a film (.mp4 .webm .gif), or a picture of a moment (.png), without a display.
 
-        curves: columns to draw beside it, such as "q.elbow" or "energy". speed: as of `playback`. options: `size`,
-        `rate`, `at`, `direction`, `progress` and `on_skipped` of `show.video.write_video`.
+        Parameters
+        ----------
+        path : str or path
+            The file; .mp4 and .webm need pip install "twolink[video]".
+        curves : sequence of str
+            Columns of `columns()` to draw beside it, such as "q.elbow" or "energy".
+        speed : float, optional
+            As of `playback`.
+        contacts, forces : bool
+            Whether arrows show the forces of contacts, and those of effects on links.
+        **options
+            size=(960, 720), pixels; rate=30, pictures a second; at, the time of a .png, s; direction (3,), from the
+            robot to the camera; progress, called with the number of pictures made and of all; on_skipped, as of
+            `playback`.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        ShowError, SceneError
+            An option does not fit, a column is unknown, or the file cannot be written.
+        MissingExtraError
+            imageio-ffmpeg is not installed.
         """
         from twolink.show.video import write_video
 
         beside = tables.chosen_columns(self._samples, curves) if curves else None
-        return write_video(*self._motion, Path(path), curves=beside, speed=self._speed(speed), **options)
+        arrows = {"contacts": self.contacts if contacts else {}, "forces": self.forces_on_links if forces else {}}
+        return write_video(*self._motion, Path(path), curves=beside, speed=self._speed(speed), **arrows, **options)
 
     def play(
         self,
