@@ -1,5 +1,7 @@
 """simulate_many: worlds agree with single runs, keep their accuracy, and say which do not."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -177,3 +179,56 @@ def test_progress_goes_on_to_the_end_and_may_stop_it(count: int) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         tl.simulate_many(scene, q=starts(count), duration=2.0, progress=stop)
+
+
+@pytest.fixture(scope="module")
+def swings() -> tl.Worlds:
+    """Three worlds that differ in a mass and a start."""
+    scene = tl.load_scene("arm-swing")
+    return tl.simulate_many(scene, [[0.0, 0.1 * k] for k in range(3)], parameters={"forearm.mass": [1.0, 1.5, 2.0]},
+                            duration=1.0, accuracy=1e-6, samples=20)  # fmt: skip
+
+
+def test_a_world_is_a_run_and_has_a_scene_that_gives_it_again(swings: tl.Worlds, tmp_path: Path) -> None:
+    assert len(swings) == 3
+    assert len(list(swings)) == 3
+    one, scene = swings[-1], swings.scene_of(-1)
+    np.testing.assert_array_equal(scene.q, [0.0, 0.2])
+    assert scene.robot.model.inertias[2].mass == pytest.approx(2.0)
+    alone = tl.simulate(scene, accuracy=1e-10, samples=21)
+    np.testing.assert_allclose(one.t, alone.t)
+    assert np.abs(one.q - alone.q).max() <= one.error.max() <= 1e-6
+    np.testing.assert_allclose(one.energy, alone.energy, atol=1e-4)  # of a forearm of 2 kg
+    again = tl.Trajectory.load(one.save(tmp_path / "one.npz"), robot=scene.robot)
+    np.testing.assert_array_equal(again.q, one.q)
+    with pytest.raises(IndexError):
+        swings[3]
+    bare = tl.simulate_many(tl.load_scene("arm-swing"), [[0.0, 0.1]], duration=1.0, accuracy=1e-6)
+    with pytest.raises(SceneError, match=r"samples=100\) keeps them; tl.simulate\(worlds.scene_of\(0\)\)"):
+        bare[0]
+
+
+def test_worlds_are_a_table_a_figure_and_html(swings: tl.Worlds, tmp_path: Path) -> None:
+    table = swings.to_pandas()
+    assert list(table) == ["forearm.mass", "q.elbow", "end.q.shoulder", "end.q.elbow", "end.v.shoulder", "end.v.elbow",
+                           "t", "error", "steps"]  # fmt: skip
+    np.testing.assert_array_equal(table["end.q.elbow"], swings.q[:, 1])
+    saved = np.genfromtxt(swings.save(tmp_path / "worlds.csv"), delimiter=",", names=True, deletechars="")
+    np.testing.assert_array_equal(saved["end.q.elbow"], swings.q[:, 1])
+    figure = swings.plot()
+    drawn = [axis for axis in figure.axes if axis.collections and len(axis.collections[0].get_segments()) == 3]
+    assert [axis.get_ylabel() for axis in drawn] == ["shoulder\n(rad)", "elbow\n(rad)"]
+    np.testing.assert_array_equal(drawn[1].collections[0].get_segments()[2][:, 1], swings[2].q[:, 1])
+    assert swings.plot(tmp_path / "worlds.png").stat().st_size > 10_000
+    assert "forearm.mass</td><td>1</td><td>1.5</td><td>2</td>" in swings._repr_html_()
+
+
+def test_worlds_that_events_end_are_drawn_up_to_there() -> None:
+    ball = tl.load_scene("bouncing-ball")
+    stop = tl.effects.Watch("low", when=tl.effects.JointReaches("height", 0.5), stop=True)
+    scene = tl.Scene(ball.base, ball.q, ball.v, [*ball.effects, stop], 1.0)
+    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], accuracy=1e-6, samples=50)
+    one = worlds[1]
+    assert one.t[-1] == worlds.ends[1] == pytest.approx((0.4 / 9.81) ** 0.5, abs=1e-9)
+    assert np.isfinite(one.q).all()
+    assert one.q[-1, 0] == pytest.approx(0.5, abs=1e-9)

@@ -26,7 +26,7 @@ class SingleWorlds:
 
     q (m, n, nq), v (m, n, nv), where the last is the state at the end, or at the event that ended the world; NaN behind
     that, and for a lost world. error (n,): the bars at the end; None: not verified. steps (n,). cost: of all together.
-    events: of each.
+    events: of each. ends (n,): when each ended, s.
     """
 
     q: Array
@@ -35,6 +35,7 @@ class SingleWorlds:
     steps: Array
     cost: Cost
     events: tuple[tuple[Event, ...], ...]
+    ends: Array
 
 
 def solve_one_by_one(
@@ -54,7 +55,7 @@ def solve_one_by_one(
     """
     count, nq, nv = states.shape[1], scene.robot.nq, scene.robot.nv
     q, v = np.full((len(times), count, nq), np.nan), np.full((len(times), count, nv), np.nan)
-    error, steps = np.full(count, np.nan), np.zeros(count, dtype=int)
+    error, steps, ends = np.full(count, np.nan), np.zeros(count, dtype=int), np.full(count, np.nan)
     costs, events = list[Cost](), list[tuple[Event, ...]]()
     for i in range(count):
         own = world_scene(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
@@ -69,11 +70,11 @@ def solve_one_by_one(
             q[reached, i], v[reached, i] = run.q[taken], run.v[taken]
             q[-1, i], v[-1, i] = run.q[-1], run.v[-1]
             error[i] = np.nan if run.error is None else run.error[-1]
-            steps[i] = run.cost.steps
+            steps[i], ends[i] = run.cost.steps, run.t[-1]
             costs.append(run.cost)
         if progress is not None:
             progress(float(times[-1]) * (i + 1) / count)
-    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events))
+    return SingleWorlds(q, v, error if verify else None, steps, _sum(costs), tuple(events), ends)
 
 
 def run_from(scene: Scene, x: Array, times: Array, accuracy: float, *, verify: bool = True) -> Trajectory:

@@ -400,15 +400,9 @@ class Trajectory:
         return {"title": self.title or self.robot.name, "events": events, **drawn}
 
     def video(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        curves: Sequence[str] = (),
-        speed: float | None = None,
-        contacts: bool = True,
-        forces: bool = False,
-        **options: Any,
-    ) -> Path:
+        self, path: str | os.PathLike[str], *, curves: Sequence[str] = (), speed: float | None = None,
+        contacts: bool = True, forces: bool = False, **options: Any,
+    ) -> Path:  # fmt: skip
         """Write a film (.mp4 .webm .gif), or a picture of a moment (.png), without a display.
 
         Parameters
@@ -440,9 +434,9 @@ class Trajectory:
         """
         from twolink.show.video import write_video
 
-        beside = tables.chosen_columns(self._samples, curves) if curves else None
-        arrows = {"contacts": self.contacts if contacts else {}, "forces": self.forces_on_links if forces else {}}
-        return write_video(*self._motion, Path(path), curves=beside, speed=self._speed(speed), **arrows, **options)
+        options |= {"curves": tables.chosen_columns(self._samples, curves) if curves else None}
+        options |= {"contacts": self.contacts if contacts else None, "forces": self.forces_on_links if forces else None}
+        return write_video(*self._motion, Path(path), speed=self._speed(speed), **options)
 
     def play(
         self,

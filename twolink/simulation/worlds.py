@@ -1,17 +1,14 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.dynamics import Robot
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.integrate.effect_numbers import PREFIX, effect_numbers
 from twolink.integrate.equations import Equations
-from twolink.integrate.event import Event
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
@@ -20,63 +17,13 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
+from twolink.simulation.many_runs import Worlds
 from twolink.simulation.sampling import duration_for, with_looks
-from twolink.simulation.text import ShownAsText
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
 from twolink.simulation.world_states import close_loops, world_states
 
 LOOKS = 17  # times at least at which errors are looked at
 MAX_NUMBERS = 200_000_000
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Worlds(ShownAsText):
-    """Where many worlds ended.
-
-    Parameters
-    ----------
-    robot : Robot
-    t : float
-        The end, s.
-    q, v : ndarray (n, nq), (n, nv)
-        The states at the end; NaN for a world that was lost: its step size collapsed, or its state stopped being
-        finite.
-    error : ndarray (n,) or None
-        Bound on the global error of each world, rad or m; NaN for a lost one; None: not verified.
-    accuracy : float
-        The accuracy asked for, rad or m.
-    steps : ndarray (n,)
-        Steps of each world.
-    cost : Cost
-        Of all worlds together.
-    samples_t, samples_q, samples_v : ndarray (m,), (m, n, nq), (m, n, nv)
-        The samples before the end, where they were asked for.
-    events : tuple of tuple of Event
-        What happened in each world, where the scene has events. A world that an event ended has its state at that event
-        in q and v, and NaN in the samples behind it.
-    """
-
-    robot: Robot
-    t: float
-    q: np.ndarray
-    v: np.ndarray
-    error: np.ndarray | None
-    accuracy: float
-    steps: np.ndarray
-    cost: Cost
-    samples_t: np.ndarray
-    samples_q: np.ndarray
-    samples_v: np.ndarray
-    events: tuple[tuple[Event, ...], ...] = ()
-
-    @property
-    def kept(self) -> np.ndarray | None:
-        """Whether each world's error bar (n,) is below the accuracy asked for; None: not verified."""
-        return None if self.error is None else self.error <= self.accuracy
-
-    def __repr__(self) -> str:
-        kept = "not verified" if self.kept is None else f"{int(self.kept.sum())} within {self.accuracy:g}"
-        return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {kept}>"
 
 
 def simulate_many(
@@ -135,10 +82,11 @@ def simulate_many(
     _require_samples(samples, states.shape)
     times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
     kept = slice(0, samples + 1 if samples else 0)
+    begun = states[: scene.robot.nq].T.copy(), states[scene.robot.nq :].T.copy(), values
     if differs_beyond_numbers(scene, values):
         ones = solve_one_by_one(scene, states, values, times, accuracy, progress, verify=verify)
         return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
-                      times[kept], ones.q[kept], ones.v[kept], ones.events)  # fmt: skip
+                      times[kept], ones.q[kept], ones.v[kept], ones.events, ones.ends, scene, *begun)  # fmt: skip
     steps_by = _step_map(scene, tuple(values), end)
     close_loops(steps_by.equations, states)
     parameter_rows = np.array(list(values.values())) if values else None
@@ -152,7 +100,7 @@ def simulate_many(
                 solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
     qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(looks, times)])
     return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, times[kept], qs[kept],
-                  vs[kept])  # fmt: skip
+                  vs[kept], (), np.full(len(qs[-1]), end), scene, *begun)  # fmt: skip
 
 
 def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
