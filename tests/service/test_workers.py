@@ -6,8 +6,10 @@ import asyncio
 import os
 import signal
 import subprocess
+import sys
 import threading
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,10 +22,13 @@ from twolink.service.worker_memory import WorkerMemory
 from twolink.service.worker_pool import Workers
 
 
-def run(work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000, waiting: int = 100) -> Any:
+def run(
+    work: Callable[[Workers], Awaitable[Any]], count: int = 1, megabytes: float = 1000, waiting: int = 100,
+    tasks: str = "tests.service.bad_tasks",
+) -> Any:  # fmt: skip
     async def whole() -> Any:
         memory = WorkerMemory(megabytes)
-        workers = Workers(count, memory, waiting=waiting, tasks="tests.service.bad_tasks")
+        workers = Workers(count, memory, waiting=waiting, tasks=tasks)
         watch = asyncio.create_task(memory.watch())
         try:
             return await work(workers)
@@ -57,6 +62,25 @@ def test_a_failure_is_reported_and_the_next_task_is_done(task: str, kind: str, p
         return heard
 
     assert run(work) == "heard"
+
+
+def own_tasks(folder: Path, patch: pytest.MonkeyPatch, begin: str) -> str:
+    """A module of tasks that does something as it begins."""
+    (folder / "own_tasks.py").write_text(f"import time\n{begin}\nTASKS = {{'answer': lambda: 'here'}}\n")
+    patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), *sys.path]))
+    return "own_tasks"
+
+
+def test_a_task_has_its_time_after_the_process_has_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = own_tasks(tmp_path, monkeypatch, "time.sleep(1.5)")
+    assert run(lambda workers: workers.run("answer", 1.0), tasks=tasks) == "here"
+
+
+def test_a_process_that_cannot_begin_is_no_fault_of_the_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tasks = own_tasks(tmp_path, monkeypatch, "raise OSError('no room')")
+    with pytest.raises(Refusal, match="no worker process was ready") as caught:
+        run(lambda workers: workers.run("answer", 60), tasks=tasks)
+    assert caught.value.status == 503
 
 
 def test_a_task_that_takes_too_long_is_killed() -> None:

@@ -5,7 +5,7 @@ function that sends the progress; `exchange` is a file that the service has open
 message: it holds what the task is to read, and then what the task has written.
 
 Messages are msgpack with their length before them (8 bytes): `Call` on stdin; on stdout any number of `Progress`, then
-`Done` or `Failed`.
+`Done` or `Failed`. The first `Done` is of no call: it says that the process is ready.
 """
 
 import contextlib
@@ -100,6 +100,7 @@ def main(tasks: str, megabytes: float, file: int | str, writable: Sequence[Path]
         answers.write(packed(message))
         answers.flush()
 
+    send(Done(None))
     while len(head := sys.stdin.buffer.read(LENGTH)) == LENGTH:
         call = msgspec.msgpack.decode(sys.stdin.buffer.read(int.from_bytes(head, "big")), type=Call)
         with open(file, "r+b", closefd=isinstance(file, str)) as exchange:

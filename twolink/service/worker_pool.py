@@ -30,6 +30,7 @@ from twolink.service.worker_process import WorkerProcess, start
 _log = logging.getLogger("twolink.service")
 _ADDRESSES = 4800  # MB of address space that are not memory: libraries, stacks, what is reserved
 _LARGEST_MESSAGE = 2**30
+_START = 60.0  # seconds for a process to begin: half a second on a machine that has nothing else to do
 _LAST_WORDS = 5.0  # seconds for a process whose pipe has closed to end by itself
 # What workers get of the service's environment, which may hold secrets, such as the service's own tokens.
 _ENVIRONMENT = (
@@ -95,7 +96,7 @@ class Workers:
         """Run a task in a worker process, in at most `seconds` from its begin. Cancelling kills the process.
 
         Raises the task's failure; Refusal when the process is lost: 422 with code "worker-died", "too-slow" or
-        "too-large", 503 where it had to make room for others, or where too many tasks wait.
+        "too-large", 503 where it had to make room for others, where too many tasks wait, or where no process begins.
         """
         return (await self.exchange(task, seconds, None, on_progress=on_progress, **arguments))[0]
 
@@ -156,7 +157,7 @@ class Workers:
         return await self._start()
 
     async def _start(self) -> Worker:
-        """Start a process. It takes about half a second until its first task."""
+        """Start a process, and wait until it is ready: its first task has the time that it is given for itself."""
         exchange = Exchange()
         try:
             command = (*self._command, exchange.name, *self._folders)
@@ -167,6 +168,17 @@ class Workers:
         worker = Worker(process, exchange)
         self._workers.add(worker)
         self._memory.workers.add(worker)
+        try:
+            async with asyncio.timeout(_START):
+                await _answer(worker.process)
+        except (TimeoutError, asyncio.IncompleteReadError, OSError):
+            await self._kill(worker)
+            what = f"no worker process was ready within {_START:g} s, or it ended (code {worker.process.returncode})"
+            remedy = "ask again in some seconds; the machine may have too little memory or too much to do"
+            raise Refusal(503, what, code="busy", where="request", remedy=remedy, retry_after=5) from None
+        except BaseException:
+            await self._kill(worker)
+            raise
         return worker
 
     async def _kill(self, worker: Worker) -> None:
@@ -190,10 +202,17 @@ async def _converse(
     process: WorkerProcess | Process, call: Call, on_progress: Callable[[Any], None] | None
 ) -> Done | Failed:
     """Send a call, and wait for its end. Raises IncompleteReadError or OSError when the process dies."""
-    if process.stdin is None or process.stdout is None:
+    if process.stdin is None:
         raise ConnectionError
     process.stdin.write(packed(call))
     await process.stdin.drain()
+    return await _answer(process, on_progress)
+
+
+async def _answer(process: WorkerProcess | Process, on_progress: Callable[[Any], None] | None = None) -> Done | Failed:
+    """Wait for the end of a call, or of the start. Raises as `_converse`."""
+    if process.stdout is None:
+        raise ConnectionError
     while True:
         length = int.from_bytes(await process.stdout.readexactly(LENGTH), "big")
         if length > _LARGEST_MESSAGE:
