@@ -202,7 +202,7 @@ def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
         assert http.get(f"/v1/simulations/{keys[0]}").status_code == 404  # the oldest went
         assert http.get(f"/v1/simulations/{keys[-1]}").json()["state"] == "done"
         last = f"/v1/simulations/{keys[-1]}"
-        for path in (f"{last}/playback", f"{last}/motion?frames=3600", "/v1/robots/panda/visuals"):
+        for path in (f"{last}/playback", f"{last}/motion?frames=3600", "/v1/robots/double_pendulum/visuals"):
             assert http.get(path).status_code == 413, path
         assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
         kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
