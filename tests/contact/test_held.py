@@ -1,4 +1,4 @@
-"""Steps in which contacts stick as before, as one compiled function: the same as those whose problem is solved."""
+"""Steps in which the same points press, as one compiled function: the same as those whose problem is solved."""
 
 import math
 from collections.abc import Callable
@@ -12,8 +12,10 @@ from tests.effects.bodies import G, ball
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Numbers
 from twolink.contact import held
+from twolink.contact.cone_newton import missed, newton, velocities
 from twolink.contact.held import HeldSteps
 from twolink.contact.held_step import moved
+from twolink.contact.impulses import Problem, solve_impulses
 from twolink.contact.multibody import Multibody
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
@@ -40,6 +42,12 @@ def pushed() -> tl.Scene:
     effects = [E.Gravity(), E.FrameWrench("ball", push, point=(0.0, 0.0, -0.05)),
                E.Contact(("ground",), 0.2, static=0.25, shapes=BALL)]  # fmt: skip
     return tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)
+
+
+def skidding() -> tl.Scene:
+    """A ball that slides along a curve until it rolls."""
+    effects = [E.Gravity(), E.Contact(("ground",), 0.2, shapes=BALL)]
+    return tl.Scene(ball(), [0, 0, 0.1, 0, 0, 0, 1], [2, 0, 0, 10, 0, 1], effects)
 
 
 def falling() -> tl.Scene:
@@ -70,7 +78,7 @@ def run_of(scene: tl.Scene) -> tl.Trajectory:
     return tl.simulate(scene, 0.5, contact="stepped", step=0.01, samples=20, verify=False)
 
 
-@pytest.mark.parametrize("make", [incline, pushed, falling, on_wheels])
+@pytest.mark.parametrize("make", [incline, pushed, skidding, falling, on_wheels])
 def test_held_steps_are_those_of_the_contact_problem(
     make: Callable[[], tl.Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,6 +107,33 @@ def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -
     assert all(cache.has(name) for name in names)
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     assert np.abs(down - 5 / 7 * G * math.sin(ANGLE) * run.t**2 / 2).max() < 1e-12
+
+
+def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The slip u of its lowest point keeps its direction: x'' = -mu g u / |u|."""
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    run = tl.simulate(skidding(), 0.2, contact="stepped", step=0.01, samples=20, verify=False)
+    assert run.contact_record is not None
+    assert run.contact_record["solvers"] == {"newton": 1, "held": 19}
+    slip = np.array([2.0, 1.0])  # v + omega x r of r = (0, 0, -0.1)
+    along = -0.2 * G * slip / np.linalg.norm(slip)
+    assert run.q[:, :2] == pytest.approx(np.outer(run.t, [2, 0]) + np.outer(run.t**2, along / 2), abs=1e-12)
+
+
+def test_newtons_formula_finds_the_impulses_of_points_that_stick_and_slide() -> None:
+    random = np.random.default_rng(5)
+    rows = random.normal(size=(9, 12))
+    g, mu = rows @ rows.T, np.array([0.1, 0.5, 5.0])
+    wanted = np.array([[0.02, 0.01, 1.0], [0.1, -0.2, 2.0], [0.3, 0.4, 1.0]])
+    b = -(g @ wanted.ravel()).reshape(3, 3) + [[0.4, 0.1, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    exact = solve_impulses(Problem(g, b, mu), wanted)
+    assert exact.solved
+    assert (exact.p[:, 2] > 0.1).all()
+    assert np.hypot(*exact.u[:, :2].T).max() > 0.1
+    matrix, flat, mus = g.tolist(), b.ravel().tolist(), mu.tolist()
+    p = newton(matrix, flat, mus, list(1.02 * exact.p.ravel()), Numbers)
+    assert p == pytest.approx(exact.p.ravel(), abs=1e-12)
+    assert np.abs(missed(matrix, velocities(matrix, flat, p), p, mus, Numbers)).max() < 1e-12
 
 
 def test_steps_are_compiled_where_they_have_cost_as_much_and_never_where_bits_count(

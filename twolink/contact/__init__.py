@@ -9,7 +9,7 @@ multibody     mass matrix, free motion and Jacobians at those points; free_bodie
 joints        stops and dry friction of joints, as points of the contact problem
 loops         motions that loops leave free
 impulses      the contact problem: impulses that obey the laws of contact and friction
-held          steps in which contacts stick as before, compiled; held_step: their formulas
+held          steps in which the same points press, compiled; held_step, cone_newton: their formulas
 stepping      one step; step: what it is; plan: the steps of a run
 solver        the run from step to step
 """

@@ -1,10 +1,10 @@
-"""Steps in which the points that pressed and stuck in the step before do so again: one compiled function.
+"""Steps in which the points that pressed in the step before do so again: one compiled function.
 
-    v+ = v_free + M^-1 J^T P,   J v+ + c = 0,   G P = -(J v_free + c)
+    v+ = v_free + M^-1 J^T P,   G P = -(J v_free + c) where all stick, else by `cone_newton`
 
-Where P is within the cones of friction and no other point closes, this obeys the laws; else the contact problem is
-solved (`impulses`). For few points of bodies on planes, such as feet. Many steps are computed one after the other, and
-then all are looked at: those from the first that does not obey the laws on are thrown away.
+Where P obeys the laws and no other point closes, this is the step; else the contact problem is solved (`impulses`). For
+few points of bodies on planes, such as feet. Many steps are computed one after the other, and then all are looked at:
+those from the first that does not obey the laws on are thrown away.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints
 from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED
+from twolink.contact.points import CLOSED, STILL
 from twolink.contact.step import Memory, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
@@ -35,39 +35,41 @@ from twolink.integrate.state import Array
 
 FEW = 12  # points on planes, up to which they are compiled
 STEP = 1.5e-3  # s of a step that is not compiled, roughly
-SIZE = 1.5  # of the compiled step, in evaluations of the equations of motion that compile as slowly
+SIZE, SLIDING = 1.5, 4.0  # of compiled steps, in evaluations of the equations of motion that compile as slowly
 
 
 class Held(NamedTuple):
-    """Points that stick: the function of their steps, their keys, pairs and static friction (k,), and their axes
-    (k, 3, 3), the normal last."""
+    """Points that press: the function of their steps, their keys, pairs and friction (k,), static where they stick, and
+    their axes (k, 3, 3), the normal last. slides: whether they may slide."""
 
     function: Any
     keys: Array
     pair: Array
-    static: Array
+    mu: Array
     axes: Array
+    slides: bool
 
 
 class HeldRun:
     """Steps of lengths h (n,) one after the other, up to the first that does not obey the laws.
 
     rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), nu (k,), which
-    removes overlap, and the gaps of all points at the end, those that stick first. joints: whose stops are not met.
+    removes overlap, by how much P misses the laws (k, 3), m/s, and the gaps of all points at the end, the pressing ones
+    first. joints: whose stops are not met.
     """
 
     def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints) -> None:
         self.held, self.h, k = held, h, len(held.keys)
-        cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k)))
+        cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k, 3 * k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
-        self.v, self.mean, self.q, p, u, places, gaps, nu, ends = parts
+        self.v, self.mean, self.q, p, u, places, gaps, nu, self.miss, ends = parts
         self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
         self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
         normal = self.p[:, :, 2]
-        inside = (normal > 0.0) & ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.static * normal) ** 2)
+        inside = (normal > 0.0) & (held.slides | ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.mu * normal) ** 2))
         apart = (gaps.min(axis=1) >= -CLOSED) | (nu.min(axis=1) >= 0.0)
         free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
-        obeys = inside.all(axis=1) & apart & free & (np.abs(u).max(axis=1) <= EXACT)
+        obeys = inside.all(axis=1) & apart & free & (np.abs(self.miss).max(axis=1) <= EXACT)
         self.overlap = np.maximum(-ends.min(axis=1), 0.0)
         self.length = len(h) if obeys.all() else int(obeys.argmin())
 
@@ -77,7 +79,7 @@ class HeldRun:
     def __getitem__(self, j: int) -> Step:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.mean[j]
-        memory = Memory(held.keys, self.p[j] / h, np.ones(len(held.keys), dtype=bool), mean)
+        memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, mean)
         return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.impulse[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
@@ -85,48 +87,57 @@ class HeldRun:
     def worth(self) -> Impulses:
         """How far the impulses of all steps miss the laws."""
         p, u = self.p[: self.length], self.u[: self.length]
-        largest = float(np.abs(u).max())
-        return Impulses(p, u, largest, float(np.abs(p * u).max()), largest, "held")
+        largest = float(np.abs(self.miss[: self.length]).max())
+        slip = self.held.mu * p[:, :, 2] * np.hypot(u[:, :, 0], u[:, :, 1]) + (p[:, :, :2] * u[:, :, :2]).sum(axis=2)
+        power = max(float(np.abs(p[:, :, 2] * u[:, :, 2]).max()), float(np.abs(slip).max()))
+        return Impulses(p, u, largest, power, largest, "held")
 
 
 class HeldSteps:
-    """Compiled steps of a scene by the points that stick."""
+    """Compiled steps of a scene by the points that press."""
 
     def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints) -> None:
-        self.equations, self.static, self.joints = bodies.equations, detector.static, joints
+        self.equations, self.joints = bodies.equations, joints
+        self.static, self.friction = detector.static, detector.friction
         group = detector.groups[0] if len(detector.groups) == 1 else None
         simple = type(bodies) is Multibody and heyoka() is not None
         self.group = group if isinstance(group, OnPlanes) and len(group.key) <= FEW and simple else None
-        self._known: dict[bytes, Held] = {}
+        self._known: dict[tuple[bytes, bool], Held] = {}
 
-    def of(self, keys: Array) -> Held | None:
-        """The steps in which the points with these keys stick; None where they are not compiled."""
-        group = self.group
+    def of(self, memory: Memory) -> Held | None:
+        """The steps in which the points that pressed do so again; None where they are not compiled."""
+        group, keys, slides = self.group, memory.keys, not memory.stuck.all()
         if not len(keys) or keys[-1] >= self.joints.first_key:  # a joint at its stop, or with friction
             return None
         if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
             return None
-        content = keys.tobytes()
+        content = keys.tobytes(), slides
         if content not in self._known:
             order = np.argsort(group.key)
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
+            pair = group.pair[chosen]
+            mu = self.static[pair]
+            if slides and (mu != self.friction[pair]).any():
+                return None
+            sliding = mu.tolist() if slides else []
             points = (group.joint, group.local, group.radius, group.normal, group.height, chosen)
-            digest = hashlib.sha256(repr([x.tolist() for x in points]).encode()).hexdigest()
+            digest = hashlib.sha256(repr([*(x.tolist() for x in points), sliding]).encode()).hexdigest()
             name = self.equations.key("held", digest[:32])  # of a file
-            if not is_at_hand(name) and spent(name) < compiling_seconds(SIZE * self.equations.operations):
+            expected = compiling_seconds((SLIDING if slides else SIZE) * self.equations.operations)
+            if not is_at_hand(name) and spent(name) < expected:
                 count(name, STEP)
                 return None
-            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen))[0]
-            pair = group.pair[chosen]
-            self._known[content] = Held(function, keys, pair, self.static[pair], axes_of(group.normal[chosen]))
+            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen, sliding))[0]
+            self._known[content] = Held(function, keys, pair, mu, axes_of(group.normal[chosen]), slides)
         return self._known[content]
 
-    def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, change: Array) -> HeldRun:
+    def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
         """The steps of a plan from a state on."""
         h, nq, nv = plan.h[steps], len(q), len(w)
-        into = np.empty((len(h), 2 * nv + nq + 2 + plan.numbers.shape[1]))
-        state = slice(2 * nv + nq)
-        into[0, state] = np.concatenate([w, change, q])
+        start = np.concatenate([w, memory.change, q, h[0] * memory.forces.ravel()])
+        state = slice(len(start))
+        into = np.empty((len(h), len(start) + 2 + plan.numbers.shape[1]))
+        into[0, state] = start
         into[:, state.stop] = plan.t[steps] + 0.5 * h
         into[:, state.stop + 1] = h
         into[:, state.stop + 2 :] = plan.numbers[plan.piece[steps]]
@@ -139,10 +150,10 @@ class HeldSteps:
             return HeldRun(held, h, rows, nq, nv, self.joints)
 
 
-def _compiled(equations: Equations, group: OnPlanes, chosen: Array) -> Any:
-    """heyoka's function of (w, w', q, t, h, numbers)."""
+def _compiled(equations: Equations, group: OnPlanes, chosen: Array, mu: list[float]) -> Any:
+    """heyoka's function of (w, w', q, P, t, h, numbers)."""
     module = heyoka()
     xp, space = Expressions(module), equations.space
-    x = [module.expression(f"x{i}") for i in range(2 + space.nq + 2 * space.nv + space.size - space.moving)]
-    values = held_step(equations, mechanism(equations.robot.model), group, chosen, x, xp)
+    x = [module.expression(f"x{i}") for i in range(2 + space.nv + 3 * len(chosen) + space.size)]
+    values = held_step(equations, mechanism(equations.robot.model), group, chosen, mu, x, xp)
     return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)

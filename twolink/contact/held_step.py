@@ -1,6 +1,6 @@
-"""Formulas of a step in which points of bodies on planes stick, for compiling (`held`).
+"""Formulas of a step in which points of bodies on planes stick, or stick or slide, for compiling (`held`).
 
-    v+ = v_free + M^-1 J^T P,   J v+ + c = 0,   G P = -(J v_free + c)
+    v+ = v_free + M^-1 J^T P,   sticking: J v+ + c = 0,   G P = -(J v_free + c);   sliding: `cone_newton`
 
 Overlap is removed as in `stepping`.
 """
@@ -30,6 +30,7 @@ from twolink.algorithms.spatial import (
     scale,
     times,
 )
+from twolink.contact.cone_newton import missed, newton, velocities
 from twolink.contact.formulas import OnPlanes
 from twolink.contact.multibody import axes_of
 from twolink.contact.points import CLOSED
@@ -41,12 +42,16 @@ SMALL = 1e-7  # rad^2: the square of half a turn whose sine is x - x^3 / 6
 
 
 def held_step(
-    equations: Equations, mech: Mechanism, group: OnPlanes, chosen: Array, x: list[Any], xp: Any
+    equations: Equations, mech: Mechanism, group: OnPlanes, chosen: Array, mu: list[float], x: list[Any], xp: Any
 ) -> list[Scalar]:
-    """The entries of a row of `HeldRun`. x: w, w' of the step before, q, the middle in time, the length, numbers."""
-    nq, nv = mech.nq, mech.nv
+    """The entries of a row of `HeldRun`.
+
+    mu: the friction of points that may slide; empty for points that stick. x: w, w' of the step before, q, the impulses
+    of the step before, the middle in time, the length, numbers.
+    """
+    nq, nv, k = mech.nq, mech.nv, 3 * len(chosen)
     w, change, rest = x[:nv], x[nv : 2 * nv], x[2 * nv :]
-    t, h, numbers = rest[nq], rest[nq + 1], rest[nq + 2 :]
+    guess, (t, h, *numbers) = rest[nq : nq + k], rest[nq + k :]
     half = 0.5 * h
     q = moved(mech, rest[:nq], [half * a for a in w], xp)
     v = _own(mech, q, [a + half * b for a, b in zip(w, change, strict=True)], xp)
@@ -68,13 +73,17 @@ def held_step(
     after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
     for i, gap in enumerate(gaps):
         after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h))
-    p = ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
-    u = [plus(b, *(times(c, y) for c, y in zip(row, p, strict=True))) for b, row in zip(after, g, strict=True)]
-    pushed = [plus(*(times(z[k], y) for z, y in zip(inward, p, strict=True))) for k in range(nv)]
+    p = (
+        newton(g, after, mu, guess, xp)
+        if mu
+        else ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
+    )
+    u = velocities(g, after, p)
+    pushed = [plus(*(times(z[i], y) for z, y in zip(inward, p, strict=True))) for i in range(nv)]
     end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
     overlaps = [xp.where(xp.less(gap, 0.0), gap, 0.0) for gap in gaps]
-    nu = ldlt_solve([row[2::3] for row in g[2::3]], [k - 1 for k in range(len(held))], [-x for x in overlaps], xp)
-    lifted = [plus(*(times(z[k], y) for z, y in zip(inward[2::3], nu, strict=True))) for k in range(nv)]
+    nu = ldlt_solve([row[2::3] for row in g[2::3]], list(range(-1, len(held) - 1)), [-x for x in overlaps], xp)
+    lifted = [plus(*(times(z[i], y) for z, y in zip(inward[2::3], nu, strict=True))) for i in range(nv)]
     push = _own(mech, q, ldlt_outward(lower, inverse, parents, lifted), xp, -1)
     deep = plus(*(xp.where(xp.less(gap, -CLOSED), 1.0, 0.0) for gap in gaps))
     ends = _own(mech, q, end, xp, -1)
@@ -83,6 +92,7 @@ def held_step(
     others = [i for i in range(len(group.key)) if i not in held]
     return [*ends, *((a - b) / h for a, b in zip(ends, w, strict=True)), *q_end, *p, *u,
             *(entry for place in places for entry in place), *gaps, *nu,
+            *(missed(g, u, p, mu, xp) if mu else u),
             *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from twolink.robots.collisions import Solid
 from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
 CLOSED = 1e-10  # m: what counts as no gap
+STILL = 1e-9  # m/s: a slip that counts as none
 
 
 class Places(NamedTuple):

@@ -32,7 +32,7 @@ from twolink.contact.joints import JointPoints, Laws, complete
 from twolink.contact.loops import Kept, LoopRows
 from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED, Places, Points, joined
+from twolink.contact.points import CLOSED, STILL, Places, Points, joined
 from twolink.contact.step import Memory, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
@@ -41,7 +41,6 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.failures import failure
 from twolink.integrate.state import Array
 
-STILL = 1e-9  # m/s: a slip that counts as none
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
@@ -70,6 +69,7 @@ class Stepper:
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
+        self.ahead = FIRST
         points, still = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q), np.zeros_like(v)
         none = Memory(points.key[:0], np.empty((0, 3)), np.empty(0, bool), still)
         if not len(points.gap):
@@ -104,15 +104,15 @@ class Stepper:
         return self.joints.with_rows(rows, points) if self.joints else rows
 
     def run(self, plan: Plan, first: int, q: Array, v: Array, memory: Memory) -> HeldRun | list[Step]:
-        """One or more steps of a plan: compiled ones while what stuck does so, else one. Raises as `advance`."""
-        known = self.held.of(memory.keys) if self.loops is None and memory.stuck.all() else None
+        """One or more steps of a plan: compiled ones while the same points press, else one. Raises as `advance`."""
+        ahead, self.ahead = self.ahead, FIRST
+        known = self.held.of(memory) if ahead and self.loops is None else None
         if known is not None:
-            found = self.held.run(known, plan, slice(first, first + self.ahead), q, v, memory.change)
-            self.ahead = min(2 * self.ahead, MOST)
+            found = self.held.run(known, plan, slice(first, first + ahead), q, v, memory)
             if len(found):
+                self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
                 self.record.add(found.worth, len(found))
                 return found
-        self.ahead = FIRST
         numbers = plan.numbers[plan.piece[first]]
         return [self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)]
 
