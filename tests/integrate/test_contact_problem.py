@@ -1,5 +1,7 @@
 """The laws of friction in impacts and contact problems, on random bodies: every law is checked on the answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,3 +107,14 @@ def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
     assert bool(searches) == (high > 0.0)
     if not searches:
         assert np.linalg.norm(forces[:, 1:], axis=1) == pytest.approx(np.full(4, push / 4))
+
+
+def test_an_impact_that_friction_holds_without_a_bounce_is_refused() -> None:
+    """Friction that sticks pushes a body down by as much as the normal impulse lifts it; Newton asks for a bounce."""
+    rows = np.array([[0.1, 0.0], [0.5, 0.0], [0.0, 0.5]])
+    touch = Touch("body - ground", rows, 0.5, 0.46, "m/s", 0)
+    with pytest.raises(tl.errors.AccuracyError, match="no impulses were found") as caught:
+        after(np.eye(2), np.array([-1.0, 0.0]), [touch], np.empty((0, 2)))
+    assert caught.value.code == "no-impact"
+    low = replace(touch, friction=0.1)
+    assert rows[0] @ after(np.eye(2), np.array([-1.0, 0.0]), [low], np.empty((0, 2))) == pytest.approx(0.05)

@@ -28,6 +28,7 @@ from twolink.integrate.state import Array
 SWEEPS = 10_000  # over all that touches
 ROUNDS = 1000  # of reflections
 UNCHANGED = 1e-15  # relative: what a last sweep may still change
+PRESSED = 1e-12  # relative to the root of the kinetic energy: so much may it still press, though nothing changes
 
 
 @dataclass(frozen=True)
@@ -173,19 +174,22 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
     wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
     impulses = [np.zeros(len(touch.rows)) for touch in touches]
     new, single = np.array(v), len(touches) == 1 and len(touches[0].rows) == 1  # its first impulse is exact
+    gains = [float(touch.rows[0] @ inverse @ touch.rows[0]) for touch in touches]
+    scale, root = 1.0 + float(np.abs(v).max()), math.sqrt(2.0 * _kinetic(mass, v))
     for _ in range(SWEEPS):
-        moved = 0.0
+        moved = pressed = 0.0
         for i, touch in enumerate(touches):
             better = _impulse(touch, inverse, new, impulses[i], wanted[i])
             change = inverse @ touch.rows.T @ (better - impulses[i])
+            pressed = max(pressed, abs(float(better[0] - impulses[i][0])) * math.sqrt(gains[i]))
             impulses[i] = better
             new = new + change
             moved = max(moved, float(np.abs(change).max()))
-        if single or moved <= UNCHANGED * (1.0 + float(np.abs(v).max())):
+        # Friction that sticks may take back all of what a sweep adds to the normal impulse, until that is too large.
+        if single or (moved <= UNCHANGED * scale and pressed <= PRESSED * root):
             break
     else:
-        raise AccuracyError(f"no impulses fulfil the laws of impact and friction of {touches[0].name}",
-                            where="effects", remedy="less friction", code="no-impact")  # fmt: skip
+        raise _no_impact(touches)
     if _kinetic(mass, new) > _kinetic(mass, v) * (1.0 + 1e-9) + 1e-300:
         raise AccuracyError(f"the impact of {touches[0].name} would create energy under its laws of restitution and "
                             "friction", where="effects", remedy="less restitution or friction",
@@ -194,6 +198,12 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
               if float(touch.rows[0] @ new) - least <= still_speed(v)]  # fmt: skip
     _require_determined(closed, new, inverse)
     return new
+
+
+def _no_impact(touches: Sequence[Touch]) -> AccuracyError:
+    return AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
+                         where="effects", remedy='less friction, no restitution, or contact="stepped"',
+                         code="no-impact")  # fmt: skip
 
 
 def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) -> None:
