@@ -199,6 +199,21 @@ def bodies_on_sliders(**axes: tuple[float, str, str]) -> tl.Robot:
     return tl.load_robot(f'<robot name="sliders"><link name="hand"/>{text}</robot>')
 
 
+def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
+    """After v0 (mu cos + sin d) / (g (mu^2 cos^2 - sin^2)), with the direction d downhill, which goes to 1."""
+    angle, mu, v0, turn = 0.3, 0.35, 0.7, math.radians(40.0)
+    steep, rough = math.sin(angle), mu * math.cos(angle)
+    n = (-steep, 0.0, math.cos(angle))
+    robot = bodies_on_sliders(a=(1e-9, "hand", "1 0 0"), b=(1e-9, "a", "0 1 0"), body=(1.0, "b", "0 0 1"))
+    contact = E.Contact((("body", E.Plane(n)),), mu, shapes={"body": (E.Sphere(0.1),)})
+    v = [-v0 * math.cos(turn) * math.cos(angle), v0 * math.sin(turn), -v0 * math.cos(turn) * math.sin(angle)]
+    stops = v0 * (rough + steep * math.cos(turn)) / (G * (rough**2 - steep**2))
+    scene = tl.Scene(robot, [0.1 * n[0], 0, 0.1 * n[2]], v, [E.Gravity(), contact])
+    run = tl.simulate(scene, 1.2 * stops, 1e-9, samples=10)
+    assert [(event.kind, event.t) for event in run.events] == [("roll", pytest.approx(stops, abs=1e-7))]
+    assert np.abs(run.v[-1]).max() < 1e-9
+
+
 def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     """Pressed with F = F_0 - k t from both sides it slips where 2 mu F = m g, and falls with g - 2 mu F / m."""
     mu, first, k, mass = 0.4, 30.0, 20.0, 2.0

@@ -21,7 +21,8 @@ from twolink.effects.loop import Loop
 from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 
-STILL = 1e-10  # m/s: a slip whose direction is rounding
+SLOW = 1e-9  # m/s: a slip whose direction is not followed
+STILL = 1e-11  # m/s: one whose direction is rounding
 
 
 def contact_point(
@@ -92,12 +93,18 @@ class Touching(Loop, frozen=True):
         return self.pair, near.first.position(motion), force
 
     def sliding(self, motion: Motion) -> list[Scalar]:
-        """The direction of sliding, c / |c|, along the two tangents."""
+        """The direction of sliding along the two tangents: of c + s b, with the direction b of `before` and s = SLOW.
+
+        That of c alone is singular at c = 0, and need not be b there: steps would be ever smaller. This one is singular
+        past the plane c . b = 0, which ends the mode.
+        """
         xp = motion.xp
         _, x, y = self.gap.velocity(motion)
+        still = xp.less(plus(times(x, x), times(y, y)), STILL * STILL)
         a, b = self.before
+        x, y = plus(x, times(SLOW, a)), plus(y, times(SLOW, b))
         speed = xp.sqrt(plus(times(x, x), times(y, y)))
-        # Past the instant of no sliding, which steps look beyond, the direction stays, so that it has no corner.
+        speed = xp.where(xp.less(speed, STILL), STILL, speed)
+        # Beyond, where steps look too, the direction stays, so that it has no corner.
         sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
-        still = xp.less(speed, STILL)
-        return [xp.where(still, was, times(sign, now / xp.where(still, 1.0, speed))) for was, now in ((a, x), (b, y))]
+        return [xp.where(still, was, times(sign, now / speed)) for was, now in ((a, x), (b, y))]
