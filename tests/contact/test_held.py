@@ -16,6 +16,7 @@ from twolink.contact.cone_newton import missed, newton, velocities
 from twolink.contact.held import HeldSteps
 from twolink.contact.held_step import moved
 from twolink.contact.impulses import Problem, solve_impulses
+from twolink.contact.joints import JointPoints
 from twolink.contact.multibody import Multibody
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
@@ -118,6 +119,17 @@ def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPat
     slip = np.array([2.0, 1.0])  # v + omega x r of r = (0, 0, -0.1)
     along = -0.2 * G * slip / np.linalg.norm(slip)
     assert run.q[:, :2] == pytest.approx(np.outer(run.t, [2, 0]) + np.outer(run.t**2, along / 2), abs=1e-12)
+
+
+@pytest.mark.parametrize(("lift", "steps"), [(1e-7, 3), (-1e-17, 3), (-1e-7, 1)])
+def test_no_point_is_held_down_while_another_is_lifted(lift: float, steps: int) -> None:
+    """Two points press; in the second of three steps one overlaps and is lifted by 0.1 um."""
+    zeros, ones = np.zeros((3, 6)), np.ones((3, 2))
+    gaps, lifts = np.array([[0.0, 0.0], [-1e-7, 1e-7], [0.0, 0.0]]), np.array([[0.0, 0.0], [1e-7, lift], [0.0, 0.0]])
+    state, p = np.zeros((3, 2 + 2 + 3)), np.tile([0.0, 0.0, 1.0], (3, 2))
+    rows = np.concatenate([state, p, zeros, zeros, gaps, lifts, zeros, 1e-6 * ones], axis=1)
+    points = held.Held(None, np.arange(2), np.arange(2), np.ones(2), np.tile(np.eye(3), (2, 1, 1)), False)
+    assert len(held.HeldRun(points, np.full(3, 0.01), rows, 3, 2, JointPoints((), (), 2))) == steps
 
 
 def test_newtons_formula_finds_the_impulses_of_points_that_stick_and_slide() -> None:

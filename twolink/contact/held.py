@@ -53,21 +53,21 @@ class Held(NamedTuple):
 class HeldRun:
     """Steps of lengths h (n,) one after the other, up to the first that does not obey the laws.
 
-    rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), nu (k,), which
-    removes overlap, by how much P misses the laws (k, 3), m/s, and the gaps of all points at the end, the pressing ones
-    first. joints: whose stops are not met.
+    rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), by how much a
+    point is lifted where some overlap (k,), m, by how much P misses the laws (k, 3), m/s, and the gaps of all points at
+    the end, the pressing ones first. joints: whose stops are not met.
     """
 
     def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints) -> None:
         self.held, self.h, k = held, h, len(held.keys)
         cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k, 3 * k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
-        self.v, self.mean, self.q, p, u, places, gaps, nu, self.miss, ends = parts
+        self.v, self.mean, self.q, p, u, places, gaps, lifts, self.miss, ends = parts
         self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
         self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
         normal = self.p[:, :, 2]
         inside = (normal > 0.0) & (held.slides | ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.mu * normal) ** 2))
-        apart = (gaps.min(axis=1) >= -CLOSED) | (nu.min(axis=1) >= 0.0)
+        apart = (gaps.min(axis=1) >= -CLOSED) | (lifts.min(axis=1) >= -CLOSED)
         free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
         obeys = inside.all(axis=1) & apart & free & (np.abs(self.miss).max(axis=1) <= EXACT)
         self.overlap = np.maximum(-ends.min(axis=1), 0.0)

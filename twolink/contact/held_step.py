@@ -84,6 +84,7 @@ def held_step(
     overlaps = [xp.where(xp.less(gap, 0.0), gap, 0.0) for gap in gaps]
     nu = ldlt_solve([row[2::3] for row in g[2::3]], list(range(-1, len(held) - 1)), [-x for x in overlaps], xp)
     lifted = [plus(*(times(z[i], y) for z, y in zip(inward[2::3], nu, strict=True))) for i in range(nv)]
+    lifts = [times(row[i], a) for i, row, a in zip(range(2, k, 3), g[2::3], nu, strict=True)]
     push = _own(mech, q, ldlt_outward(lower, inverse, parents, lifted), xp, -1)
     deep = plus(*(xp.where(xp.less(gap, -CLOSED), 1.0, 0.0) for gap in gaps))
     ends = _own(mech, q, end, xp, -1)
@@ -91,7 +92,7 @@ def held_step(
     q_end = moved(mech, q, move, xp)
     others = [i for i in range(len(group.key)) if i not in held]
     return [*ends, *((a - b) / h for a, b in zip(ends, w, strict=True)), *q_end, *p, *u,
-            *(entry for place in places for entry in place), *gaps, *nu,
+            *(entry for place in places for entry in place), *gaps, *lifts,
             *(missed(g, u, p, mu, xp) if mu else u),
             *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
 
