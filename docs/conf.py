@@ -48,6 +48,7 @@ autodoc_typehints = "none"  # the docstrings say types, shapes and units
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+napoleon_use_param = False  # which would repeat the types and the text of `q, v` for each
 napoleon_use_ivar = True
 copybutton_prompt_text = "$ "
 copybutton_exclude = ".linenos, .gp, .go"

@@ -3,6 +3,7 @@
 import re
 from typing import Any
 
+_properties: dict[str, list[str]] = {}  # docstrings, while napoleon reads them
 MARKUP = re.compile(r"``.*?``|`[^`]*`|[|*\\]|(?<=\w)_(?!\w)")
 
 
@@ -30,7 +31,20 @@ def as_text(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
     lines[:] = out
 
 
+def as_prose(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Keep the docstring of a property from napoleon, which takes what is before a colon for its type."""
+    del app, thing, options
+    if what != "property":
+        return
+    if name not in _properties:
+        _properties[name] = list(lines)
+    else:
+        lines[:] = _properties.pop(name)
+
+
 def setup(app: Any) -> dict[str, bool]:
-    """Register the hook, before napoleon's."""
+    """Register the hooks, before napoleon's and round it."""
     app.connect("autodoc-process-docstring", as_text, priority=400)
+    for priority in (450, 550):  # napoleon has 500
+        app.connect("autodoc-process-docstring", as_prose, priority=priority)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -108,6 +108,14 @@ def test_the_catalogues_are_complete(site: Path) -> None:
     assert [name for name in tl.__all__ if f'id="twolink.{name}"' not in reference] == ["effects", "errors", "lagrange"]
 
 
+def test_the_reference_says_what_docstrings_say(site: Path) -> None:
+    """A property's first line is no type before a colon, and parameters that share a text have it once."""
+    pages = (page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
+    text = " ".join(re.sub("<[^>]+>", "", " ".join(pages)).split())
+    assert "up to which the error bar is below the accuracy asked for; None: unknown." in text
+    assert "q, v (array_like, optional)" in text
+
+
 def test_the_gallery_has_a_page_and_a_picture_of_each_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS / "extensions")
     gallery = importlib.import_module("gallery")

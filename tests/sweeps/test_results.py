@@ -62,6 +62,7 @@ def test_figures_of_one_and_two_quantities(store: Path, tmp_path: Path) -> None:
     assert "forearm.mass, kg" in curve
     assert "2 runs" not in curve
     page = plot_sweep(few, tmp_path / "map.svg").read_text()
+    assert plot_sweep(few).axes[0].get_title().startswith("9 runs")
     assert "9 runs; grey: 33.3%" in page
     assert "end.q.shoulder" in page
     for options, kind, part in (({"data": data}, ShowError, "3 quantities vary"),

@@ -57,8 +57,10 @@ class Scene:
         The robot with the constants that the effects change: gravity (none: zero), payloads, rotors.
     base : Robot
         The robot that the scene was made with.
-    q, v : ndarray
-        Initial configuration (nq,) and velocity (nv,), read-only.
+    q : ndarray
+        Initial configuration (nq,), read-only.
+    v : ndarray
+        Initial velocity (nv,), read-only.
     effects : tuple of Effect
         The effects.
     duration : float

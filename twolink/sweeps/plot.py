@@ -1,8 +1,10 @@
 """Figures of a sweep: curves with error bars over one quantity, a heat map over two; runs without a result marked."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,21 +13,25 @@ from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 from twolink.sweeps.outputs import ABANDONED, DONE, FAILED, INACCURATE, PENDING
 from twolink.sweeps.tables import column, column_names, run_dims, turns_of
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 WITHOUT = {FAILED: "failed", ABANDONED: "given up", PENDING: "not computed"}
 GREY = "0.55"
 RARE = 1.0  # %: of the values at each end that have no colours of their own where they take half of the range
 
 
 def plot_sweep(
-    data: Any, path: str | os.PathLike[str], variable: str = "", *, turns: bool = False
-) -> Path:  # fmt: skip
-    """Draw a number of every run over one or two quantities into a .png, .svg or .pdf.
+    data: Any, path: str | os.PathLike[str] | None = None, variable: str = "", *, turns: bool = False
+) -> Path | Figure:  # fmt: skip
+    """Draw a number of every run over one or two quantities.
 
     Parameters
     ----------
     data : xarray.Dataset
         From `sweep` or `open_sweep`; of more than two quantities, a selection (`data.sel(...)`).
-    path : path-like
+    path : path-like, optional
+        A .png, .svg or .pdf file.
     variable : str
         "end.q.JOINT", "end.v.JOINT" or a variable of the sweep; by default the first one.
     turns : bool
@@ -33,7 +39,8 @@ def plot_sweep(
 
     Returns
     -------
-    Path
+    Path or matplotlib.figure.Figure
+        The path; without one the figure, which notebooks show.
 
     Raises
     ------
@@ -53,8 +60,10 @@ def plot_sweep(
     axes = _axes(data)
     if len(axes) == 1:
         bars = bar if name.startswith("end.q.") and not turns else None
-        return _curve(Path(path), axes, values, bars, shown, status, label)
-    return _map(Path(path), axes, values, shown, status, label)
+        figure = _curve(axes, values, bars, shown, status, label)
+    else:
+        figure = _map(axes, values, shown, status, label)
+    return figure if path is None else save_figure(figure, Path(path))
 
 
 def _label(data: Any, name: str) -> str:
@@ -74,9 +83,9 @@ def _axes(data: Any) -> list[tuple[str, np.ndarray]]:
 
 
 def _curve(
-    path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, bars: np.ndarray | None, shown: np.ndarray,
+    axes: list[tuple[str, np.ndarray]], values: np.ndarray, bars: np.ndarray | None, shown: np.ndarray,
     status: np.ndarray, label: str,
-) -> Path:  # fmt: skip
+) -> Figure:  # fmt: skip
     ((name, x),) = axes
     figure, ((axis,),) = new_figure(1, size=(7.0, 4.2))
     x = _positions(axis.xaxis, x.ravel())
@@ -95,7 +104,7 @@ def _curve(
     axis.set(xlabel=name, ylabel=label)
     if _scale(x) == "log":  # to set "linear" again would take the names from the ticks
         axis.set_xscale("log")
-    return save_figure(figure, path)
+    return figure
 
 
 def _positions(axis: Any, x: np.ndarray) -> np.ndarray:
@@ -133,9 +142,9 @@ def _colours(values: np.ndarray) -> tuple[float, float, str]:
 
 
 def _map(
-    path: Path, axes: list[tuple[str, np.ndarray]], values: np.ndarray, shown: np.ndarray, status: np.ndarray,
+    axes: list[tuple[str, np.ndarray]], values: np.ndarray, shown: np.ndarray, status: np.ndarray,
     label: str,
-) -> Path:  # fmt: skip
+) -> Figure:  # fmt: skip
     (down, y), (across, x) = axes
     figure, ((axis,),) = new_figure(1, size=(7.4, max(6.0, 0.14 * len(y) if y.dtype.kind in "OU" else 0.0)))
     kept = np.where(shown, values, np.nan)
@@ -166,4 +175,4 @@ def _map(
         if _scale(values_of) == "log":
             set_scale("log")
     axis.set_title(f"{shown.size:,} runs{note}", fontsize=9)
-    return save_figure(figure, path)
+    return figure
