@@ -102,6 +102,24 @@ def test_one_joint_alone_and_a_start_that_is_not_known() -> None:
     assert found.values["forearm.mass"] == pytest.approx(1.9, abs=0.05)
 
 
+def test_a_joint_that_shows_noise_alone_does_not_hide_that_the_motion_is_found() -> None:
+    """A turntable that nothing turns, with a pendulum on it that swings."""
+    body = ('<inertial><origin xyz="0 0 {}"/><mass value="1"/>'
+            '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>')  # fmt: skip
+    joint = ('<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
+             '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint>')  # fmt: skip
+    robot = tl.load_robot(
+        f'<robot name="r"><link name="ground"/><link name="table">{body.format(0)}</link><link name="rod">'
+        f"{body.format(-0.5)}</link>{joint.format('turn', 'ground', 'table', '0 0 1')}"
+        f"{joint.format('swing', 'table', 'rod', '0 1 0')}</robot>"
+    )
+    scene = tl.Scene(robot, [0.0, 1.0], effects=[E.Gravity(), E.JointDamping({"swing": 0.1})])
+    found = tl.fit(scene, {"t": TIMES, "q": noisy(motion_of(scene)[0])}, ["effects.1.damping.swing"])
+    assert found.explained
+    assert found.segments == 1
+    assert inside(found, {"effects.1.damping.swing": 0.1}) == [True]
+
+
 def test_outliers_move_a_robust_fit_little() -> None:
     q = noisy(Q)
     q[::11] += 0.2

@@ -24,6 +24,7 @@ WEAK = 1 / 3  # of the noise: a change by 1 of z that moves the measurements by 
 ROUNDS = 8  # of weights and of what can be told
 GAPS = (1.0, 1e-3, 1e-6)  # what gaps may be, in noise, one after the other
 CLOSING = 3  # steps that close the gaps
+STILL = 0.7  # of the spread: changes from sample to sample that are noise alone
 GUESS = 0.1  # of what is measured: the noise at first
 SIMULATIONS = 60  # of each solve, at most
 Progress = Callable[[int, int, str], None]
@@ -173,9 +174,14 @@ class Search:
 
     @property
     def spread(self) -> np.ndarray:
-        """The standard deviation (c,) of what is measured; for a channel that stands still, that of its kind."""
+        """The standard deviation (c,) of what is measured; for a channel that stands still, that of its kind.
+
+        What stands still but for noise changes from sample to sample as much as over all of them.
+        """
         measured = self.data.values
         own = measured.std(axis=0)
+        still = np.diff(measured, axis=0).std(axis=0) > STILL * np.sqrt(2.0) * own
+        own[still & ~still.all()] = 0.0
         kinds = np.array([name[0] for name in self.data.channels])
         return np.array([x or own[kinds == kind].max() or own.max() for x, kind in zip(own, kinds, strict=True)])
 
