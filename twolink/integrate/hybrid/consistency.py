@@ -25,6 +25,7 @@ NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
 RANK = 1e-7  # singular values of constraint rows below it are 0
 DIFFERENT = 1e-9  # relative: generalized forces that are not the same
+ROUNDING, SLOWEST_SLIP = 1e-15, 1e-10  # of velocities, relative; m/s, of one whose direction counts
 OVERLAPS = 1e-8  # relative: an acceleration with which a gap becomes negative
 SHARE: tuple[str, int] = ("share", 0)  # of the forces of contacts on more points than determine them
 SAME = 1e-7  # relative: accelerations of two ways to compute them
@@ -34,6 +35,12 @@ Key = tuple[str, int]  # ("joint", degree of freedom), ("contact", number), ("ro
 def still_speed(v: Array) -> float:
     """The speed below which a velocity is 0."""
     return TINY * (1.0 + float(np.abs(v).max(initial=0.0)))
+
+
+def different(v: Array, slips: Array) -> float:
+    """Relative: how far forces along directions of slip (n, 2) differ by more than the rounding of the velocities v."""
+    slowest = max(SLOWEST_SLIP, float(np.linalg.norm(slips, axis=1).min(initial=math.inf)))
+    return DIFFERENT + ROUNDING * (1.0 + float(np.abs(v).max(initial=0.0))) / slowest
 
 
 def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situation:
@@ -183,13 +190,13 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
 def _determined(here: Situation) -> Situation:
     """The same situation, if friction has the same effect for all shares of the normal forces. Raises AccuracyError."""
     own, mode = here.own, here.mode
-    slides = any(kind == "sliding" and here.system.contacts[i].friction for i, kind in enumerate(mode.contacts))
+    slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and here.system.contacts[i].friction]
     if not (own.redundant and slides):
         return here
-    columns = ForceShare(own, mode, here.system.static).columns(here.look())
-    sizes = np.linalg.svd(columns[0], compute_uv=False)
+    look = here.look()
+    sizes = np.linalg.svd(ForceShare(own, mode, here.system.static).columns(look)[0], compute_uv=False)
     kept = sum(row is not None for rows in own.rows.values() for row in rows)
-    if (sizes > DIFFERENT * sizes[0]).sum() > kept:
+    if (sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() > kept:
         raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
                             "share of each", where=f"t = {here.t:.9g} s", remedy="let them touch at three points",
                             code="indeterminate-forces", t=here.t)  # fmt: skip

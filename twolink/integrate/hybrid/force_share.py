@@ -20,7 +20,7 @@ from twolink.integrate.hybrid.modes import Mode, ModeEquations, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.state import Array
 
-RANK = 1e-9  # relative: singular values below it are 0
+RANK = 1e-6  # relative: singular values below it are 0; slow slips have directions with so much rounding
 ENOUGH = 0.02  # of the load
 SAME = 1e-13  # relative: generalized forces that are the same
 GROWTH, LAST, NEWTON = 8.0, 1e14, 40  # of the weight of the margin on the central path; Newton's steps for each

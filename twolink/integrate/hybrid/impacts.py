@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.consistency import DIFFERENT, NEAR, still_speed
+from twolink.integrate.hybrid.consistency import NEAR, different, still_speed
 from twolink.integrate.hybrid.contact_problem import friction_force
 from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
@@ -213,19 +213,26 @@ def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) ->
     """
     if len(touches) < 3:
         return
-    kept, columns = [], []
+    kept, columns, slips = [], [], []
     for touch in touches:
-        slip, still = touch.rows[1:] @ new, still_speed(new)
-        slides = len(slip) > 0 and math.hypot(*slip) > still
-        kept.append(touch.rows[:1] if slides else touch.rows)
-        columns.append(touch.rows[:1] - touch.friction * (slip / math.hypot(*slip)) @ touch.rows[1:] if slides
-                       else touch.rows)  # fmt: skip
+        slip = touch.rows[1:] @ new
+        speed = math.hypot(*slip)
+        if speed <= still_speed(new):
+            kept.append(touch.rows)
+            columns.append(touch.rows)
+            continue
+        kept.append(touch.rows[:1])
+        columns.append(touch.rows[:1] - touch.friction * (slip / speed) @ touch.rows[1:])
+        slips.append(slip)
+    if not slips:
+        return
+    least = different(new, np.array(slips))
     e, axes = np.linalg.eigh(inverse)
     root = axes * np.sqrt(np.maximum(e, 0.0))  # forces by the velocities that they give
     ranks = []
     for rows in (kept, columns):
         sizes = np.linalg.svd(np.concatenate(rows) @ root, compute_uv=False)
-        ranks.append(int((sizes > DIFFERENT * sizes[0]).sum()))
+        ranks.append(int((sizes > least * sizes[0]).sum()))
     if ranks[1] > ranks[0]:
         raise AccuracyError(f"{touches[0].name} slide at an impact on more points than determine their impulses, and "
                             "the velocities after it depend on the share of each", where="effects",
