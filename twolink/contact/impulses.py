@@ -32,7 +32,7 @@ from twolink.integrate.state import Array
 NEWTON = 15  # steps before it is led on
 ROUNDS = 12  # of that
 LEADING = 30  # steps that lead, half as many more in each round
-DAMPING = 0.1  # e, relative to the share of the velocities by which the laws are missed, and the largest
+DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 SETS = 40  # that press, without friction
 FEW = 50  # contacts for which Newton's method begins at the guess itself
