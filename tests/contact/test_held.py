@@ -18,6 +18,8 @@ from twolink.contact.held_step import moved
 from twolink.contact.impulses import Problem, solve_impulses
 from twolink.contact.joints import JointPoints
 from twolink.contact.multibody import Multibody
+from twolink.contact.step import Memory
+from twolink.contact.stepping import Stepper
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.scene_equations import equations_of
@@ -119,6 +121,26 @@ def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPat
     slip = np.array([2.0, 1.0])  # v + omega x r of r = (0, 0, -0.1)
     along = -0.2 * G * slip / np.linalg.norm(slip)
     assert run.q[:, :2] == pytest.approx(np.outer(run.t, [2, 0]) + np.outer(run.t**2, along / 2), abs=1e-12)
+
+
+def test_many_points_that_slide_are_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiling would take long."""
+    monkeypatch.setattr(held, "spent", lambda *_: math.inf)
+    monkeypatch.setattr(held, "compiled_function", lambda *_: (None, 0.0))
+    robot = tl.load_robot("solo12", root="free")
+    links = [name for name in robot.frame_names if name.endswith(("FOOT", "LOWER_LEG"))]
+    shapes = {name: (E.Sphere(0.01),) for name in links}
+    contact = E.Contact(tuple((name, "ground") for name in links), 0.5, shapes=shapes)
+    stepper = Stepper(equations_of(tl.Scene(robot)), [contact])
+    keys = np.sort(stepper.detector.groups[0].key)
+
+    def known(count: int, *, stuck: bool) -> bool:
+        memory = Memory(keys[:count], np.zeros((count, 3)), np.full(count, stuck), np.zeros(robot.nv))
+        return stepper.held.of(memory) is not None
+
+    assert known(4, stuck=False)
+    assert not known(5, stuck=False)
+    assert known(5, stuck=True)
 
 
 @pytest.mark.parametrize(("lift", "steps"), [(1e-7, 3), (-1e-17, 3), (-1e-7, 1)])

@@ -34,6 +34,7 @@ from twolink.integrate.first_steps import count, spent
 from twolink.integrate.state import Array
 
 FEW = 12  # points on planes, up to which they are compiled
+SLIDERS = 4  # points that may slide, up to which they are: compiling takes as the cube of their number
 STEP = 1.5e-3  # s of a step that is not compiled, roughly
 SIZE, SLIDING = 1.5, 4.0  # of compiled steps, in evaluations of the equations of motion that compile as slowly
 
@@ -117,7 +118,7 @@ class HeldSteps:
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
             pair = group.pair[chosen]
             mu = self.static[pair]
-            if slides and (mu != self.friction[pair]).any():
+            if slides and (len(keys) > SLIDERS or (mu != self.friction[pair]).any()):
                 return None
             sliding = mu.tolist() if slides else []
             points = (group.joint, group.local, group.radius, group.normal, group.height, chosen)
