@@ -30,6 +30,7 @@ from scipy.sparse.linalg import splu
 from twolink.integrate.state import Array
 
 NEWTON = 15  # steps before it is led on
+PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined
 ROUNDS = 12  # of that
 LEADING = 30  # steps that lead, half as many more in each round
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
@@ -159,7 +160,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
 def newton(problem: Problem, guess: Array) -> Array:
     """The best iterate of Newton's method on F."""
     p, best = guess, (np.inf, guess)
-    for _ in range(NEWTON + 1):
+    for _ in range((NEWTON if len(guess) > FEW else PATIENT) + 1):
         f, z, _ = problem.miss(p)
         residual = problem.residual(f)
         if not np.isfinite(residual):
