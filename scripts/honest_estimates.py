@@ -79,7 +79,7 @@ def rows_of(number: int, seed: int) -> Iterator[Row]:
             off = _off(run, known[0], one) if one.truth is None else _off(run, one.truth(run.t), one)
             yield _judged(row, off[:count], known[1][:count], run.error[:count])
         except HangError:
-            yield replace(row, outcome="HANG")
+            yield replace(row, outcome="no truth" if known is None else "HANG")
         except TwolinkError as error:
             yield replace(row, outcome="no truth" if known is None else error.code)
 

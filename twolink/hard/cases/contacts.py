@@ -1,6 +1,7 @@
-"""Bodies that touch: a fast body that hits a small one, a coin that rolls on its rim."""
+"""Bodies that touch: a fast body that hits a small one, a coin that rolls on its rim, an arch of blocks."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -92,6 +93,34 @@ def _coin(t: np.ndarray) -> np.ndarray:
     return np.asarray(_coin_solution()(t)[6:].T)  # type: ignore[operator]
 
 
-EXACT = {"bullet": _bullet, "coin": _coin}
-SCENES = {"bullet": bullet, "coin": coin}
+BLOCKS, THICK, DEEP = 7, 1.02 * 0.0957041, 0.3  # of the arch: thickness and depth, m; its mean radius is 1 m
+
+
+def arch() -> Scene:
+    """Blocks of a semicircular arch on the ground, 2 % thicker than the static theorem asks for."""
+    rays = [np.array([math.cos(k * math.pi / BLOCKS), math.sin(k * math.pi / BLOCKS)]) for k in range(BLOCKS + 1)]
+    bodies, shapes, q = "", {}, list[float]()
+    for k in range(BLOCKS):
+        sides = np.array([(1.0 + side * THICK / 2) * ray for ray in rays[k : k + 2] for side in (-1.0, 1.0)])
+        middle = _centroid(sides[[0, 1, 3, 2]])
+        corners = [(float(x), y, float(z)) for x, z in sides - middle for y in (-DEEP / 2, DEEP / 2)]
+        shapes[f"b{k}"] = (fx.Convex(tuple(corners)),)
+        bodies += _BODY.format(name=f"b{k}", mass=1.0, i=(0.05, 0.05, 0.05), joint="floating")
+        q += [float(middle[0]), 0.0, float(middle[1]), 0.0, 0.0, 0.0, 1.0]
+    joints = [*itertools.pairwise(shapes), ("b0", "ground"), (f"b{BLOCKS - 1}", "ground")]
+    contact = fx.Contact(tuple(joints), 1.0, shapes=shapes)
+    return Scene(
+        load_robot(_ROBOT.format(name="arch", bodies=bodies)), q, effects=[fx.Gravity(), contact], duration=1.0
+    )
+
+
+def _centroid(polygon: np.ndarray) -> np.ndarray:
+    """Of a polygon (n, 2)."""
+    x, z = polygon.T
+    cross = x * np.roll(z, -1) - np.roll(x, -1) * z
+    return np.asarray(((polygon + np.roll(polygon, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
+
+
+EXACT = {"bullet": _bullet, "coin": _coin, "arch": lambda t: np.tile(arch().q, (len(t), 1))}
+SCENES = {"bullet": bullet, "coin": coin, "arch": arch}
 ERRORS = {name: truths.configuration_error(exact) for name, exact in EXACT.items()}

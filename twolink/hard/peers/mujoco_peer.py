@@ -16,7 +16,7 @@ import pinocchio as pin
 from twolink.effects.inputs import value_at
 from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
 from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerSolid, PeerTask, Setting, UnsupportedError
-from twolink.robots.shapes import Box, Capsule, Cylinder, Sphere
+from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
 VERSION = mujoco.__version__
 DEFAULT_STEP, FINE_STEP = 0.002, 1e-4
@@ -98,7 +98,7 @@ def build(task: PeerTask) -> mujoco.MjModel:
                           name2=f"b{k}")  # fmt: skip
     for k, (first, second, friction) in enumerate(task.contacts):
         for side, solid in zip("ab", (first, second), strict=True):
-            _add_geom(bodies[solid.body], f"{side}{k}", solid)
+            _add_geom(spec, bodies[solid.body], f"{side}{k}", solid)
         spec.add_pair(geomname1=f"a{k}", geomname2=f"b{k}", condim=3, friction=[friction, friction, 0.0, 0.0, 0.0])
         spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     try:
@@ -135,8 +135,9 @@ def _add_body(task: PeerTask, parent: Any, joint: PeerJoint) -> Any:
     return body
 
 
-def _add_geom(body: Any, name: str, solid: PeerSolid) -> None:
+def _add_geom(spec: Any, body: Any, name: str, solid: PeerSolid) -> None:
     """A shape without mass that touches in pairs only."""
+    mesh = ""
     match solid.shape:
         case None:
             kind, size = mujoco.mjtGeom.mjGEOM_PLANE, [0.0, 0.0, 1.0]
@@ -148,10 +149,13 @@ def _add_geom(body: Any, name: str, solid: PeerSolid) -> None:
             kind, size = mujoco.mjtGeom.mjGEOM_CAPSULE, [radius, length / 2, 0.0]
         case Cylinder(radius=radius, length=length):
             kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, length / 2, 0.0]
+        case Convex(vertices=vertices):
+            kind, size, mesh = mujoco.mjtGeom.mjGEOM_MESH, [0.0, 0.0, 0.0], f"mesh {name}"
+            spec.add_mesh(name=mesh, uservert=np.array(vertices).ravel())
         case _:
             raise UnsupportedError(f"{type(solid.shape).__name__} is not modelled for MuJoCo")
-    body.add_geom(name=name, type=kind, size=size, pos=solid.place.translation, mass=0.0, contype=0, conaffinity=0,
-                  quat=_quaternion(solid.place.rotation))  # fmt: skip
+    body.add_geom(name=name, meshname=mesh, type=kind, size=size, pos=solid.place.translation, mass=0.0, contype=0,
+                  conaffinity=0, quat=_quaternion(solid.place.rotation))  # fmt: skip
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:

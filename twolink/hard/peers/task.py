@@ -13,7 +13,7 @@ from twolink.effects.conditions import across, unit
 from twolink.effects.contact_pairs import Plane
 from twolink.hard.case import Track
 from twolink.robots.collisions import Solid
-from twolink.robots.shapes import AnyShape, Convex
+from twolink.robots.shapes import AnyShape
 from twolink.scenes import Scene
 
 Loop = tuple[int, np.ndarray, int, np.ndarray]
@@ -177,8 +177,6 @@ def _contacts(robot: Robot, effect: fx.Contact) -> list[PeerContact]:
             turn = np.array([*across(n), n]).T
             turn[:, 1] *= np.linalg.det(turn)
             return PeerSolid(0, pin.SE3(turn, float(body.height) * np.array(n)), None)
-        if isinstance(body.shape, Convex):
-            raise UnsupportedError("convex meshes are not modelled for peers")
         number, place = _carrier(robot, body.link)
         return PeerSolid(number, place * body.shape.placement, body.shape)
 
