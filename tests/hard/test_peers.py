@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
+from tests.effects.bodies import ball
 from twolink import effects as fx
 from twolink.hard import SimulationCase, select_cases
 from twolink.hard.case_result import MET
@@ -140,3 +141,16 @@ def test_peers_of_a_case_are_judged_by_its_truth() -> None:
     assert [name for name, _ in attempts] == ["SciPy", "SciPy", "MuJoCo", "MuJoCo"]
     assert all(a.verdict == MET and a.curve is not None for _, a in attempts)
     assert [a.default for _, a in attempts] == [True, False, True, False]
+
+
+def test_mujoco_sees_a_convex_shape_as_the_box_that_it_is() -> None:
+    """It falls on an edge and tips over: beside a box by MuJoCo's own detection of meshes."""
+    pytest.importorskip("mujoco")
+    corners = tuple((x, y, z) for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1))
+    ends = []
+    for shape in (tl.effects.Box((0.6, 0.4, 0.2)), tl.effects.Convex(corners)):
+        contact = tl.effects.Contact(("ground",), 0.5, shapes={"ball": (shape,)})
+        scene = tl.Scene(ball(), [0, 0, 0.4, 0.28, 0, 0, 0.96], effects=[tl.effects.Gravity(), contact])
+        ends.append(peer_module("mujoco").prepare(task_of(scene, TIMES), Setting("Euler", "1 ms", step=1e-3))().track.q)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-3)
+    assert np.abs(ends[0][-1, :3] - ends[0][0, :3]).max() > 0.05
