@@ -27,6 +27,7 @@ extensions = [
     "docstrings",
     "generated",
     "gallery",
+    "method_pictures",
     "mathml",
     "shell_cells",
 ]

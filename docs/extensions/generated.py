@@ -7,6 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import method_pictures
 import typer
 from gallery import picture
 
@@ -91,13 +92,19 @@ def effects(app: Any) -> str:
     return page("Effects", about, *("\n\n".join([f"## {title}", *entries]) for title, entries in groups.items()))
 
 
-def methods() -> str:
-    """The catalogue of methods."""
+def methods(app: Any) -> str:
+    """The catalogue of methods, each with a picture of what accuracy costs by it."""
     about = (
         '`method="auto"`, the default, takes the cheapest for the accuracy that is asked for. The coefficients are in '
         "`twolink/integrate/methods.toml`, and the tests prove the order of each method by its order conditions."
     )
-    return page("Methods", about, markdown(tl.methods()))
+    parts = [
+        f"## {m['name']}\n\n{cell(m['good_for']).capitalize()}.\n\n{method_pictures.picture(app, str(m['name']))}"
+        for m in tl.methods()
+    ]
+    if "<img" in parts[-1]:
+        parts.insert(0, method_pictures.ABOUT)
+    return page("Methods", about, markdown(tl.methods()), *parts)
 
 
 def scenes(app: Any) -> str:
@@ -179,7 +186,7 @@ def reference() -> dict[str, str]:
 
 def write(app: Any) -> None:
     """Write all pages into docs/generated; what did not change stays, so that Sphinx does not read it again."""
-    pages = {"effects": effects(app), "methods": methods(), "scenes": scenes(app),
+    pages = {"effects": effects(app), "methods": methods(app), "scenes": scenes(app),
              "hard_cases": hard_cases(app), "command_line": commands(), **reference()}  # fmt: skip
     folder = Path(app.srcdir) / FOLDER
     folder.mkdir(exist_ok=True)

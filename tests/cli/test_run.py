@@ -43,7 +43,8 @@ def test_run_writes_into_new_folders_whatever_the_case(tmp_path: Path) -> None:
 def test_run_refuses_what_cannot_be_written_before_it_simulates(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "file" / "x.npz", tmp_path / "no" / "folder" / "x.npz"):
-        one_line(call("run", "arm-swing", "--duration", "1e4", "--out", str(path)), 2, f"{path}: cannot be written")
+        what = f"{path}: cannot be written: there is no folder {tmp_path}"
+        one_line(call("run", "arm-swing", "--duration", "1e4", "--out", str(path)), 2, what)
     assert not (tmp_path / "no").exists()
 
 

@@ -133,6 +133,18 @@ def test_the_gallery_has_a_page_and_a_picture_of_each_motion(tmp_path: Path, mon
     assert gallery.picture(site, "case-misaligned-hinge", "A hinge") == ""
 
 
+def test_methods_have_pictures_of_what_accuracy_costs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS / "extensions")
+    pictures = importlib.import_module("method_pictures")
+    monkeypatch.setattr(pictures, "TOLERANCES", (1e-3,))
+    monkeypatch.setattr(pictures, "METHODS", ("rk45", "dop853"))
+    site = SimpleNamespace(outdir=tmp_path, config=SimpleNamespace(twolink_playbacks=True))
+    pictures.write_pictures(site)
+    assert {"rk45", "dop853"} == {file.stem for file in (tmp_path / pictures.FOLDER).glob("*.png")}
+    assert 'src="../methods/rk45.png"' in pictures.picture(site, "rk45")
+    assert pictures.picture(site, "none") == ""
+
+
 def test_the_site_asks_no_other_host(site: Path) -> None:
     for page in site.rglob("*.html"):
         asked = re.findall(r'<(?:script|link|img|iframe)[^>]+(?:src|href)="(https?://[^"]+)', page.read_text("utf-8"))

@@ -51,7 +51,9 @@ def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
         require_format(path, endings, Misuse)
         folder = path.absolute().parent
         folder = folder if folder.exists() else folder.parent
-        if not folder.is_dir() or not os.access(folder, os.W_OK):
+        if not folder.is_dir():
+            raise Misuse(f"cannot be written: there is no folder {folder}", where=str(path), remedy="make it first")
+        if not os.access(folder, os.W_OK):
             raise Misuse("cannot be written", where=str(path), remedy="give a file in a folder of yours")
 
 
