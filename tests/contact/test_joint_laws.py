@@ -139,3 +139,27 @@ def test_a_compiled_step_ends_where_a_joint_meets_its_stop(monkeypatch: pytest.M
     assert run.contact_record["overlap"] < 1e-9
     exact = np.fmin(G * math.sin(0.3) / 1.5 * run.t**2 / 2, 0.3)
     assert np.abs(run.q[:, 0] - exact).max() < 1e-9
+
+
+def test_a_quadruped_with_stops_and_dry_friction_falls_on_its_feet_and_rests() -> None:
+    """Dry friction takes the last of its motion; its feet carry its weight."""
+    robot = tl.load_robot("solo12", root="free")
+    q, target = robot.neutral, dict[str, float]()
+    for joint in robot.joints[1:]:
+        side = -1.0 if "H" in joint.name[:2] else 1.0  # the hind legs bend the other way
+        q[joint.q] = target[joint.name] = side * {"HAA": 0.0, "HFE": 0.8, "KFE": -1.6}[joint.name[-3:]]
+    feet = [name for name in robot.frame_names if name.endswith("FOOT")]
+    q[2] = 0.0265 - min(float(robot.frame_pose(q, foot)[1][2]) for foot in feet)
+    ground = E.Contact(
+        tuple((foot, "ground") for foot in feet), 0.6, shapes={foot: (E.Sphere(0.0165),) for foot in feet}
+    )
+    stops = E.JointStops({name: (x - 0.1, x + 0.1) for name, x in target.items()})
+    friction = E.DryFriction(dict.fromkeys(target, 0.05), dict.fromkeys(target, 0.08))
+    control = E.JointPD(target, dict.fromkeys(target, 5.0), dict.fromkeys(target, 0.1))
+    run = stepped(tl.Scene(robot, q, effects=[E.Gravity(), control, ground, stops, friction]), 1.0, 0.004)
+    assert np.abs(run.v[-1]).max() < 1e-9
+    weight = sum(inertia.mass for inertia in robot.model.inertias) * G
+    assert sum(force[-1, 2] for force in run.contact_forces.values()) == pytest.approx(weight, rel=1e-6)
+    assert np.diff(run.energy).max() < 1e-9
+    assert run.contact_record is not None
+    assert run.contact_record["overlap"] < 1e-9
