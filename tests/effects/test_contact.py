@@ -52,6 +52,21 @@ def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_fr
     assert np.abs(run.q[:, 3:] - run.q[0, 3:]).max() < 1e-10
 
 
+def test_a_free_block_slides_up_a_slope_and_down_again() -> None:
+    """Where it stops, each corner has a slow slip of its own; down they slide in one direction."""
+    angle, mu, v0, half = 0.48, 0.442, 2.798, 0.026
+    steep, rough = G * math.sin(angle), mu * G * math.cos(angle)
+    n, up = np.array([math.sin(angle), 0.0, math.cos(angle)]), -np.array([math.cos(angle), 0.0, -math.sin(angle)])
+    block = (E.Box((0.311, 0.479, 2 * half)),)
+    contact = E.Contact((("block", E.Plane(tuple(map(float, n)))),), mu, shapes={"block": block})
+    q = [*(half * n), 0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
+    scene = tl.Scene(free_bodies("block"), q, [-v0, 0, 0, 0, 0, 0], [E.Gravity(), contact])
+    run = tl.simulate(scene, 0.45, 1e-6, samples=20)
+    t, back = np.fmin(run.t, v0 / (steep + rough)), np.fmax(run.t - v0 / (steep + rough), 0.0)
+    way = v0 * t - (steep + rough) * t**2 / 2 - (steep - rough) * back**2 / 2
+    assert np.abs(run.q[:, :3] - np.outer(way, up) - q[:3]).max() < 1e-8
+
+
 def test_a_free_block_that_slides_to_rest_stops_with_all_corners() -> None:
     """Where it stops, rounding has given it a turn of 1e-8 rad/s: each corner still slides in its own direction."""
     angle, mu, v0, high = 0.52, 0.878, 3.3, 0.0445

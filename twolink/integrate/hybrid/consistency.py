@@ -73,7 +73,7 @@ def _with_consistent_contacts(here: Situation, still: float, opened: frozenset[K
         if key is None or key == SHARE:
             break
         tried.add(key)
-    return _by_contact_problem(here, still)
+    return _by_contact_problem(here, still, slow)
 
 
 def freed(here: Situation, k: int, torque: float) -> Mode:
@@ -218,9 +218,10 @@ def _overlapping(here: Situation, still: float) -> bool:
     return any(here.mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(here, still))
 
 
-def _by_contact_problem(here: Situation, still: float) -> Situation | None:
+def _by_contact_problem(here: Situation, still: float, slow: float) -> Situation | None:
     """The mode in which the contacts that touch do what the solution of the contact problem says; None without one."""
     touching = _touching(here, still)
+    here = _without_slow_slips(here, touching, max(still, slow))
     without = here
     for i in touching:
         without = without.in_mode(without.mode.with_contact(i, "free"))
@@ -242,6 +243,21 @@ def _by_contact_problem(here: Situation, still: float) -> Situation | None:
     here = here.in_mode(mode)
     difference = np.abs(here.look().a[:, 0] - solution[0]).max()
     return here if difference <= SAME * (1.0 + np.abs(solution[0]).max()) else None
+
+
+def _without_slow_slips(here: Situation, touching: list[int], slow: float) -> Situation:
+    """The same situation, if all that touches slips slowly: without these slips, by the impulses that stop them.
+
+    Where a body stops, its points have slips in all directions, though they begin to slide in one.
+    """
+    rough = [i for i in touching if here.system.contacts[i].friction]
+    if not rough or np.linalg.norm(here.look().contacts[rough, 2:4, 0], axis=1).max() > slow:
+        return here
+    rows = np.concatenate([contact_rows(here, i)[: 3 if i in rough else 1] for i in touching])
+    locked = np.eye(len(here.v))[sorted(here.mode.locked)]
+    inverse = inverse_under(mass_matrix(here), np.concatenate([loop_rows(here), locked]))
+    change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ here.v
+    return here._replace(x=np.concatenate([here.x[: here.system.nq], here.v - change]))
 
 
 def _wrong_way(here: Situation, snapshot: Snapshot, tried: set[Key], allowed: float) -> tuple[Mode, Key | None]:
