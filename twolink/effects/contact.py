@@ -59,6 +59,8 @@ class Contact(SwitchingEffect, frozen=True):
     Notes
     -----
     Where bodies rest on more points than determine their forces, only the sums of the forces of a pair are determined.
+    Bodies that slide and turn at once on such points, at an impact too, move as the points share the load: located,
+    they are refused with code "indeterminate-forces".
     Located, boxes touch each other with corners on sides; unless that is asked for, pairs of boxes are stepped. Refused
     with code "no-single-point": what touches along a line, a flat side or an edge (a cylinder that falls on its end or
     tips over its rim, parallel capsules, a corner that slides over an edge). With "no-located-contact": pairs of shapes
