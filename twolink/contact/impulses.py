@@ -97,10 +97,6 @@ class Problem:
         """|g F| relative to velocities that matter."""
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
 
-    def norm(self, f: Array) -> float:
-        """|g F|, the sum over all contacts."""
-        return float(np.linalg.norm(f * self.size[:, None]))
-
     def answer(self, p: Array, solver: str) -> Impulses:
         """What the impulses are worth."""
         f, _, u = self.miss(p)
@@ -152,9 +148,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     p = guess
     for count in range(ROUNDS):
         leading = int(LEADING * 1.5**count) if count or len(guess) > FEW else 0
-        few = len(guess) <= LARGE  # whose forces are far from determined: they need steps of any length
-        damping = 0.0 if few and count % 4 < 3 else DAMPING
-        p = newton(problem, accelerated(problem, p, leading), damping)
+        p = newton(problem, accelerated(problem, p, leading))
         best = problem.answer(p, "accelerated" if count else "newton")
         if best.solved:
             return best
@@ -163,8 +157,8 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     return min(best, problem.answer(newton(problem, admm(problem, p)), "admm"), key=lambda one: one.residual)
 
 
-def newton(problem: Problem, guess: Array, damping: float = DAMPING) -> Array:
-    """The best iterate of Newton's method on F, with a proximal term of this size, or without and in shorter steps."""
+def newton(problem: Problem, guess: Array) -> Array:
+    """The best iterate of Newton's method on F."""
     p, best = guess, (np.inf, guess)
     for _ in range((NEWTON if len(guess) > FEW else PATIENT) + 1):
         f, z, _ = problem.miss(p)
@@ -176,18 +170,7 @@ def newton(problem: Problem, guess: Array, damping: float = DAMPING) -> Array:
         if ends:
             break
         share = residual * problem.scale / problem.fastest
-        step = _newton_step(problem, f, z, max(REGULAR, damping * min(share, 1.0)))
-        p = p - (1.0 if damping else _share(problem, p, step, problem.norm(f))) * step
-    return best[1]
-
-
-def _share(problem: Problem, p: Array, step: Array, size: float) -> float:
-    """How much of a step makes F the smaller; of what makes it no smaller, the best."""
-    best = np.inf, 1.0
-    for share in 0.5 ** np.arange(6):
-        best = min(best, (problem.norm(problem.miss(p - share * step)[0]), float(share)))
-        if best[0] < (1.0 - 1e-4 * share) * size:
-            break
+        p = p - _newton_step(problem, f, z, min(max(REGULAR, DAMPING * share), DAMPING))
     return best[1]
 
 
