@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_names
 from twolink.algorithms.recursions import Axes
-from twolink.dynamics import configurations, pinocchio_queries
+from twolink.dynamics import configurations, inverse_kinematics, pinocchio_queries
 from twolink.dynamics.arguments import UNIT_TOLERANCE, one_of
 from twolink.dynamics.compiled import Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
@@ -292,6 +292,48 @@ class Robot(RobotModel):
             Three rows for the linear velocity, three for the angular velocity.
         """
         return self._answer(f"frame_jacobian_{one_of(AXES, axes, 'axes')}:{frame}", engine, q)
+
+    def inverse_kinematics(
+        self,
+        frame: str,
+        position: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        q0: ArrayLike | None = None,
+    ) -> Array:
+        """Configurations that bring a frame to positions, rotations, or both, within the limits of the joints.
+
+        R(q) = rotation and p(q) = position, see `frame_pose`, to 1e-10 m and rad; what cannot be brought there so
+        nearly is refused. It is the solution that Levenberg and Marquardt's method finds from q0, else from random
+        starts, always the same ones.
+
+        Parameters
+        ----------
+        frame : str
+            One of `frame_names`.
+        position : array_like, (..., 3), optional
+            Of the frame's origin in the world, m. Any, if left out.
+        rotation : array_like, (..., 3, 3), optional
+            Rotation matrices. Any, if left out.
+        q0 : array_like, (nq,), optional
+            Where the search begins; the neutral configuration if left out. In a batch each target begins from the
+            solution before it, so that a path of targets gives a path of the robot.
+
+        Returns
+        -------
+        ndarray, (..., nq)
+            Configurations.
+
+        Raises
+        ------
+        QueryError
+            Code "unreachable": its data has the distance [m] and the angle [rad] that are left, and the `closest`
+            configuration that was found. A solution that the search does not find may exist. Code "unknown-frame".
+
+        References
+        ----------
+        Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method".
+        """
+        return inverse_kinematics.configurations_of(self, frame, position, rotation, q0)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
