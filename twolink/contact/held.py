@@ -147,8 +147,7 @@ class HeldSteps:
         for one, before, out in zip(into[1:], rows[:-1], rows[1:], strict=True):
             one[state] = before[state]
             held.function(one, outputs=out)
-        with np.errstate(over="ignore", invalid="ignore"):  # as steps that are too long
-            return HeldRun(held, h, rows, nq, nv, self.joints)
+        return HeldRun(held, h, rows, nq, nv, self.joints)
 
 
 def _compiled(equations: Equations, group: OnPlanes, chosen: Array, mu: list[float]) -> Any:

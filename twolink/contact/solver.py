@@ -89,6 +89,7 @@ class SteppedSolution:
         return {pair: (points, forces) for pair, (points, forces) in out.items()}
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
 def solve_stepped(
     stepper: Stepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
 ) -> SteppedSolution:
