@@ -9,7 +9,7 @@ from PIL import Image, ImageSequence
 import twolink as tl
 from tests.command import call, one_line
 from twolink.errors import SceneError, ShowError
-from twolink.show.arrows import CONTACT_COLOUR, FORCE_COLOUR, Arrows
+from twolink.show.arrows import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows
 from twolink.show.meshcat_scene import poses
 from twolink.show.meshcat_view import look_at
 from twolink.show.raycasting import Camera, Picture
@@ -142,6 +142,17 @@ def test_an_arrow_goes_from_its_point_along_its_force(camera: Camera) -> None:
         assert (rows.min(), rows.max()) == (pytest.approx(high, abs=2.0), pytest.approx(low, abs=3.0))
         assert (columns.min(), columns.max()) == (pytest.approx(x, abs=3.0), pytest.approx(x, abs=3.0))
         assert np.abs(picture.reshape(-1, 3).astype(int) - FORCE_COLOUR).max(axis=1).min() < 50
+
+
+def test_a_blow_does_not_hide_the_weight(camera: Camera) -> None:
+    """Of 100 samples with a weight of 5 N after a blow of 500 N, the weight's arrow is half as long as the blow's."""
+    white, times = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8), np.arange(100.0)
+    points, forces = np.zeros((100, 1, 3)), np.tile([0.0, 0.0, 5.0], (100, 1, 1))
+    forces[0] *= 100.0
+    arrows = Arrows(camera, times, times, {"ball - ground": (points, forces)}, {})
+    heights = [np.ptp(np.nonzero((arrows.over(white, k) < 200).any(axis=2))[0]) for k in (0, 50)]
+    base = DOT * SIZE[1]
+    assert (heights[1] - base) / (heights[0] - base) == pytest.approx(0.5, abs=0.06)
 
 
 def test_points_are_placed_where_the_rays_of_their_pixels_go(camera: Camera) -> None:

@@ -13,6 +13,7 @@ from twolink.show.viewer_data import Contacts, sample_before
 CONTACT_COLOUR, FORCE_COLOUR = (194, 37, 92), (28, 126, 214)  # as overlays.js has them
 OPACITY = 0.85
 LONGEST = 0.22  # of the motion's extent, the strongest force
+TYPICAL = 2.0  # times the force that nine of ten stay below is shown as long at most: blows last one sample
 FINE = 3  # an arrow is drawn so many times larger, and reduced
 HEAD, DOT, SHAFT = 0.028, 0.009, 0.005  # of the picture's height: length, radius, width
 Image = NDArray[np.uint8]
@@ -24,7 +25,7 @@ class _Group(NamedTuple):
     colour: tuple[int, int, int]
     points: Floats  # (n, k, 3) m
     forces: Floats  # (n, k, 3) N
-    scale: float  # m/N
+    strongest: float  # N, as long as an arrow gets
 
 
 class Arrows:
@@ -45,21 +46,21 @@ class Arrows:
     def __init__(self, camera: Camera, t: Floats, shown: Floats, contacts: Contacts, forces: Contacts) -> None:
         self._camera = camera
         rows = sample_before(t, shown)
-        extent = 2.0 * float(np.abs(camera.view.seen[:, :2]).max())
+        self._longest = LONGEST * 2.0 * float(np.abs(camera.view.seen[:, :2]).max())
         self._groups = []
         for acting, colour in ((contacts, CONTACT_COLOUR), (forces, FORCE_COLOUR)):
             if acting:
                 points, newtons = (np.concatenate(both, axis=1) for both in zip(*acting.values(), strict=True))
-                strongest = np.nanmax(np.linalg.norm(newtons, axis=2), initial=0.0)
-                scale = LONGEST * extent / float(strongest or 1.0)
-                self._groups.append(_Group(colour, points[rows], newtons[rows], scale))
+                self._groups.append(_Group(colour, points[rows], newtons[rows], _strongest(newtons)))
 
     def over(self, image: Image, k: int) -> Image:
         """Picture k (height, width, 3) with its arrows."""
         for group in self._groups:
             there = np.isfinite(group.points[k]).all(axis=1)
             if there.any():
-                ends = group.points[k][there], group.points[k][there] + group.scale * group.forces[k][there]
+                start, force = group.points[k][there], group.forces[k][there]
+                size = np.maximum(np.linalg.norm(force, axis=1, keepdims=True), group.strongest)
+                ends = start, start + self._longest * force / size
                 image = self._blended(image, group.colour, *(self._camera.place(end) for end in ends))
         return image
 
@@ -82,3 +83,10 @@ class Arrows:
             draw.polygon([tuple(corner) for corner in (end, neck + across, neck - across)], fill=255)
         share = OPACITY / 255.0 * np.asarray(large.reduce(FINE))[..., None]
         return np.asarray(np.round(image * (1.0 - share) + np.array(colour) * share), np.uint8)
+
+
+def _strongest(forces: Floats) -> float:
+    """The force [N] of the longest arrow, from forces (n, k, 3)."""
+    sizes = np.linalg.norm(forces, axis=2)
+    sizes = sizes[sizes > 0.0]
+    return min(float(sizes.max()), TYPICAL * float(np.quantile(sizes, 0.9))) if sizes.size else 1.0

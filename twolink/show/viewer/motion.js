@@ -80,13 +80,10 @@ export class Motion {
   }
 }
 
-/** The largest force of contacts, or of other forces, N. */
-export function strongest(arrows) {
-  let most = 0;
-  for (const { forces } of arrows) {
-    for (let i = 0; i < forces.length; i += 3) {
-      most = Math.max(most, Math.hypot(forces[i], forces[i + 1], forces[i + 2]) || 0);
-    }
-  }
-  return most;
+/** The sizes [N] of contact forces, or of other ones, in order; without those that are 0 or not there. */
+export function sizes(arrows) {
+  const out = arrows.flatMap(({ forces }) =>
+    Array.from({ length: forces.length / 3 }, (_, i) => Math.hypot(...forces.subarray(3 * i, 3 * i + 3))),
+  );
+  return Float64Array.from(out.filter(size => size > 0)).sort();
 }

@@ -1,6 +1,6 @@
 // What is drawn over a robot: trails, axes of frames, the centre of mass, points and forces that act there.
 
-import { strongest } from "./motion.js";
+import { sizes } from "./motion.js";
 
 const TRAIL_COLOURS = [0xd1495b, 0x00798c, 0xedae49, 0x5b3f8c, 0x3a7d44, 0x8d5524];
 export const CONTACT_COLOUR = 0xc2255c,
@@ -9,6 +9,7 @@ const CENTRE_COLOUR = 0x111111;
 const SIDES = 6; // of a trail's tube
 const FEW = 1500; // frames, between which a trail is rounded
 const KEPT = 4; // seconds of playing that a trail goes back
+const TYPICAL = 2; // times the force that nine of ten stay below has the longest arrow
 
 export class Overlays {
   constructor(stage) {
@@ -103,10 +104,12 @@ export class Overlays {
     });
   }
 
-  /** A dot at each point where a force acts, and an arrow for the force, the strongest a fifth of the picture. */
+  /** A dot at each point where a force acts, and an arrow for the force, at most a fifth of the picture. */
   arrows(name, acting, colour) {
     const { THREE, size } = this.stage;
-    const scale = (0.22 * size) / (strongest(acting) || 1);
+    const [newtons, longest] = [sizes(acting), 0.22 * size];
+    const typical = newtons[Math.floor(0.9 * (newtons.length - 1))] ?? 1; // blows last one frame
+    const scale = longest / Math.min(TYPICAL * typical, newtons.at(-1) ?? 1);
     const material = new THREE.MeshBasicMaterial({ color: colour, depthTest: false, transparent: true, opacity: 0.85 });
     const [dot, shaft, head] = [
       new THREE.SphereGeometry(size / 120, 16, 12),
@@ -133,7 +136,7 @@ export class Overlays {
         next.fromArray(contact.points, 3 * i + 3);
         if (Number.isFinite(next.x)) arrow.position.lerp(next, share); // with the body, whose pose is between frames too
         force.fromArray(contact.forces, 3 * i);
-        const length = scale * force.length();
+        const length = Math.min(scale * force.length(), longest);
         parts[1].visible = parts[2].visible = length > size / 200;
         if (!parts[1].visible) continue;
         arrow.quaternion.setFromUnitVectors(upward, force.normalize());

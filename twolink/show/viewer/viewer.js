@@ -1,7 +1,7 @@
 // The viewer: one robot, or a second one as a ghost, its motion with time controls, and a menu of what is shown.
 
 import { check, make } from "./elements.js";
-import { Motion, revive, strongest } from "./motion.js";
+import { Motion, revive, sizes } from "./motion.js";
 import { CONTACT_COLOUR, FORCE_COLOUR, Overlays } from "./overlays.js";
 import { Robot } from "./robot.js";
 import { Stage } from "./stage.js";
@@ -193,7 +193,7 @@ export class Viewer {
         choice[key] = checked;
         this.#redraw();
       });
-    const newtons = [motion.contacts, motion.forces].map(acting => Number(strongest(acting).toPrecision(3)));
+    const newtons = [motion.contacts, motion.forces].map(acting => Number((sizes(acting).at(-1) ?? 0).toPrecision(3)));
     const items = [
       item("shadows", "shadows"),
       item("frames", "frames of the links"),
