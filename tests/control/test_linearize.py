@@ -148,5 +148,7 @@ def test_arguments() -> None:
 
 
 def test_eigenvalues_are_drawn(tmp_path) -> None:
-    path = tl.linearize(tl.load_scene("arm-swing")).plot(tmp_path / "e.svg")
+    linear = tl.linearize(tl.load_scene("arm-swing"))
+    path = linear.plot(tmp_path / "e.svg")
+    assert len(linear.plot().axes) == 1  # without a path the figure
     assert path.read_text("utf-8").startswith("<?xml")

@@ -202,5 +202,6 @@ def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> N
 def test_the_figure_shows_residuals_region_and_all_intervals(tmp_path: Path) -> None:
     found = identify(ARM, T, Q, V, noisy(TAU, NOISE), WANTED, a=A)
     text = found.plot(tmp_path / "found.svg").read_text()
+    assert len(found.plot().axes) == 3
     for part in ("shoulder", "elbow", "95 % region", "95 % interval", *found.combinations):
         assert f"<!-- {part}" in text, part

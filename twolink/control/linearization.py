@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +25,9 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.io.listing import Table
 from twolink.scenes import Scene
 from twolink.simulation.text import ShownAsText
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium that is known to rounding
 
@@ -153,11 +156,18 @@ class Linearization(ShownAsText):
             "controllable": self.controllability.rank if self.inputs else 0,
         }  # fmt: skip
 
-    def plot(self, path: str | Path) -> Path:
-        """Draw the eigenvalues in the complex plane into a .png, .svg or .pdf."""
+    @overload
+    def plot(self) -> "Figure": ...
+
+    @overload
+    def plot(self, path: str | Path) -> Path: ...
+
+    def plot(self, path: str | Path | None = None) -> "Path | Figure":
+        """Draw the eigenvalues in the complex plane into a .png, .svg or .pdf; without a path the figure."""
         from twolink.show.eigenvalue_plot import plot_eigenvalues
 
-        return plot_eigenvalues(Path(path), f"{self.robot.name}: eigenvalues", self.eigenvalues, self.eigenvalue_errors)
+        file, title = None if path is None else Path(path), f"{self.robot.name}: eigenvalues"
+        return plot_eigenvalues(file, title, self.eigenvalues, self.eigenvalue_errors)
 
     def _one(self, name: str) -> "Linearization":
         if self.A.ndim != 2:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROUNDS = 30  # of Newton's method
 REPEATS = 1e-9  # relative: forces that differ by less repeat
@@ -109,12 +112,19 @@ class PeriodicMotion(ShownAsText):
                      for z, error in zip(self.multipliers, self.multiplier_errors, strict=True))  # fmt: skip
         return Table(("real", "imaginary", "size", "error"), rows)
 
-    def plot(self, path: str | Path) -> Path:
-        """Draw the multipliers and the unit circle into a .png, .svg or .pdf."""
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | Path) -> Path: ...
+
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw the multipliers and the unit circle into a .png, .svg or .pdf; without a path the figure."""
         from twolink.show.eigenvalue_plot import plot_eigenvalues
 
+        file = None if path is None else Path(path)
         title = f"{self.scene.robot.name}: Floquet multipliers, period {self.period:.6g} s"
-        return plot_eigenvalues(Path(path), title, self.multipliers, self.multiplier_errors, unit_circle=True)
+        return plot_eigenvalues(file, title, self.multipliers, self.multiplier_errors, unit_circle=True)
 
     def __str__(self) -> str:
         start = ", ".join(f"{x:.9g}" for x in (*self.scene.q, *self.scene.v))

@@ -1,10 +1,14 @@
 """Estimated parameters by name: values, errors and intervals, of a regression or of a fit."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from twolink.io.listing import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Estimate:
@@ -49,7 +53,13 @@ class Estimate:
         columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
         return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
 
-    def plot(self, path: str | Path) -> Path:
+    @overload
+    def plot(self) -> "Figure": ...
+
+    @overload
+    def plot(self, path: str | Path) -> Path: ...
+
+    def plot(self, path: str | Path | None = None) -> "Path | Figure":
         """Draw residuals and the covariance of the two values that are correlated most.
 
         With them a regression shows all intervals, a fit by simulation the measured and fitted motion and the singular
@@ -57,20 +67,20 @@ class Estimate:
 
         Parameters
         ----------
-        path : str or path
+        path : str or path, optional
             A .png, .svg or .pdf file.
 
         Returns
         -------
-        Path
-            The path.
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
 
         Raises
         ------
         ShowError
             The file cannot be written.
         """
-        return self._draw(Path(path))
+        return self._draw(None if path is None else Path(path))
 
-    def _draw(self, path: Path) -> Path:
+    def _draw(self, path: Path | None) -> "Path | Figure":
         raise NotImplementedError

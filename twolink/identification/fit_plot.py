@@ -1,11 +1,14 @@
 """The figures of a fit by simulation, and of an identification by regression."""
 
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MAX_LINES, MAX_SPANS = 6, 20
 MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "alpha": 0.5}
@@ -52,7 +55,7 @@ class Drawn(NamedTuple):
     singular_values: np.ndarray
 
 
-def plot_fit(fit: Drawn, path: Path) -> Path:
+def plot_fit(fit: Drawn, path: Path | None) -> "Path | Figure":
     """Draw measured and fitted motion and the residuals; the covariance of two values, and the singular values."""
     figure, axes = new_figure(3, 2, size=(9, 8.5), height_ratios=(1.2, 1, 1.2))
     for row in (0, 1):
@@ -62,12 +65,12 @@ def plot_fit(fit: Drawn, path: Path) -> Path:
     _draw_ellipse(axes[2, 0], fit)
     _draw_singular_values(axes[2, 1], fit)
     figure.suptitle(plain(f"{fit.robot}: {len(fit.estimate)} found from {len(fit.t)} samples"))
-    return save_figure(figure, path)
+    return figure if path is None else save_figure(figure, path)
 
 
 def plot_identification(
-    title: str, found: Estimated, t: np.ndarray, residuals: dict[str, np.ndarray], path: Path
-) -> Path:
+    title: str, found: Estimated, t: np.ndarray, residuals: dict[str, np.ndarray], path: Path | None
+) -> "Path | Figure":
     """Draw residuals (n,) by joint in their standard deviations, the covariance of two values, and all their intervals.
 
     The intervals are relative to the values, in the order of their widths.
@@ -88,7 +91,7 @@ def plot_identification(
     spans.axvline(1.0, color="0.4", linewidth=1)
     spans.set_title(f"{100 * found.confidence:g} % interval, relative", loc="left", fontsize=10)
     figure.suptitle(plain(title))
-    return save_figure(figure, path)
+    return figure if path is None else save_figure(figure, path)
 
 
 def _short(name: str) -> str:

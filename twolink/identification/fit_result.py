@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.identification.estimate import Estimate
 from twolink.scenes import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,7 +154,7 @@ class SceneFit(Estimate):
             "warnings": list(self.warnings),
         }
 
-    def _draw(self, path: Path) -> Path:
+    def _draw(self, path: Path | None) -> "Path | Figure":
         """Measured and fitted motion, residuals, the covariance of two values, and the singular values."""
         from twolink.identification.fit_plot import Drawn, plot_fit
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from twolink.dynamics import Robot
 from twolink.identification.consistency import Consistency, consistent
 from twolink.identification.estimate import Estimate
 from twolink.identification.selection import Selection
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +109,7 @@ class Identification(Estimate):
             "consistency": self.consistency.to_dict(),
         }
 
-    def _draw(self, path: Path) -> Path:
+    def _draw(self, path: Path | None) -> "Path | Figure":
         """Residuals, the covariance of the two values that are correlated most, and all intervals."""
         from twolink.identification.fit_plot import plot_identification
 

@@ -1,16 +1,20 @@
 """Figures of eigenvalues: in the complex plane, or beside the unit circle."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 def plot_eigenvalues(
-    path: Path, title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False
-) -> Path:
-    """Draw eigenvalues (n,) with circles of their errors (n,) into a .png, .svg or .pdf. Returns the path.
+    path: Path | None, title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False
+) -> "Path | Figure":
+    """Draw eigenvalues (n,) with circles of their errors (n,). Returns the path; without one the figure.
 
     unit_circle: what is stable is inside it (multipliers), else left of the imaginary axis.
     """
@@ -30,4 +34,4 @@ def plot_eigenvalues(
     axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
     axis.set_ylabel("imaginary part" if unit_circle else "imaginary part, 1/s")
     axis.set_title(plain(title), fontsize=10)
-    return save_figure(figure, path)
+    return figure if path is None else save_figure(figure, path)
