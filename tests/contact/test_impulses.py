@@ -107,7 +107,7 @@ def falling_pile(seed: int, side: int, friction: float) -> Problem:
     return Problem(flat @ inverse @ flat.T, b, np.full(len(a), friction))
 
 
-@pytest.mark.parametrize(("seed", "side", "friction"), [(3, 5, 0.3), (0, 5, 1.0), (1, 7, 0.3)])
+@pytest.mark.parametrize(("seed", "side", "friction"), [(3, 5, 0.3), (4, 5, 1.0), (1, 7, 0.3)])
 def test_piles_in_which_newtons_method_goes_round_in_circles_are_solved(seed: int, side: int, friction: float) -> None:
     problem = falling_pile(seed, side, friction)
     found = solve_impulses(problem, np.zeros_like(problem.b))

@@ -10,10 +10,12 @@ The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radi
 Newton's method on F (Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375) takes steps with G + e g, e
 in proportion to what F misses: a proximal term, which keeps the steps small where contacts leave their forces
 undetermined, and which ends with F, so that the solution obeys the laws as exactly as without. Where Newton's method
-goes round in circles, steps of P - F / 3 with Nesterov's momentum lead on, and it begins again (O'Donoghue, Candes,
-Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32).
-Where that fails too, Pinocchio's ADMM solver brings few contacts near (Carpentier, Montaut, Le Lidec: From Compliant to
-Rigid Contact Simulation, RSS 2024).
+goes in circles twice, as in piles that come to rest, the proximal point method leads to the solution: the laws with
+U + e g (P - P_k) in place of U have one solution near P_k, which Newton's method finds to rounding; it is the next P_k,
+and e falls tenfold (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898). It begins after steps of P - F / 3 with
+Nesterov's momentum (O'Donoghue, Candes, Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut,
+Tasora, ACM Trans. Graph. 34 (2015) 32). Where that fails too, Pinocchio's ADMM solver brings few contacts near
+(Carpentier, Montaut, Le Lidec: From Compliant to Rigid Contact Simulation, RSS 2024).
 """
 
 from __future__ import annotations
@@ -29,10 +31,12 @@ from scipy.sparse.linalg import splu
 
 from twolink.integrate.state import Array
 
-NEWTON = 15  # steps before it is led on
+NEWTON = 15  # steps before another method leads on
 PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined
-ROUNDS = 12  # of that
-LEADING = 30  # steps that lead, half as many more in each round
+LEADING = 30  # accelerated steps before Newton's; twice as many the second time
+POINTS = 60  # of the proximal point method
+INNER = 30  # Newton's steps for each of them
+FIRST, LAST, LARGEST = 1e-3, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 SETS = 40  # that press, without friction
@@ -81,9 +85,11 @@ class Problem:
         """U + c (n, 3)."""
         return np.asarray((self.matrix @ p.ravel()).reshape(-1, 3) + self.b)
 
-    def miss(self, p: Array) -> tuple[Array, Array, Array]:
-        """F (n, 3), z = P - U / g, and U + c."""
+    def miss(self, p: Array, damping: float = 0.0, anchor: Array | None = None) -> tuple[Array, Array, Array]:
+        """F (n, 3), z = P - U / g, and U + c. damping, anchor: e and P_k of a proximal point."""
         u = self.velocities(p)
+        if anchor is not None:
+            u = u + damping * self.size[:, None] * (p - anchor)
         z = p - u / self.size[:, None]
         out = z.copy()
         normal = np.maximum(z[:, 2], 0.0)
@@ -146,15 +152,15 @@ def _with_tangents(matrix: Any) -> Any:
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
     p = guess
-    for count in range(ROUNDS):
-        leading = int(LEADING * 1.5**count) if count or len(guess) > FEW else 0
+    for leading in (LEADING if len(guess) > FEW else 0, 2 * LEADING):
         p = newton(problem, accelerated(problem, p, leading))
-        best = problem.answer(p, "accelerated" if count else "newton")
+        best = problem.answer(p, "newton")
         if best.solved:
             return best
-    if len(guess) > LARGE:
+    best = problem.answer(proximal(problem, accelerated(problem, guess, LEADING)), "proximal")
+    if best.solved or len(guess) > LARGE:
         return best
-    return min(best, problem.answer(newton(problem, admm(problem, p)), "admm"), key=lambda one: one.residual)
+    return min(best, problem.answer(newton(problem, admm(problem, best.p)), "admm"), key=lambda one: one.residual)
 
 
 def newton(problem: Problem, guess: Array) -> Array:
@@ -172,6 +178,33 @@ def newton(problem: Problem, guess: Array) -> Array:
         share = residual * problem.scale / problem.fastest
         p = p - _newton_step(problem, f, z, min(max(REGULAR, DAMPING * share), DAMPING))
     return best[1]
+
+
+def proximal(problem: Problem, guess: Array) -> Array:
+    """The best of proximal points, whose e falls while Newton's method finds them."""
+    p, best, damping = guess, (np.inf, guess), FIRST
+    for _ in range(POINTS):
+        residual = problem.residual(problem.miss(p)[0])
+        best = min(best, (residual, p), key=lambda one: one[0])
+        if not residual > EXACT:
+            break
+        found = _proximal_point(problem, p, damping)
+        if found is None:
+            damping = min(30.0 * damping, LARGEST)
+        else:
+            p, damping = found, max(0.1 * damping, LAST)
+    return best[1]
+
+
+def _proximal_point(problem: Problem, anchor: Array, damping: float) -> Array | None:
+    """The solution of the laws with U + e g (P - anchor) in place of U; None where Newton's method does not find it."""
+    p = anchor
+    for _ in range(INNER + 1):
+        f, z, _ = problem.miss(p, damping, anchor)
+        if problem.residual(f) <= 0.01 * EXACT:
+            return p
+        p = p - _newton_step(problem, f, z, damping)
+    return None
 
 
 def accelerated(problem: Problem, guess: Array, count: int) -> Array:
