@@ -262,7 +262,8 @@ def test_a_task_that_takes_all_memory_is_ended_and_says_so() -> None:
 
 def test_where_several_take_the_memory_one_is_to_ask_again() -> None:
     async def work(workers: Workers) -> None:
-        tasks = (workers.run("grow", 60, megabytes=120, nap=1.0) for _ in range(3))
+        await asyncio.gather(*(workers.run("sleep", 60, nap=0.2) for _ in range(3)))  # all three have begun
+        tasks = (workers.run("grow", 60, megabytes=120, nap=2.0) for _ in range(3))
         ends = await asyncio.gather(*tasks, return_exceptions=True)
         refused = [end for end in ends if isinstance(end, Refusal)]
         assert 1 <= len(refused) <= 2
