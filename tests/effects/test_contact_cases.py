@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 
 import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
-from twolink.contact.choice import choose_way
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.contacts import ERRORS, coin
 from twolink.integrate.hybrid.state import RunState
@@ -250,15 +249,16 @@ def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     assert np.abs(run.q[:, 2] - 0.2).max() < 1e-12
 
 
-def test_boxes_whose_edges_meet_are_refused() -> None:
-    """One is turned by 45 degrees about x and the other about y: their edges cross."""
+def test_boxes_whose_edges_meet_bounce() -> None:
+    """One is turned by 45 degrees about y and the other about z: their edges cross."""
     shapes = {"b0": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, math.pi / 4, 0.0)),),
               "b1": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, 0.0, math.pi / 4)),)}  # fmt: skip
-    scene = tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [E.Contact((("b0", "b1"),), shapes=shapes)])
-    assert choose_way(scene).way == "stepped"  # where nothing else is asked for
-    with pytest.raises(AccuracyError, match="edges of b0 - b1 meet") as caught:
-        tl.simulate(scene, 1.0, contact="located")
-    assert caught.value.code == "no-located-contact"
+    contact, d = E.Contact((("b0", "b1"),), restitution=0.5, shapes=shapes), 0.2 * math.sqrt(2.0)
+    run = tl.simulate(tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact]), 1.0, 1e-9, samples=20,
+                      contact="located")  # fmt: skip
+    assert times(run, "impact") == pytest.approx([0.5 - d], abs=1e-12)
+    after = np.fmax(run.t - 0.5 + d, 0.0)  # momentum, and half the speed back: 0 and 1/2 m/s
+    assert np.abs(run.q - np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1)).max() < 1e-9
 
 
 @pytest.mark.slow

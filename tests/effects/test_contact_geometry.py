@@ -11,9 +11,9 @@ import twolink as tl
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.box_gaps import separation
 from twolink.effects.contact_pairs import Plane, select_pairs, solids_of
 from twolink.effects.contact_points import gaps_of
+from twolink.effects.hull_features import HullFeatures
 from twolink.effects.motion import Motion
 from twolink.effects.rim_gaps import StandGap
 from twolink.robots.collisions import collision_model
@@ -104,29 +104,47 @@ def test_gaps_are_coals_distances_and_their_rates_those_of_the_nearest_points(ki
     assert compared > 10
 
 
-def test_boxes_overlap_where_coal_says_so_and_their_corners_are_inside_where_they_are() -> None:
-    robot, seen = free_bodies("a", "b"), set[tuple[bool, bool]]()
-    shapes = {name: (E.Box((0.2, 0.4, 0.6), **TURNED),) for name in "ab"}
+@pytest.mark.parametrize("kinds", [("box", "box"), ("stone", "box"), ("stone", "stone")], ids="-".join)
+def test_features_of_hulls_are_apart_where_coal_says_so(kinds: tuple[str, str]) -> None:
+    """The smallest gap is the distance where a corner over a face or two edges are nearest, and never below it."""
+    robot, equal, overlaps = free_bodies("a", "b"), 0, 0
+    shapes = {name: (SHAPES[kind],) for name, kind in zip("ab", kinds, strict=True)}
     (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen
-    boxes, gaps = (gaps_of(pair)[-1].box, gaps_of(pair)[0].box), gaps_of(pair)
+    features = HullFeatures(pair.first, pair.second)
     for q, v in states(robot, 5):
         here = motion(robot, q, v)
-        apart, true = separation(*boxes, here).item(), distance(robot, shapes, q, None)
-        assert (apart > 0) == (true > 0)
-        assert apart <= max(true, 0.0) + 1e-7
-        lowest = min(gaps, key=lambda gap: gap.value(here))
-        inside = bool(lowest.value(here) < 0)
-        seen.add((inside, apart < 0))
-        assert not (inside and apart > 0)
-        for gap in gaps:
-            step = 1e-6
+        gap, apart, true = features.gaps(here).item(), features.separation(here), distance(robot, shapes, q, None)
+        overlaps += true < 0.0
+        if true < 0.0:  # along the best of these directions they overlap least
+            assert gap == apart == pytest.approx(true, abs=1e-6)
+        else:
+            assert apart <= true + 1e-9 <= gap + 2e-9
+            equal += abs(gap - true) < 1e-9
+    assert equal > 5
+    assert overlaps > 3
+
+
+def test_formulas_of_features_have_the_rates_of_their_points() -> None:
+    robot = free_bodies("a", "b")
+    shapes = dict.fromkeys("ab", (SHAPES["stone"],))
+    (pair,) = select_pairs(robot, solids_of(robot, shapes), [("a", "b")]).chosen
+    features, step, kinds = HullFeatures(pair.first, pair.second), 1e-6, set[tuple[str, bool]]()
+    for q, v in states(robot, 5):
+        here = motion(robot, q, v)
+        for one in (one for group in features.touching(here, 0.1) for one in group):
+            gap = one.gap
+            kinds.add((type(gap).__name__, getattr(gap, "second", False) is True))
             beside = [gap.value(motion(robot, pin.integrate(robot.model, q, s * step * v), v)) for s in (1, -1)]
-            assert gap.velocity(here)[0] == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
+            rate, *slip = gap.velocity(here)
+            assert rate == pytest.approx((beside[0] - beside[1]) / (2 * step), abs=1e-8)
             near = gap.nearest(here)
-            assert np.array(near.axes) @ np.array(near.axes).T == pytest.approx(np.eye(3), abs=1e-12)
+            axes = np.array(near.axes)
+            assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
             line = np.subtract(near.first.position(here), near.second.position(here))
-            assert line == pytest.approx(gap.value(here) * np.array(near.axes[0]), abs=1e-12)
-    assert {(True, True), (False, False)} <= seen
+            assert line == pytest.approx(gap.value(here) * axes[0], abs=1e-12)
+            moved = np.subtract(near.first.velocity(here), near.second.velocity(here))
+            assert axes @ moved == pytest.approx([rate, *slip], abs=1e-12)
+    assert kinds == {("FaceGap", False), ("FaceGap", True), ("EdgeGap", False)}
 
 
 ROD = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -36,17 +36,16 @@ def choose_way(scene: Scene, asked: str | None = None) -> Choice:
 def _by_shapes(scene: Scene) -> Choice:
     """Located where every pair has formulas, and not too many."""
     from twolink.effects.contact import Contact  # which scenes without contacts do not load
-    from twolink.effects.contact_points import edges_meet, gaps_of
+    from twolink.effects.contact_points import features_of, gaps_of
 
     points = 0
     for effect in scene.effects:
         if not isinstance(effect, Contact):
             continue
         for pair in effect.selected(scene.robot).chosen:
-            if edges_meet(pair):
-                return Choice("stepped", f"edges of {pair.name} may meet, for which there is no formula")
             try:
-                points += len(gaps_of(pair))
+                features = features_of(pair)
+                points += len(gaps_of(pair)) if features is None else features.corners
             except SceneError as error:
                 return Choice("stepped", error.what)
             if points > MANY:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.contact_law import contact_point
-from twolink.effects.contact_pairs import Body, Pairs, select_pairs, solids_of
-from twolink.effects.contact_points import edges_meet, gaps_of
+from twolink.effects.contact_pairs import Body, Pair, Pairs, select_pairs, solids_of
+from twolink.effects.contact_points import features_of, gaps_of
 from twolink.effects.effect import NotNegative
 from twolink.effects.joint_stops import check_restitution
-from twolink.effects.switching import ContactPoint, SwitchingEffect, Trigger
+from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.robots.shapes import AnyShape
 
@@ -99,15 +100,19 @@ class Contact(SwitchingEffect, frozen=True):
             lines.append(f"{len(names)} pairs are left out ({reason}): {_listed(names)}")
         return lines
 
-    def modes(self, robot: Robot) -> list[ContactPoint | Trigger]:
-        """A gap for each point at which a pair may touch, and what refuses pairs of boxes whose edges meet."""
-        friction, restitution = float(self.friction), float(self.restitution)
-        static = None if self.static is None else float(self.static)
-        reflects = self.impacts == "reflections"
-        pairs = self.selected(robot).chosen
-        points = [contact_point(pair.name, gap, friction, restitution, static, reflects=reflects)
-                  for pair in pairs for gap in gaps_of(pair)]  # fmt: skip
-        return [*points, *(trigger for pair in pairs for trigger in edges_meet(pair))]
+    def modes(self, robot: Robot) -> list[ContactPoint | ContactPair]:
+        """A gap for each point at which a pair may touch; of boxes and convex meshes, the pair with its features."""
+        return [item for pair in self.selected(robot).chosen for item in self._modes_of(pair)]
+
+    def _modes_of(self, pair: Pair) -> Sequence[ContactPoint | ContactPair]:
+        point = functools.partial(contact_point, pair.name, friction=float(self.friction),
+                                  restitution=float(self.restitution), reflects=self.impacts == "reflections",
+                                  static=None if self.static is None else float(self.static))  # fmt: skip
+        features = features_of(pair)
+        if features is None:
+            return [point(gap) for gap in gaps_of(pair)]
+        content = repr((pair, self.friction, self.static))
+        return [ContactPair(pair.name, features.gaps, features.touching, features.separation, point, content)]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NoReturn
 
 import numpy as np
 
 from twolink.algorithms.spatial import Vec
-from twolink.effects.box_gaps import BoxShape, CornerGap, separation
 from twolink.effects.conditions import unit
 from twolink.effects.contact_pairs import Pair, Plane
 from twolink.effects.gaps import Ball, BoxGap, CylinderGap, Gap, PlaneGap, RoundGap
+from twolink.effects.hull_features import HullFeatures
 from twolink.effects.hull_gaps import HullGap
 from twolink.effects.motion import GROUND
 from twolink.effects.rim_gaps import RimGap, StandGap
-from twolink.effects.switching import Trigger
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import SceneError
 from twolink.robots.collisions import Solid
 from twolink.robots.hulls import hull_of
 from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
-OVERLAP = 1e-7  # m: how far two boxes may overlap, by rounding
 STANDS_ON = 6  # points of the rim of a cylinder's end
 MOST_FACES = 40  # of a convex mesh that has formulas: each is some of them
+MOST_FEATURES = 50_000  # pairs of them of two meshes: each is looked at in every state
 
 
 def gaps_of(pair: Pair) -> Sequence[Gap]:
@@ -42,9 +40,6 @@ def gaps_of(pair: Pair) -> Sequence[Gap]:
     ball = isinstance(a.shape, Sphere) and a.shape.radius > 0.0
     if ball and isinstance(b.shape, Box):
         return [_box_gap(_middle(a), b)]
-    if isinstance(a.shape, Box) and isinstance(b.shape, Box):
-        return [CornerGap(corner, _box(box), second=box is a) for solid, box in ((a, b), (b, a))
-                for corner in _corners(solid)]  # fmt: skip
     if isinstance(b.shape, Convex) and len(hull_of(b.shape).faces) > MOST_FACES:
         raise _no_formula(pair, f"there is none for meshes of more than {MOST_FACES} faces")
     if ball and isinstance(b.shape, Convex):
@@ -63,19 +58,16 @@ def _no_formula(pair: Pair, why: str) -> SceneError:
                       remedy='give spheres and capsules as its shapes, or contact="stepped"')  # fmt: skip
 
 
-def edges_meet(pair: Pair) -> list[Trigger]:
-    """What refuses a pair of boxes whose edges meet, which has no corner on a side."""
+def features_of(pair: Pair) -> HullFeatures | None:
+    """The features of a pair of boxes or convex meshes; None for other shapes. Raises SceneError for too many."""
     a, b = pair.first, pair.second
-    if not (isinstance(b, Solid) and isinstance(a.shape, Box) and isinstance(b.shape, Box)):
-        return []
-    boxes = _box(a), _box(b)
-
-    def refuse(*_: object) -> NoReturn:
-        raise AccuracyError(f"edges of {pair.name} meet, for which there is no formula", where="effects",
-                            remedy='give spheres or capsules as edges, or contact="stepped"',
-                            code="no-located-contact")  # fmt: skip
-
-    return [Trigger("overlap", pair.name, function=lambda motion: separation(*boxes, motion) + OVERLAP, state=refuse)]
+    if not (isinstance(b, Solid) and all(isinstance(solid.shape, (Box, Convex)) for solid in (a, b))):
+        return None
+    features = HullFeatures(a, b)
+    if len(features) > MOST_FEATURES:
+        raise _no_formula(pair, f"they have {len(features)} pairs of corners, edges and faces, more than "
+                                f"{MOST_FEATURES}")  # fmt: skip
+    return features
 
 
 def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
@@ -102,18 +94,16 @@ def _edges(solid: Solid) -> tuple[tuple[Vec, Vec], ...]:
     return tuple((corners[i], corners[k]) for i, k in hull.edges)
 
 
-def _box(solid: Solid) -> BoxShape:
-    x, y, z = (0.5 * float(edge) for edge in solid.shape.size)  # type: ignore[union-attr]
-    return BoxShape(solid.link, _vec(solid.shape.point), _axes(solid), (x, y, z))
+def _half_edges(solid: Solid) -> Vec:
+    return _vec(0.5 * float(edge) for edge in solid.shape.size)  # type: ignore[union-attr]
 
 
 def _box_gap(ball: Ball, solid: Solid) -> BoxGap:
-    box = _box(solid)
-    return BoxGap(ball, box.frame, box.point, box.axes, box.half)
+    return BoxGap(ball, solid.link, _vec(solid.shape.point), _axes(solid), _half_edges(solid))
 
 
 def _corners(solid: Solid) -> list[Ball]:
-    x, y, z = _box(solid).half
+    x, y, z = _half_edges(solid)
     return [Ball(solid.link, _placed(solid, corner), 0.0) for corner in itertools.product((x, -x), (y, -y), (z, -z))]
 
 

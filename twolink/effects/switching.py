@@ -3,6 +3,7 @@
 Hold          holds one degree of freedom at rest, up to a torque
 Stop          a joint's coordinate that stays on one side of a position
 ContactPoint  a gap between bodies that stays at or above 0
+ContactPair   two bodies whose points of contact are found where they touch
 Trigger       what happens where a value passes 0, or at a time
 
 The engine in integrate.hybrid knows these concepts and no effect by name.
@@ -11,9 +12,9 @@ The engine in integrate.hybrid knows these concepts and no effect by name.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -96,6 +97,33 @@ class ContactPoint:
     reflects: bool
 
 
+class Feature(NamedTuple):
+    """A feature of a pair that touches: its number, its gap as a formula, where, and the normal from the second."""
+
+    number: int
+    gap: Any
+    place: np.ndarray
+    normal: np.ndarray
+
+
+@dataclass(frozen=True)
+class ContactPair:
+    """Two bodies of which some of many features may touch: only those that do are contacts.
+
+    gaps: the smallest gap (n,) of the features that are over each other, without those of these numbers, m. touching:
+    the features of one state that touch, up to a gap, those together of which one is enough. separation: of one state,
+    m; below 0 where the bodies overlap. NumPy evaluates all of them. point: the contact of a feature from its gap.
+    content: what the pair is made of, as text.
+    """
+
+    name: str
+    gaps: Callable[[Motion, Collection[int]], np.ndarray]
+    touching: Callable[[Motion, float], list[list[Feature]]]
+    separation: Callable[[Motion], float]
+    point: Callable[[Any], ContactPoint]
+    content: str
+
+
 @dataclass(frozen=True)
 class Catch:
     """Brings a joint that passes a position no faster than `speed` to rest there by an impulse, with loss of energy."""
@@ -133,12 +161,15 @@ class Trigger:
         return self.drops or self.begins or self.catch is not None or self.state is not None
 
 
+Declared = Hold | Stop | ContactPoint | ContactPair | Trigger
+
+
 class SwitchingEffect(Effect, frozen=True):
     """An effect that is smooth only between events, at which its mode changes."""
 
     analytic: ClassVar[bool] = False  # only between events
 
-    def modes(self, robot: Robot) -> Iterable[Hold | Stop | ContactPoint | Trigger]:
+    def modes(self, robot: Robot) -> Iterable[Declared]:
         """What changes at events."""
         raise NotImplementedError
 
@@ -160,6 +191,7 @@ class Switching:
     holds: tuple[tuple[int, Hold], ...] = ()
     stops: tuple[Stop, ...] = ()
     contacts: tuple[tuple[int, ContactPoint], ...] = ()
+    pairs: tuple[tuple[int, ContactPair], ...] = ()
     triggers: tuple[tuple[int, Trigger], ...] = ()
 
     @property
@@ -220,5 +252,6 @@ def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switch
         ),
         tuple(stop for _, stop in stops),
         tuple((place, item) for place, item in declared if isinstance(item, ContactPoint)),
+        tuple((place, item) for place, item in declared if isinstance(item, ContactPair)),
         tuple((place, item) for place, item in declared if isinstance(item, Trigger)),
     )

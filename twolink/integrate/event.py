@@ -7,9 +7,9 @@ from dataclasses import dataclass
 class Event:
     """What happened at a time t [s].
 
-    kind: "impact", "rest", "leave", "stick", "slip", "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a
-    catch), "release", "engage", "limit" (of effort), "assembled" or "watch". what: the joint, link or effect. detail:
-    in words. energy: lost at once, J.
+    kind: "impact", "rest", "leave", "edge" (a corner or an edge passes the end of what it touches), "stick", "slip",
+    "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),
+    "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J.
     """
 
     t: float

@@ -17,6 +17,7 @@ from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loop import Loop
 from twolink.effects.switching import Switching, SwitchingEffect, switching_of
+from twolink.errors import SceneError
 from twolink.integrate.effect_numbers import (
     PREFIX,
     all_effect_numbers,
@@ -75,6 +76,12 @@ class Neighbours:
         self._through = [i for i, name in enumerate(self.names) if name.startswith(PREFIX) and _changes(scene, name)]
         modes = bool(self._own.holds or self._own.contacts)
         self._derives = [i for i in range(len(self.names)) if modes or i in self._through]
+        for i, name in enumerate(self.names):
+            for (_, pair), (_, moved) in zip(self._own.pairs, self._switching(i, 1).pairs, strict=True):
+                if pair.content != moved.content:
+                    raise SceneError(f"there are no derivatives by {name}, which acts through contacts of {pair.name}: "
+                                     "they touch at points that change", where="wrt", code="sensitivity-undefined",
+                                     remedy="ask for another parameter, or give spheres or capsules")  # fmt: skip
         changed = [name for i in self._derives for name, value in self._derived(i, 1).items()
                    if value != self._derived(i, 0)[name]]  # fmt: skip
         self.constants = tuple(dict.fromkeys([*acting, *changed]))

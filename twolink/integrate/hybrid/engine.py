@@ -107,6 +107,7 @@ class Engine:
         if not same_time(run.t, begin):
             self.at_once = 0
             run.opened.clear()
+            run.passed.clear()
             run.fired.clear()
         self.at_once += 1
         if hit is not None:
@@ -123,6 +124,7 @@ class Engine:
 
     def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
         """Solve from now to the next event or stop."""
+        self.run.release()
         run, here = self.run, self.run.here
         equations = replace(here.own.equations, start=here.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)

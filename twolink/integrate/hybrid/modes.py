@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.effects.switching import Feature, Hold, Switching, Trigger
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import contact_slots
 from twolink.integrate.equations import Equations
@@ -40,6 +41,12 @@ class Mode:
     def idle(self) -> frozenset[int]:
         """The places of effects that do not act."""
         return self.dropped | self.waiting
+
+    def with_contacts(self, kept: Sequence[int], more: int = 0) -> Mode:
+        """The mode with the contacts of these numbers alone, and some more free ones behind them."""
+        free: list[ContactMode] = ["free"] * more
+        return replace(self, contacts=(*(self.contacts[i] for i in kept), *free),
+                       directions=(*(self.directions[i] for i in kept), *((0.0, 0.0),) * more))  # fmt: skip
 
     def with_contact(self, i: int, mode: ContactMode, direction: tuple[float, float] | None = None) -> Mode:
         """The mode with another one of contact i."""
@@ -109,6 +116,9 @@ class System:
         self.robot = self.switching.robot
         self.lockable = equations.layout.lockable
         self.stops = self.switching.stops
+        self.pairs = tuple(pair for _, pair in self.switching.pairs)
+        self.features: tuple[tuple[int, Feature], ...] = ()  # of pairs, that are contacts now
+        self.places = tuple(place for place, _ in self.switching.contacts)
         self.contacts = tuple(contact for _, contact in self.switching.contacts)
         self.static = np.array([contact.static for contact in self.contacts])
         limits = [(-1, Trigger("limit", name)) for _, name in equations.effort_limits]
@@ -125,6 +135,16 @@ class System:
             {} if equations.switching is None else _kept.setdefault(equations.switching, {})
         )
 
+    def having(self, features: Sequence[tuple[int, Feature]]) -> System:
+        """The system with these features as contacts behind those that it always has, each with its pair's number."""
+        other = copy.copy(self)
+        other.features, other._seen = tuple(features), None
+        own = [(self.switching.pairs[pair][0], self.pairs[pair].point(one.gap)) for pair, one in features]
+        every = (*self.switching.contacts, *own)
+        other.places, other.contacts = tuple(place for place, _ in every), tuple(contact for _, contact in every)
+        other.static = np.array([contact.static for contact in other.contacts])
+        return other
+
     def every_hold(self, k: int) -> list[Hold]:
         """What can hold a degree of freedom somewhere."""
         return self._holds[k]
@@ -140,7 +160,7 @@ class System:
 
     def in_mode(self, mode: Mode, x: Array) -> ModeEquations:
         """The equations of a mode; independent constraint rows are chosen at the state x that meets them first."""
-        name = mode.contacts, mode.idle
+        name = mode.contacts, mode.idle, tuple((pair, one.gap) for pair, one in self.features)
         if name not in self._modes:
             self._modes[name] = self._made(mode, x)
         return self._modes[name]
@@ -157,7 +177,7 @@ class System:
                   for i, kind in enumerate(mode.contacts) if kind != "free"}  # fmt: skip
         equations = replace(self.whole, switching=None)  # what is kept must not keep the scene's declarations alive
         if closed or mode.idle:
-            placed = [(self.switching.contacts[i][0], loop) for i, loop in closed.items()]
+            placed = [(self.places[i], loop) for i, loop in closed.items()]
             acting = self.switching.acting(mode.idle, placed)
             q = self.robot.normalize(x[None, : self.nq])[0]
             robot = self.switching.robot_with([effect for _, effect in acting])

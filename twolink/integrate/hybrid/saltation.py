@@ -216,7 +216,7 @@ class Saltation:
         def at(k: float) -> Array:
             other = _copy(run)
             if i is not None:
-                other.system = self._system(i, k * step / self.neighbours.step(i))
+                other.system = self._system(i, k * step / self.neighbours.step(i)).having(run.system.features)
             nq, nv = run.system.nq, self.equations.space.nv
             q = self.equations.robot.integrate(run.x[:nq], k * step * direction[:nv])
             other.x = np.concatenate([q, run.x[nq:] + k * step * direction[nv:states]])
@@ -268,7 +268,8 @@ def _copy(run: RunState) -> RunState:
     """A run that may be changed."""
     other = copy.copy(run)
     other.x, other.events, other.sides = run.x.copy(), [], dict(run.sides)
-    other.fired, other.opened, other._rest_noted = set(run.fired), set(run.opened), set(run._rest_noted)
+    other.fired, other.opened, other.passed = set(run.fired), set(run.opened), set(run.passed)
+    other._rest_noted = set(run._rest_noted)
     return other
 
 

@@ -1,24 +1,35 @@
 """The state of a run with events: time, motion, mode, and what has happened."""
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 
-from twolink.errors import SceneError
+from twolink.algorithms.namespaces import Numbers
+from twolink.effects.motion import Motion
+from twolink.effects.switching import Feature
+from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.hybrid.consistency import consistent
+from twolink.integrate.formulas import motion_of
+from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
 from twolink.integrate.hybrid.guard import Key
 from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact, whole
 from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
+SAME_PLACE = 2 * NEAR  # m: of features that touch at one place
+OF_CONTACTS = ("impact", "single", "leave", "slide", "roll", "contact")  # keys with the number of a contact
+Touched = tuple[int, Feature]  # with the number of its pair
 
 
 class RunState:
     """Time t, motion x = (q, v) and mode of a run, which transitions change.
 
     events: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an event at this
-    instant. opened: what events of this instant have freed. ended: the run is over. small: the height of bounces that
-    are not followed any more.
+    instant. opened: what events of this instant have freed. passed: features that have passed an edge in this instant,
+    by the pair's number and their own. ended: the run is over. small: the height of bounces that are not followed any
+    more.
     """
 
     def __init__(self, equations: Equations, t: float, small: float) -> None:
@@ -33,6 +44,7 @@ class RunState:
         self.opened: set[Key] = set()
         self.ended = False
         self.small = small
+        self.passed: set[tuple[int, int]] = set()
         self._rest_noted: set[str] = set()
 
     @property
@@ -47,6 +59,8 @@ class RunState:
     def settle(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""
         before = self.mode if before is None else before
+        self.take_up()
+        before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
         _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
         for k in sorted(before.locked ^ self.mode.locked):
@@ -75,6 +89,7 @@ class RunState:
 
     def strike(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
+        self.take_up()
         result = collide(self.here, touch, self.small)
         if result is None:
             return
@@ -89,6 +104,66 @@ class RunState:
             if impact.rest is not None or kind != "impact":
                 self._rest_noted.add(name)
 
+    def touching(self, reach: float = NEAR) -> list[tuple[int, list[Feature]]]:
+        """The features that touch, with their pair's number, those together of which one is enough."""
+        motion = self.motion
+        return [(p, group) for p, pair in enumerate(self.system.pairs) for group in pair.touching(motion, reach)]
+
+    @property
+    def motion(self) -> Motion:
+        """The motion of the present state, as arrays of one."""
+        equations = self.here.own.equations
+        return motion_of(equations, equations.mechanism, np.array([self.t]), self.here.full_state()[:, None], Numbers)
+
+    def take_up(self, reach: float = NEAR) -> None:
+        """Take up features that touch as contacts, unless one that is together with them is. Raises AccuracyError."""
+        if not self.system.pairs:
+            return
+        taken = {(p, one.number): i for i, p, one in self.features}
+        closed, found = list[Touched](), list[Touched]()
+        for p, group in self.touching(reach):
+            own = {one.number: taken[p, one.number] for one in group if (p, one.number) in taken}
+            standing = [one for one in group if one.number in own and ("contact", own[one.number]) not in self.opened]
+            fresh = [one for one in group if (p, one.number) not in {*taken, *self.passed}]
+            if standing:
+                closed.append((p, standing[0]))
+            elif fresh:
+                found.append((p, fresh[0]))
+        if found:
+            self._require_normals(closed, found)
+            self.mode = self.mode.with_contacts(range(len(self.mode.contacts)), len(found))
+            self.system = self.system.having([*self.system.features, *found])
+
+    def _require_normals(self, closed: Sequence[Touched], found: Sequence[Touched]) -> None:
+        """Require that no corner on an edge, or on a corner, is pressed on: it has several normals. AccuracyError."""
+        motion, still = self.motion, still_speed(self.here.v)
+        presses = [(p, one) for p, one in found if float(np.asarray(one.gap.velocity(motion)[0]).item()) <= still]
+        for (p, one), (k, other) in itertools.combinations([*closed, *presses], 2):
+            if p == k and np.abs(one.place - other.place).max() <= SAME_PLACE:
+                raise no_single_point(self.system.pairs[p].name, self.t)
+
+    @property
+    def features(self) -> list[tuple[int, int, Feature]]:
+        """Contacts that are features of pairs: number, that of the pair, and the feature."""
+        first = len(self.system.contacts) - len(self.system.features)
+        return [(first + k, p, one) for k, (p, one) in enumerate(self.system.features)]
+
+    def keep(self, kept: Sequence[int]) -> None:
+        """Keep these contacts alone."""
+        number = {i: k for k, i in enumerate(kept)}
+        self.system = self.system.having([(p, one) for i, p, one in self.features if i in number])
+        self.mode = self.mode.with_contacts(kept)
+        for keys in (self.fired, self.opened):
+            of_contacts = {key for key in keys if key[0] in OF_CONTACTS}
+            keys -= of_contacts
+            keys |= {(kind, number[i]) for kind, i in of_contacts if i in number}
+
+    def release(self) -> None:
+        """Drop the features that are not closed."""
+        free = {i for i, _, _ in self.features if self.mode.contacts[i] == "free"}
+        if free:
+            self.keep([i for i in range(len(self.mode.contacts)) if i not in free])
+
     def require_room(self, who: str) -> None:
         """Require a state within stops and above planes. What is there but for a rounding is moved there exactly."""
         for stop in self.system.stops:
@@ -99,6 +174,11 @@ class RunState:
         for _, hold in self.system.switching.holds:
             if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
                 self.x[hold.entry] = hold.position
+        for pair in self.system.pairs:
+            if (overlap := -pair.separation(self.motion)) > BEYOND:
+                raise SceneError(f"{who} has {pair.name!r} overlap by {overlap:.3g} m", where="q",
+                                 remedy="move them apart", code="bodies-overlap")  # fmt: skip
+        self.take_up()
         for i, contact in enumerate(self.system.contacts):
             gap = float(self.here.look().contacts[i, 0, 0])
             if gap < -BEYOND:
@@ -112,3 +192,10 @@ class RunState:
         robot = self.here.own.equations.robot
         kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
         return float(kinetic + potential)
+
+
+def no_single_point(name: str, t: float) -> AccuracyError:
+    """For bodies that touch along a line, with a flat side, or with a corner on an edge."""
+    return AccuracyError(f"{name} touch along a line, a flat side or an edge, not at points", where=f"t = {t:.9g} s",
+                         remedy="give them spheres or corners that touch within a side", code="no-single-point",
+                         t=t)  # fmt: skip

@@ -1,0 +1,258 @@
+"""Which features of two hulls touch: corners and faces of both, and edges of both.
+
+The distance of two convex polyhedra that are apart is that of a corner from a face, of two edges that cross, or of what
+lies at an end of these. The first two are smooth, and a pair touches at the others only where one of the first two
+touches too. So the gaps of all corners over faces, while their feet lie on these, and of all edges that cross show when
+the pair touches, and which features do. NumPy evaluates all at once; the formulas of those that touch are `FaceGap` and
+`EdgeGap`. Source of the conditions of edges: Gottschalk, Lin, Manocha: OBBTree, SIGGRAPH 1996; Gregorius: The
+Separating Axis Test between Convex Polyhedra, GDC 2013.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import cast
+
+import numpy as np
+
+from twolink.algorithms.spatial import Vec
+from twolink.effects.feature_gaps import Edge, EdgeGap, FaceGap
+from twolink.effects.gaps import Ball
+from twolink.effects.motion import Motion
+from twolink.effects.switching import Feature
+from twolink.robots.collisions import Solid
+from twolink.robots.hulls import hull_of
+from twolink.robots.shapes import Box, Convex
+
+Array = np.ndarray
+AWAY = 1.0  # m: of features that are not over each other
+CLOSED = 1e-9  # m: what counts as no gap, and as over each other where they touch
+CHUNK = 2_000_000  # features of states that are evaluated at once
+ROUNDING = 1e-14  # of unit vectors
+FLAT = 1e-6  # rad: what counts as flat, and as parallel, where features touch
+AXES: tuple[Vec, Vec, Vec] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class HullFeatures:
+    """The features of two hulls: first the corners of the first body with the faces of the second, one corner after
+    the other, then the corners of the second with the faces of the first, then the edges of both."""
+
+    def __init__(self, first: Solid, second: Solid) -> None:
+        self.bodies = _Body(first), _Body(second)
+        a, b = self.bodies
+        counts = len(a.corners) * len(b.normals), len(b.corners) * len(a.normals), len(a.middles) * len(b.middles)
+        self.ends = np.cumsum([0, *counts])
+
+    @property
+    def corners(self) -> int:
+        """How many corners both have."""
+        return sum(len(body.corners) for body in self.bodies)
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def gaps(self, motion: Motion, without: Collection[int] = ()) -> Array:
+        """The smallest gap (n,) of states of features that are over each other, m; AWAY where there are none.
+
+        Below 0 it is how far the bodies overlap. without: features that do not count.
+        """
+        r, p = self._relative(motion)
+        out = AWAY + self._far(r, p)
+        near = np.flatnonzero(out <= AWAY)
+        counted = np.ones(len(self), dtype=bool)
+        counted[list(without)] = False
+        for some in np.array_split(near, 1 + len(near) * len(self) // CHUNK):
+            if len(some):
+                every = [values.reshape(len(some), -1) for values in self._every_gap(r[some], p[some])]
+                kept = np.where(counted, np.concatenate(every, axis=1), AWAY)
+                out[some] = kept.min(axis=1)
+        return out
+
+    def separation(self, motion: Motion) -> float:
+        """How far the hulls of one state are apart along the direction that shows it best, m; below 0: they overlap.
+
+        Source: Ericson, Real-Time Collision Detection, 2005, section 5.2.1.
+        """
+        r, p = self._relative(motion)
+        a, b = self.bodies
+        edges = _Crossings(a, b, r, p)
+        supports = (edges.outward <= FLAT) & (edges.sine > FLAT)
+        return max(float(b.over_faces(_moved(a.corners, r, p)).min(axis=1).max()),
+                   float(a.over_faces(_back(b.corners, r, p)).min(axis=1).max()),
+                   float(np.where(supports, edges.gap, -np.inf).max(initial=-np.inf)))  # fmt: skip
+
+    def touching(self, motion: Motion, reach: float = CLOSED) -> list[list[Feature]]:
+        """The features of one state with gaps up to the reach, those together that are at one place with one normal."""
+        r, p = self._relative(motion)
+        a, b = self.bodies
+        back = r.transpose(0, 2, 1)
+        found = [*self._touching_corners(motion, reach, 0, _moved(a.corners, r, p)[0], back[0]),
+                 *self._touching_corners(motion, reach, 1, _back(b.corners, r, p)[0], r[0])]  # fmt: skip
+        edges = _Crossings(a, b, r, p)
+        slack = 1.0 + CLOSED / np.minimum(a.lengths[:, None], b.lengths)
+        touch = (np.abs(edges.gap) <= reach) & (edges.beyond <= slack) & (edges.outward <= FLAT) & (edges.sine > FLAT)
+        for _, i, k in np.argwhere(touch).tolist():
+            gap = EdgeGap(a.edge(i), b.edge(k), float(edges.side[0, i, k]))
+            found.append(_touching(int(self.ends[2]) + i * len(b.middles) + k, gap, motion))
+        groups: list[list[Feature]] = []
+        for one in found:
+            for group in groups:
+                same = np.abs(group[0].place - one.place).max() <= 2 * reach
+                if same and float(group[0].normal @ one.normal) > 1.0 - FLAT:
+                    group.append(one)
+                    break
+            else:
+                groups.append([one])
+        return groups
+
+    def _touching_corners(self, motion: Motion, reach: float, kind: int, corners: Array, turn: Array) -> list[Feature]:
+        """Corners of one body (n, 3) in the axes of the other, on its faces. turn: from these axes to the body's own.
+
+        A corner touches with the normal of a face on whose outer side its body lies.
+        """
+        own, base = self.bodies[kind], self.bodies[1 - kind]
+        on = (np.abs(base.over_faces(corners)) <= reach) & (base.within_sides(corners) >= -CLOSED)
+        return [_touching(int(self.ends[kind]) + corner * len(base.normals) + face,
+                          base.face_gap(face, own.corner(corner), second=kind == 1), motion)
+                for corner, face in np.argwhere(on).tolist()
+                if (own.ways[corner] @ (turn @ base.normals[face])).min() >= -FLAT]  # fmt: skip
+
+    def _every_gap(self, r: Array, p: Array) -> list[Array]:
+        """The gaps of corners over faces (n, corners, faces), of both, and of edges (n, edges, edges); else AWAY.
+
+        Where the bodies overlap, the feature counts along which they do so least: others lie on the bodies' far sides.
+        """
+        a, b = self.bodies
+        x, y, edges = _moved(a.corners, r, p), _back(b.corners, r, p), _Crossings(a, b, r, p)
+        over_b, over_a, crosses = b.over_faces(x), a.over_faces(y), edges.sine > FLAT
+        supports = np.where(crosses & (edges.outward <= ROUNDING), edges.gap, -np.inf)
+        faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
+        apart = np.maximum(np.maximum(*faces), supports.max(axis=(1, 2)))[:, None, None]
+        ranges = (b.within_sides(x) >= 0.0, over_b), (a.within_sides(y) >= 0.0, over_a), (
+            crosses & (edges.beyond <= 1.0), edges.gap)  # fmt: skip
+        return [np.where(np.where(gap < 0.0, shown == apart, over), gap, AWAY)
+                for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
+
+    def _relative(self, motion: Motion) -> tuple[Array, Array]:
+        """R (n, 3, 3) and p (n, 3) of the first body in the axes of the second."""
+        (ra, pa), (rb, pb) = (_placed(motion, body.link) for body in self.bodies)
+        turned = rb.transpose(0, 2, 1)
+        return turned @ ra, (turned @ (pa - pb)[..., None])[..., 0]
+
+    def _far(self, r: Array, p: Array) -> Array:
+        """What lies between spheres around the bodies (n,), m."""
+        a, b = self.bodies
+        return np.asarray(np.linalg.norm(r @ a.middle + p - b.middle, axis=1) - a.radius - b.radius)
+
+
+class _Body:
+    """A hull in its link's axes.
+
+    corners (V, 3), of each the directions to its neighbours. normals (F, 3), heights (F,) of faces; inward (S, 3),
+    depths (S,) of all their sides, which begin at starts (F,). middles, halves (E, 3), lengths (E,) of edges, and the
+    directions from them into their two faces (E, 2, 3).
+    """
+
+    def __init__(self, solid: Solid) -> None:
+        place = solid.shape.placement
+        hull = hull_of(cast("Box | Convex", solid.shape)).placed(np.array(place.rotation), np.array(place.translation))
+        self.link, x = solid.link, hull.vertices
+        used = np.unique(hull.edges)
+        self.corners, self.normals = x[used], hull.normals
+        self.heights = np.einsum("ni,ni->n", hull.normals, x[[face[0] for face in hull.faces]])
+        inward, into = [], dict[tuple[int, int], list[Array]]()
+        for face, normal in zip(hull.faces, hull.normals, strict=True):
+            for i, k in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
+                way = np.cross(normal, x[k] - x[i])
+                inward.append((way := way / np.linalg.norm(way), way @ x[i]))
+                into.setdefault((min(i, k), max(i, k)), []).append(way)
+        self.inward, self.depths = np.array([way for way, _ in inward]), np.array([depth for _, depth in inward])
+        self.starts = np.cumsum([0, *(len(face) for face in hull.faces[:-1])])
+        ends = x[hull.edges]
+        self.middles, self.halves = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
+        self.lengths = np.linalg.norm(self.halves, axis=1)
+        self.into = np.array([into[i, k] for i, k in hull.edges.tolist()])
+        ways = [x[hull.edges[hull.edges[:, side] == i][:, 1 - side]] - x[i] for i in used for side in (0, 1)]
+        self.ways = [_units(np.concatenate(pair)) for pair in zip(ways[::2], ways[1::2], strict=True)]
+        self.middle = self.corners.mean(axis=0)
+        self.radius = float(np.linalg.norm(self.corners - self.middle, axis=1).max())
+
+    def over_faces(self, x: Array) -> Array:
+        """The heights (..., F) of points (..., 3) over the planes of the faces."""
+        return np.asarray(x @ self.normals.T - self.heights)
+
+    def within_sides(self, x: Array) -> Array:
+        """How far points (..., 3) are from the nearest side of each face (..., F), below 0 beside it."""
+        return np.asarray(np.minimum.reduceat(x @ self.inward.T - self.depths, self.starts, axis=-1))
+
+    def corner(self, i: int) -> Ball:
+        """A corner, as a ball without a radius."""
+        return Ball(self.link, _vec(self.corners[i]), 0.0)
+
+    def edge(self, i: int) -> Edge:
+        """An edge."""
+        return Edge(self.link, _vec(self.middles[i]), _vec(self.halves[i]))
+
+    def face_gap(self, i: int, corner: Ball, *, second: bool) -> FaceGap:
+        """From a corner to a face."""
+        own = slice(self.starts[i], self.starts[i + 1] if i + 1 < len(self.starts) else len(self.inward))
+        sides = tuple((_vec(way), float(depth)) for way, depth in zip(self.inward[own], self.depths[own], strict=True))
+        return FaceGap(corner, self.link, _vec(self.normals[i]), float(self.heights[i]), sides, second)
+
+
+class _Crossings:
+    """All pairs of edges of n states, (n, E, E): gap, m; side of the normal; along: of the first, s; beyond: the larger
+    of |s| and |t|; sine of the angle between them; outward: how much a body lies on the wrong side of the normal."""
+
+    def __init__(self, a: _Body, b: _Body, r: Array, p: Array) -> None:
+        u, w = np.einsum("nij,ej->nei", r, a.halves), b.halves
+        apart = _moved(a.middles, r, p)[:, :, None] - b.middles
+        across = np.cross(u[:, :, None], w)
+        length = np.linalg.norm(across, axis=-1)
+        self.sine = length / (a.lengths[:, None] * b.lengths)
+        across = across / np.maximum(length, 1e-300)[..., None]
+        into_a = np.einsum("nij,efj->nefi", r, a.into)
+        own, other = np.einsum("nefi,nexi->nexf", into_a, across), np.einsum("xfi,nexi->nexf", b.into, across)
+        self.side = np.where(own.sum(axis=-1) < other.sum(axis=-1), -1.0, 1.0)
+        self.gap = self.side * np.einsum("nexi,nexi->nex", across, apart)
+        own, other = self.side[..., None] * own, self.side[..., None] * other
+        self.outward = np.maximum(-own.min(axis=-1), other.max(axis=-1))
+        uu, uw, ww = np.einsum("nei,nei->ne", u, u)[..., None], u @ w.T, np.einsum("xi,xi->x", w, w)
+        d, e = np.einsum("nei,nexi->nex", u, apart), np.einsum("xi,nexi->nex", w, apart)
+        size = np.maximum(length**2, 1e-300)
+        self.along = (uw * e - ww * d) / size
+        self.beyond = np.maximum(np.abs(self.along), np.abs((uu * e - uw * d) / size))
+
+
+def _touching(feature: int, gap: FaceGap | EdgeGap, motion: Motion) -> Feature:
+    near = gap.nearest(motion)
+    return Feature(feature, gap, *(np.array([float(np.asarray(x).item()) for x in vector])
+                                    for vector in (near.first.position(motion), near.axes[0])))  # fmt: skip
+
+
+def _placed(motion: Motion, link: str) -> tuple[Array, Array]:
+    """R (n, 3, 3) and the origin (n, 3) of a link."""
+    vectors = [*(motion.direction(link, axis) for axis in AXES), motion.position(link)]
+    count = max(np.size(x) for vector in vectors for x in vector)
+    x, y, z, origin = (np.stack([np.broadcast_to(np.asarray(e, dtype=float).ravel(), (count,)) for e in vector], axis=1)
+                       for vector in vectors)  # fmt: skip
+    return np.stack([x, y, z], axis=2), origin
+
+
+def _moved(x: Array, r: Array, p: Array) -> Array:
+    """Points (k, 3) of the first body in the axes of the second, (n, k, 3)."""
+    return np.asarray(x @ r.transpose(0, 2, 1) + p[:, None])
+
+
+def _back(x: Array, r: Array, p: Array) -> Array:
+    """Points (k, 3) of the second body in the axes of the first, (n, k, 3)."""
+    return np.asarray((x - p[:, None]) @ r)
+
+
+def _units(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _vec(values: Array) -> Vec:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
