@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from twolink.algorithms.spatial import Scalar, Vec, cross, dot, scale
+from twolink.algorithms.spatial import Scalar, Vec, constant, cross, dot, scale
 from twolink.effects.gaps import Gap, Nearest, Place, PlaneGap, sub, tangents
 from twolink.effects.motion import Motion
 
@@ -66,7 +66,8 @@ class EdgeGap(Gap, frozen=True):
         u, w, apart = self._lines(motion)
         s, t = self._along(u, w, apart)
         across = cross(u, w)
-        n = scale(self.side / motion.xp.sqrt(dot(across, across)), across)
+        square = dot(across, across)  # a number where neither body turns
+        n = scale(self.side / (math.sqrt(square) if constant(square) else motion.xp.sqrt(square)), across)
         ends = (Place(edge.frame, edge.middle, scale(share, line))
                 for edge, share, line in ((self.first, s, u), (self.second, t, w)))  # fmt: skip
         return Nearest(dot(n, apart), (n, *tangents(n, motion.xp)), *ends)

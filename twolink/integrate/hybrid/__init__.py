@@ -6,6 +6,7 @@ consistency   the mode that is consistent with the laws of friction and contact
 impacts       velocities after an impact
 state         time, motion, mode and events of a run
 guard         a value that ends a mode where it passes 0
+features      contacts at corners and edges: which are hit, and how one follows another
 transitions   the guards of a mode, and what their zeros do
 roots         zeros and minima by evaluations in batches
 locating      the first zero of guards along a piece

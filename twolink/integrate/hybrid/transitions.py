@@ -12,7 +12,8 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.formulas import motion_of
-from twolink.integrate.hybrid.consistency import ALLOWED, NEAR, freed, sliding
+from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
+from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
 from twolink.integrate.hybrid.guard import Guard, Key
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
@@ -22,14 +23,13 @@ from twolink.integrate.state import Array
 
 AT_ZERO = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
 FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads
-REACHES = (NEAR, 1e-6, 1e-3)  # m: of features that are hit; wider for states beside a motion
 Value = Callable[[Snapshot], Any]
 
 
 def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     """The guards of the mode of a run, from its state on, of which this is the snapshot."""
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
-    guards = [*_joint_guards(run), *_contact_guards(run), *_pair_guards(run), *_trigger_guards(run)]
+    guards = [*_joint_guards(run), *_contact_guards(run), *pair_guards(run), *_trigger_guards(run)]
     forces = any(guard.is_force for guard in guards)
     force = FORCE_AT_ZERO * run.here.own.largest_load(snapshot) if forces else 0.0
     with np.errstate(all="ignore"):
@@ -41,7 +41,7 @@ def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
 
 def guard_of(run: RunState, key: Key) -> Guard | None:
     """The guard of this key in the mode of a run, which has not begun; None where the mode has none."""
-    every = itertools.chain(_joint_guards(run), _contact_guards(run), _pair_guards(run), _trigger_guards(run))
+    every = itertools.chain(_joint_guards(run), _contact_guards(run), pair_guards(run), _trigger_guards(run))
     return next((guard for guard in every if guard.key == key), None)
 
 
@@ -74,9 +74,9 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
             gap, rate = (partial(_row, "contacts", (i, row), 1.0, 0.0) for row in (0, 1))
             yield Guard(("impact", i), gap, partial(_hit_contact, i), t, touching=True, rate=rate)
             continue
-        if _single(run, i, run.here.look()) is not None:
-            ends = _require_point if i < fixed else _pass_edge
-            yield Guard(("single", i), partial(_single, run, i), partial(ends, i), t)
+        if single_point(run, i, run.here.look()) is not None:
+            ends = _require_point if i < fixed else pass_edge
+            yield Guard(("single", i), partial(single_point, run, i), partial(ends, i), t)
         if mode.contacts[i] == "sliding" and contact.friction:
             yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.settle, t)
         if run.here.own.redundant:
@@ -90,34 +90,9 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
 
 
-def _single(run: RunState, i: int, s: Snapshot) -> Any:
-    """What is above 0 while a contact touches at one point; None where it always does."""
-    equations = run.here.own.equations
-    return run.system.contacts[i].single(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
-
-
 def _require_point(i: int, run: RunState) -> None:
     """Raise AccuracyError for bodies that touch along a line, with a flat side, or over an edge."""
     raise no_single_point(run.system.contacts[i].name, run.t)
-
-
-def _pair_guards(run: RunState) -> Iterator[Guard]:
-    """Pairs of which further features may touch."""
-    covered: dict[int, set[int]] = {p: set() for p in range(len(run.system.pairs))}
-    closed = {(p, one.number) for i, p, one in run.features if run.mode.contacts[i] != "free"}
-    for p, number in closed:
-        covered[p].add(number)
-    for p, group in run.touching() if closed else ():
-        if any((p, one.number) in closed for one in group):
-            covered[p] |= {one.number for one in group}
-    for p, without in covered.items():
-        yield Guard(("meet", p), partial(_least_gap, run, p, without), partial(_meet, p), run.t, touching=True)
-
-
-def _least_gap(run: RunState, p: int, without: set[int], s: Snapshot) -> Any:
-    """The smallest gap of what may touch of a pair, m."""
-    equations = run.here.own.equations
-    return run.system.pairs[p].gaps(motion_of(equations, equations.mechanism, s.t, s.x, Numbers), without)
 
 
 def _trigger_guards(run: RunState) -> Iterator[Guard]:
@@ -233,43 +208,12 @@ def _hit_stop(n: int, run: RunState) -> None:
 
 
 def _hit_contact(i: int, run: RunState) -> None:
-    single = _single(run, i, run.here.look())
+    single = single_point(run, i, run.here.look())
     if single is not None and not np.asarray(single).item() > 0.0:
         _require_point(i, run)
     run.x[: run.system.nq] = onto_contact(run.here, i)
     run.strike(contact_touch(run.here, i))
     run.settle()
-
-
-def _meet(p: int, run: RunState) -> None:
-    """Features of a pair that touch: the one that is approached fastest is hit, and what touches beside it."""
-    for reach in REACHES:
-        run.take_up(reach)
-        own = [i for i, pair, _ in run.features if pair == p and run.mode.contacts[i] == "free"]
-        if own:
-            break
-    else:
-        raise no_single_point(run.system.pairs[p].name, run.t)
-    rates = run.here.look().contacts[:, 1, 0]
-    i = min(own, key=lambda i: float(rates[i]))
-    run.x[: run.system.nq] = onto_contact(run.here, i)
-    run.strike(contact_touch(run.here, i))
-    run.settle()
-    run.fired.discard(("meet", p))  # what is smallest after this is another gap
-
-
-def _pass_edge(i: int, run: RunState) -> None:
-    """A corner that leaves a face, or the end of an edge: the features beside it that touch are taken up."""
-    look, name = run.here.look(), run.system.contacts[i].name
-    closed = [k for k, _, _ in run.features if run.mode.contacts[k] != "free"]
-    gone = {i, *(k for k in closed if np.asarray(_single(run, k, look)).item() <= NEAR)}
-    run.passed |= {(p, one.number) for k, p, one in run.features if k in gone}
-    run.keep([k for k in range(len(run.system.contacts)) if k not in gone])
-    known = len(run.events)
-    run.settle()
-    touches = any(run.mode.contacts[k] != "free" and run.system.contacts[k].name == name for k, _, _ in run.features)
-    run.events[known:] = [event for event in run.events[known:] if event.what != name]
-    run.note("edge" if touches else "leave", name)
 
 
 def _open(i: int, run: RunState) -> None:

@@ -1,0 +1,73 @@
+"""Contacts of pairs of bodies at features: which are hit, and how one follows another over an edge."""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.namespaces import Numbers
+from twolink.integrate.formulas import motion_of
+from twolink.integrate.hybrid.consistency import NEAR
+from twolink.integrate.hybrid.guard import Guard
+from twolink.integrate.hybrid.impacts import contact_touch, onto_contact
+from twolink.integrate.hybrid.snapshot import Snapshot
+from twolink.integrate.hybrid.state import RunState, no_single_point
+
+REACHES = (NEAR, 1e-6, 1e-3)  # m: of features that are hit; wider for states beside a motion
+
+
+def pair_guards(run: RunState) -> Iterator[Guard]:
+    """Pairs of which further features may touch."""
+    covered: dict[int, set[int]] = {p: set() for p in range(len(run.system.pairs))}
+    closed = {(p, one.number) for i, p, one in run.features if run.mode.contacts[i] != "free"}
+    for p, number in closed:
+        covered[p].add(number)
+    for p, group in run.touching() if closed else ():
+        if any((p, one.number) in closed for one in group):
+            covered[p] |= {one.number for one in group}
+    for p, without in covered.items():
+        yield Guard(("meet", p), partial(_least_gap, run, p, without), partial(_meet, p), run.t, touching=True)
+
+
+def _least_gap(run: RunState, p: int, without: set[int], s: Snapshot) -> Any:
+    """The smallest gap of what may touch of a pair, m."""
+    equations = run.here.own.equations
+    return run.system.pairs[p].gaps(motion_of(equations, equations.mechanism, s.t, s.x, Numbers), without)
+
+
+def single_point(run: RunState, i: int, s: Snapshot) -> Any:
+    """What is above 0 while a contact touches at one point; None where it always does."""
+    equations = run.here.own.equations
+    return run.system.contacts[i].single(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
+
+
+def _meet(p: int, run: RunState) -> None:
+    """Features of a pair that touch: the one that is approached fastest is hit, and what touches beside it."""
+    for reach in REACHES:
+        run.take_up(reach)
+        own = [i for i, pair, _ in run.features if pair == p and run.mode.contacts[i] == "free"]
+        if own:
+            break
+    else:
+        raise no_single_point(run.system.pairs[p].name, run.t)
+    rates = run.here.look().contacts[:, 1, 0]
+    i = min(own, key=lambda i: float(rates[i]))
+    run.x[: run.system.nq] = onto_contact(run.here, i)
+    run.strike(contact_touch(run.here, i))
+    run.settle()
+    run.fired.discard(("meet", p))  # what is smallest after this is another gap
+
+
+def pass_edge(i: int, run: RunState) -> None:
+    """A corner that leaves a face, or the end of an edge: the features beside it that touch are taken up."""
+    look, name = run.here.look(), run.system.contacts[i].name
+    closed = [k for k, _, _ in run.features if run.mode.contacts[k] != "free"]
+    gone = {i, *(k for k in closed if np.asarray(single_point(run, k, look)).item() <= NEAR)}
+    run.passed |= {(p, one.number) for k, p, one in run.features if k in gone}
+    run.keep([k for k in range(len(run.system.contacts)) if k not in gone])
+    known = len(run.events)
+    run.settle()
+    touches = any(run.mode.contacts[k] != "free" and run.system.contacts[k].name == name for k, _, _ in run.features)
+    run.events[known:] = [event for event in run.events[known:] if event.what != name]
+    run.note("edge" if touches else "leave", name)
