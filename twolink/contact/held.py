@@ -24,7 +24,7 @@ from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints
 from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED, STILL
+from twolink.contact.points import STILL
 from twolink.contact.step import Memory, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
@@ -41,36 +41,37 @@ SIZE, SLIDING = 1.5, 4.0  # of compiled steps, in evaluations of the equations o
 
 class Held(NamedTuple):
     """Points that press: the function of their steps, their keys, pairs and friction (k,), static where they stick, and
-    their axes (k, 3, 3), the normal last. slides: whether they may slide."""
+    their axes (k, 3, 3), the normal last. faces (k,): whether others of the pair press. slides: whether they may."""
 
     function: Any
     keys: Array
     pair: Array
     mu: Array
     axes: Array
+    faces: Array
     slides: bool
 
 
 class HeldRun:
     """Steps of lengths h (n,) one after the other, up to the first that does not obey the laws.
 
-    rows (n, ...): what the function says of each: w+, w', q+, P and U (k, 3), places (k, 3), gaps (k,), by how much a
-    point is lifted where some overlap (k,), m, by how much P misses the laws (k, 3), m/s, and the gaps of all points at
-    the end, the pressing ones first. joints: whose stops are not met.
+    rows (n, ...): what the function says of each: w+, w' of it and of the step before, q+, P and U (k, 3), places
+    (k, 3), by how much P misses the laws (k, 3), m/s, and the gaps of all points at the end, the pressing ones first.
+    joints: whose stops are not met.
     """
 
     def __init__(self, held: Held, h: Array, rows: Array, nq: int, nv: int, joints: JointPoints) -> None:
         self.held, self.h, k = held, h, len(held.keys)
-        cuts = list(itertools.accumulate((nv, nv, nq, 3 * k, 3 * k, 3 * k, k, k, 3 * k)))
+        cuts = list(itertools.accumulate((nv, 2 * nv, nq, 3 * k, 3 * k, 3 * k, 3 * k)))
         parts = [rows[:, a:b] for a, b in zip([0, *cuts], [*cuts, rows.shape[1]], strict=True)]
-        self.v, self.mean, self.q, p, u, places, gaps, lifts, self.miss, ends = parts
+        self.v, changes, self.q, p, u, places, self.miss, ends = parts
+        self.change = changes.reshape(len(h), 2, nv)
         self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
         self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
         normal = self.p[:, :, 2]
         inside = (normal > 0.0) & (held.slides | ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.mu * normal) ** 2))
-        apart = (gaps.min(axis=1) >= -CLOSED) | (lifts.min(axis=1) >= -CLOSED)
         free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
-        obeys = inside.all(axis=1) & apart & free & (np.abs(self.miss).max(axis=1) <= EXACT)
+        obeys = inside.all(axis=1) & free & (np.abs(self.miss).max(axis=1) <= EXACT)
         self.overlap = np.maximum(-ends.min(axis=1), 0.0)
         self.length = len(h) if obeys.all() else int(obeys.argmin())
 
@@ -79,8 +80,8 @@ class HeldRun:
 
     def __getitem__(self, j: int) -> Step:
         """The step j."""
-        h, held, mean = float(self.h[j]), self.held, self.mean[j]
-        memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, mean)
+        h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
+        memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, held.faces, self.change[j])
         return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.impulse[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
@@ -108,7 +109,10 @@ class HeldSteps:
     def of(self, memory: Memory) -> Held | None:
         """The steps in which the points that pressed do so again; None where they are not compiled."""
         group, keys, slides = self.group, memory.keys, not memory.stuck.all()
+        presses = memory.forces[:, 2] > 0.0
         if not len(keys) or keys[-1] >= self.joints.first_key:  # a joint at its stop, or with friction
+            return None
+        if presses.any() and not presses.all():
             return None
         if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
             return None
@@ -117,25 +121,27 @@ class HeldSteps:
             order = np.argsort(group.key)
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
             pair = group.pair[chosen]
+            faces = np.bincount(pair)[pair] > 1
             mu = self.static[pair]
             if slides and (len(keys) > SLIDERS or (mu != self.friction[pair]).any()):
                 return None
             sliding = mu.tolist() if slides else []
-            points = (group.joint, group.local, group.radius, group.normal, group.height, chosen)
+            points = (group.joint, group.local, group.radius, group.normal, group.height, chosen, faces)
             digest = hashlib.sha256(repr([*(x.tolist() for x in points), sliding]).encode()).hexdigest()
             name = self.equations.key("held", digest[:32])  # of a file
             expected = compiling_seconds((SLIDING if slides else SIZE) * self.equations.operations)
             if not is_at_hand(name) and spent(name) < expected:
                 count(name, STEP)
                 return None
-            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen, sliding))[0]
-            self._known[content] = Held(function, keys, pair, mu, axes_of(group.normal[chosen]), slides)
-        return self._known[content]
+            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen, faces, sliding))[0]
+            self._known[content] = Held(function, keys, pair, mu, axes_of(group.normal[chosen]), faces, slides)
+        held = self._known[content]
+        return held if memory.still[held.faces].all() else None
 
     def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
         """The steps of a plan from a state on."""
-        h, nq, nv = plan.h[steps], len(q), len(w)
-        start = np.concatenate([w, memory.change, q, h[0] * memory.forces.ravel()])
+        h = plan.h[steps]
+        start = np.concatenate([w, memory.change.ravel(), q, h[0] * memory.forces.ravel(), np.repeat(~memory.stuck, 3)])
         state = slice(len(start))
         into = np.empty((len(h), len(start) + 2 + plan.numbers.shape[1]))
         into[0, state] = start
@@ -147,13 +153,13 @@ class HeldSteps:
         for one, before, out in zip(into[1:], rows[:-1], rows[1:], strict=True):
             one[state] = before[state]
             held.function(one, outputs=out)
-        return HeldRun(held, h, rows, nq, nv, self.joints)
+        return HeldRun(held, h, rows, len(q), len(w), self.joints)
 
 
-def _compiled(equations: Equations, group: OnPlanes, chosen: Array, mu: list[float]) -> Any:
-    """heyoka's function of (w, w', q, P, t, h, numbers)."""
+def _compiled(equations: Equations, group: OnPlanes, chosen: Array, faces: Array, mu: list[float]) -> Any:
+    """heyoka's function of (w, w' of two steps, q, P, U, t, h, numbers)."""
     module = heyoka()
     xp, space = Expressions(module), equations.space
-    x = [module.expression(f"x{i}") for i in range(2 + space.nv + 3 * len(chosen) + space.size)]
-    values = held_step(equations, mechanism(equations.robot.model), group, chosen, mu, x, xp)
+    x = [module.expression(f"x{i}") for i in range(2 + 2 * space.nv + 6 * len(chosen) + space.size)]
+    values = held_step(equations, mechanism(equations.robot.model), group, chosen, faces.tolist(), mu, x, xp)
     return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)

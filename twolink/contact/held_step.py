@@ -14,7 +14,7 @@ import numpy as np
 
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import composite_bodies, frame_jacobian, frame_placement, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward, ldlt_solve
+from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward
 from twolink.algorithms.spatial import (
     IDENTITY,
     Matrix,
@@ -33,7 +33,7 @@ from twolink.algorithms.spatial import (
 from twolink.contact.cone_newton import missed, newton, velocities
 from twolink.contact.formulas import OnPlanes
 from twolink.contact.multibody import axes_of
-from twolink.contact.points import CLOSED
+from twolink.contact.points import CLOSED, STILL
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import unbalanced_forces
 from twolink.integrate.state import Array
@@ -42,59 +42,104 @@ SMALL = 1e-7  # rad^2: the square of half a turn whose sine is x - x^3 / 6
 
 
 def held_step(
-    equations: Equations, mech: Mechanism, group: OnPlanes, chosen: Array, mu: list[float], x: list[Any], xp: Any
+    equations: Equations,
+    mech: Mechanism,
+    group: OnPlanes,
+    chosen: Array,
+    faces: list[bool],
+    mu: list[float],
+    x: list[Any],
+    xp: Any,
 ) -> list[Scalar]:
     """The entries of a row of `HeldRun`.
 
-    mu: the friction of points that may slide; empty for points that stick. x: w, w' of the step before, q, the impulses
-    of the step before, the middle in time, the length, numbers.
+    faces: as of `Held`. mu: the friction of points that may slide; empty for points that stick. x: w, w' of the
+    two steps before, q, P and U of the step before, the middle in time, the length, numbers.
     """
     nq, nv, k = mech.nq, mech.nv, 3 * len(chosen)
-    w, change, rest = x[:nv], x[nv : 2 * nv], x[2 * nv :]
-    guess, (t, h, *numbers) = rest[nq : nq + k], rest[nq + k :]
+    w, last, older, rest = x[:nv], x[nv : 2 * nv], x[2 * nv : 3 * nv], x[3 * nv :]
+    change = [0.5 * (a + b) for a, b in zip(last, older, strict=True)]
+    guess, slipped, (t, h, *numbers) = rest[nq : nq + k], rest[nq + k : nq + 2 * k], rest[nq + 2 * k :]
     half = 0.5 * h
     q = moved(mech, rest[:nq], [half * a for a in w], xp)
-    v = _own(mech, q, [a + half * b for a, b in zip(w, change, strict=True)], xp)
-    at = poses(mech, q, xp)
-    parents = mech.dof_parents()
-    lower, inverse = ldlt(composite_bodies(mech, at), parents, xp)
-    state = np.array([*q, *v, *numbers], dtype=object)
-    a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
-    start = _own(mech, q, w, xp)
-    free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
+    start, free, lower, inverse, parents = _free(equations, mech, (t, h, numbers), q, w, change, xp)
     held = chosen.tolist()
     own, gaps, places = _rows_of(mech, group, held, q, xp)
     inward = [ldlt_inward(lower, parents, row) for row in own]
+    g = _delassus(inward, inverse)
+    before, after = ([plus(*(times(a, b) for a, b in zip(row, x, strict=True))) for row in own] for x in (start, free))
+    opens = [0.0 if face else xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h)
+             for gap, face in zip(gaps, faces, strict=True)]  # fmt: skip
+    after[2::3] = [plus(a, c) for a, c in zip(after[2::3], opens, strict=True)]
+    every, factors = list(range(-1, k - 1)), ldlt(g, list(range(-1, k - 1)))
+    p = newton(g, after, mu, guess, xp) if mu else ldlt_apply(*factors, every, [-b for b in after])
+    u = velocities(g, after, p)
+    pushed = [plus(*(times(z[i], y) for z, y in zip(inward, p, strict=True))) for i in range(nv)]
+    end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
+    off = [times(half, plus(a, b)) for a, b in zip(before, u, strict=True)]
+    off[2::3] = [plus(gap, times(half, minus(b, c))) for gap, b, c in zip(gaps, u[2::3], opens, strict=True)]
+    if mu:
+        reduced, off = _without_slips(g, off, (slipped, u), xp)
+        factors = ldlt(reduced, every)
+    nu = ldlt_apply(*factors, every, [-x for x in off])
+    shifted = [plus(*(times(z[i], y) for z, y in zip(inward, nu, strict=True))) for i in range(nv)]
+    push = _own(mech, q, ldlt_outward(lower, inverse, parents, shifted), xp, -1)
+    away = plus(*(xp.where(xp.less(CLOSED**2, x * x), 1.0, 0.0) for x in off))
+    ends = _own(mech, q, end, xp, -1)
+    move = [half * a + xp.where(xp.less(0.0, away), b, 0.0) for a, b in zip(ends, push, strict=True)]
+    q_end = moved(mech, q, move, xp)
+    mean, known = [(a - b) / h for a, b in zip(ends, w, strict=True)], xp.less(0.0, plus(*(a * a for a in last)))
+    passed = [xp.where(known, a, b) for a, b in zip(last, mean, strict=True)]
+    others = [i for i in range(len(group.key)) if i not in held]
+    return [*ends, *mean, *passed, *q_end, *p, *u,
+            *(entry for place in places for entry in place),
+            *(missed(g, u, p, mu, xp) if mu else u),
+            *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
+
+
+def _delassus(inward: Matrix, inverse: Sequence[Scalar]) -> Matrix:
+    """G of the rows L^-T J^T and of 1 / D."""
     g: Matrix = [[plus(*(times(times(a, b), d) for a, b, d in zip(left, right, inverse, strict=True)))
                   for right in inward] for left in inward]  # fmt: skip
     for i, own_row in enumerate(g):
         if constant(own_row[i]) and not own_row[i]:  # a direction in which the point cannot move: no impulse
             own_row[i] = 1.0
-    after = [plus(*(times(a, b) for a, b in zip(row, free, strict=True))) for row in own]
-    for i, gap in enumerate(gaps):
-        after[3 * i + 2] = plus(after[3 * i + 2], xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h))
-    p = (
-        newton(g, after, mu, guess, xp)
-        if mu
-        else ldlt_solve(g, [k - 1 for k in range(len(g))], [-b for b in after], xp)
-    )
-    u = velocities(g, after, p)
-    pushed = [plus(*(times(z[i], y) for z, y in zip(inward, p, strict=True))) for i in range(nv)]
-    end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
-    overlaps = [xp.where(xp.less(gap, 0.0), gap, 0.0) for gap in gaps]
-    nu = ldlt_solve([row[2::3] for row in g[2::3]], list(range(-1, len(held) - 1)), [-x for x in overlaps], xp)
-    lifted = [plus(*(times(z[i], y) for z, y in zip(inward[2::3], nu, strict=True))) for i in range(nv)]
-    lifts = [times(row[i], a) for i, row, a in zip(range(2, k, 3), g[2::3], nu, strict=True)]
-    push = _own(mech, q, ldlt_outward(lower, inverse, parents, lifted), xp, -1)
-    deep = plus(*(xp.where(xp.less(gap, -CLOSED), 1.0, 0.0) for gap in gaps))
-    ends = _own(mech, q, end, xp, -1)
-    move = [half * a + xp.where(xp.less(0.0, deep), b, 0.0) for a, b in zip(ends, push, strict=True)]
-    q_end = moved(mech, q, move, xp)
-    others = [i for i in range(len(group.key)) if i not in held]
-    return [*ends, *((a - b) / h for a, b in zip(ends, w, strict=True)), *q_end, *p, *u,
-            *(entry for place in places for entry in place), *gaps, *lifts,
-            *(missed(g, u, p, mu, xp) if mu else u),
-            *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
+    return g
+
+
+def _free(
+    equations: Equations,
+    mech: Mechanism,
+    when: tuple[Any, Any, list[Any]],
+    q: list[Any],
+    w: list[Any],
+    change: list[Any],
+    xp: Any,
+) -> tuple[list[Scalar], list[Scalar], Matrix, list[Scalar], list[int]]:
+    """v and v+ without contacts at the middle q of a step, and the factors of M. when: t, h and the numbers."""
+    t, h, numbers = when
+    v = _own(mech, q, [a + 0.5 * h * b for a, b in zip(w, change, strict=True)], xp)
+    parents = mech.dof_parents()
+    lower, inverse = ldlt(composite_bodies(mech, poses(mech, q, xp)), parents, xp)
+    state = np.array([*q, *v, *numbers], dtype=object)
+    a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
+    start = _own(mech, q, w, xp)
+    free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
+    return start, free, lower, inverse, parents
+
+
+def _without_slips(
+    g: Matrix, off: list[Scalar], velocities: tuple[Sequence[Scalar], Sequence[Scalar]], xp: Any
+) -> tuple[Matrix, list[Scalar]]:
+    """G and the slips and gaps without the tangents of points that slip. velocities: U before and now."""
+    sticks: list[Scalar] = [1.0] * len(g)
+    for i in range(0, len(g), 3):
+        square = plus(*(u[j] * u[j] for u in velocities for j in (i, i + 1)))
+        sticks[i] = sticks[i + 1] = xp.where(xp.less(square, STILL**2), 1.0, 0.0)
+    rows = [[times(times(x, y), b) for y, b in zip(sticks, row, strict=True)] for x, row in zip(sticks, g, strict=True)]
+    for i, x in enumerate(sticks):
+        rows[i][i] = plus(rows[i][i], minus(1.0, x))
+    return rows, [times(x, y) for x, y in zip(sticks, off, strict=True)]
 
 
 def _gap(mech: Mechanism, group: OnPlanes, point: int, q: list[Any], xp: Any) -> tuple[Any, Vec]:

@@ -39,7 +39,6 @@ INNER = 30  # Newton's steps for each of them
 FIRST, LAST, LARGEST = 1e-3, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
-SETS = 40  # that press, without friction
 FEW = 50  # contacts for which Newton's method begins at the guess itself
 ADMM = 2_000  # iterations
 LARGE = 200  # contacts beyond which they take longer than half the step
@@ -111,42 +110,6 @@ class Problem:
         slip = self.mu * p[:, 2] * np.hypot(u[:, 0], u[:, 1]) + (p[:, :2] * u[:, :2]).sum(axis=1)
         missed = max(float(np.abs(p[:, 2] * u[:, 2]).max(initial=0.0)), float(np.abs(slip).max(initial=0.0)))
         return Impulses(p, u, feasibility, missed, self.residual(f), solver)
-
-
-def solve_normal(matrix: Any, b: Array) -> Array:
-    """P (n,) with 0 <= P, 0 <= G P + b and P (G P + b) = 0; G (n, n), full or sparse. Without friction.
-
-    Newton's method: the set that presses is solved for until it stays (Hintermueller, Ito, Kunisch, SIAM J. Optim. 13
-    (2002) 865-888); where it does not, as contacts with friction 0. Raises ArithmeticError where that fails too.
-    """
-    size = np.maximum(matrix.diagonal(), 1e-300)
-    pressing = b < 0.0
-    for _ in range(SETS):
-        p, chosen = np.zeros(len(b)), np.flatnonzero(pressing)
-        part = matrix[chosen][:, chosen]
-        if sparse.issparse(part):
-            regular = (part + REGULAR * float(size.max()) * sparse.eye_array(len(chosen))).tocsc()
-            p[chosen] = _factors(regular).solve(-b[chosen])
-        else:
-            p[chosen] = np.linalg.solve(part + REGULAR * float(size.max()) * np.eye(len(chosen)), -b[chosen])
-        now = p - (matrix @ p + b) / size > 0.0
-        if (now == pressing).all():
-            return p
-        pressing = now
-    thick = np.zeros((len(b), 3))
-    thick[:, 2] = b
-    found = solve_impulses(Problem(_with_tangents(matrix), thick, np.zeros(len(b))), np.zeros_like(thick))
-    if not found.solved:
-        raise ArithmeticError
-    return found.p[:, 2]
-
-
-def _with_tangents(matrix: Any) -> Any:
-    """G (3n, 3n) of normals G (n, n) and tangents that are not coupled."""
-    normal, tangents = np.diag([0.0, 0.0, 1.0]), np.diag([1.0, 1.0, 0.0])
-    if sparse.issparse(matrix):
-        return sparse.kron(matrix, normal) + sparse.kron(sparse.eye_array(matrix.shape[0]), tangents)
-    return np.kron(matrix, normal) + np.kron(np.eye(len(matrix)), tangents)
 
 
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
@@ -243,10 +206,10 @@ def _solve_sparse(problem: Problem, pressing: Array, own: Array, scaled: Array, 
     ends = np.searchsorted(rows, np.arange(len(own) + 1))
     by_rows = sparse.bsr_array((blocks, columns, ends), shape=(len(right),) * 2).tocsr()
     transposed = sparse.csc_array((by_rows.data, by_rows.indices, by_rows.indptr), shape=by_rows.shape)
-    return np.asarray(_factors(transposed).solve(right, trans="T"))
+    return np.asarray(factors(transposed).solve(right, trans="T"))
 
 
-def _factors(matrix: Any) -> Any:
+def factors(matrix: Any) -> Any:
     """Of a sparse matrix by columns, whose entries lie symmetrically."""
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options={"SymmetricMode": True})
 

@@ -4,18 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from twolink.contact.impulses import Impulses
 from twolink.integrate.state import Array
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What a step passes on: keys of the contacts that pressed, their forces (n, 3), which stuck; w' where smooth."""
+    """What a step passes on: keys of the contacts that pressed or stayed closed, their forces (n, 3).
+
+    stuck, still (n,): those that had no slip at the end, and no velocity along the normal. change (2, nv): w' of the
+    last two steps, 0 where it was not smooth.
+    """
 
     keys: Array
     forces: Array
     stuck: Array
+    still: Array
     change: Array
+
+    def changes(self, mean: Array, *, smooth: bool = True) -> Array:
+        """What the next step passes on of w'."""
+        if not smooth:
+            return np.zeros_like(self.change)
+        return np.array([mean, self.change[0] if self.change[0].any() else mean])
+
+    @staticmethod
+    def empty(change: Array) -> Memory:
+        """Of a step without contacts."""
+        return Memory(np.empty(0, int), np.empty((0, 3)), np.empty(0, bool), np.empty(0, bool), change)
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,18 @@
     M (v+ - v) = h (tau - h_m) + J^T P        all at q_m
     0 <= P_n,  0 <= U_n+ + c,  P_n (U_n+ + c) = 0,   |P_t| <= mu P_n against U_t+
     c = 2 max(g_m, 0) / h,  at an impact  e U_n
-    q+ = q_m + h/2 v+ + M^-1 J^T (s P + nu),   0 <= nu,  0 <= g+,  nu g+ = 0
+    q+ = q_m + h/2 v+ + M^-1 J^T (s P + nu)
 
 This is Moreau and Jean's method with theta = 1/2 and with the gaps g_m at the middle of the step: what is open there
-closes at most to the end. Contact impulses have the power P . (U- + U+) / 2: it is never positive where bodies do not
-bounce, so that the energy does not grow. The impulse of an impact acts from when in the step the bodies meet, s before
-its middle; what overlap is left is removed from the positions (Acary, Brogliato: Numerical Methods for
-Nonsmooth Dynamical Systems, 2008, chapter 10). It is of first order in h, and of second order where impacts are single
-and between them. Stops and dry friction of joints are points of the same problem (`joints`); loops leave it fewer
-motions (`loops`).
+closes at most to the end. Points of a face that were closed have c = 0. The impulse of an impact acts from when in the
+step the bodies meet, s before its middle; nu removes from the positions what overlap is left, and what contacts that
+last have drifted (`positions`; Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapter 10).
+
+Contact impulses have the power P . (U- + U+) / 2, which is not positive where bodies close or slide and do not bounce.
+A contact that sticks begins a step with U- = h J' v, of any sign. The motion M^-1 J^T nu against its slip h/2 U- has
+the work -P . U- / 2 - U- . G^-1 U- / 2, so that the energy does not grow but by terms of order h^3. The method is of
+first order in h, and of second order where impacts are single and between them. Stops and dry friction of joints are
+points of the same problem (`joints`); loops leave it fewer motions (`loops`).
 
 A step whose impulses do not obey the laws is taken as two halves, and refused where these are too small.
 """
@@ -27,12 +30,13 @@ import numpy as np
 from twolink.contact.detection import Detector
 from twolink.contact.free_bodies import bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
-from twolink.contact.impulses import Impulses, Problem, solve_impulses, solve_normal
+from twolink.contact.impulses import Impulses, Problem, solve_impulses
 from twolink.contact.joints import JointPoints, Laws, complete
 from twolink.contact.loops import Kept, LoopRows
 from twolink.contact.multibody import Multibody, axes_of
 from twolink.contact.plan import Plan
 from twolink.contact.points import CLOSED, STILL, Places, Points, joined
+from twolink.contact.positions import correction
 from twolink.contact.step import Memory, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
@@ -70,14 +74,14 @@ class Stepper:
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
         self.ahead = FIRST
-        points, still = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q), np.zeros_like(v)
-        none = Memory(points.key[:0], np.empty((0, 3)), np.empty(0, bool), still)
+        points = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q)
         if not len(points.gap):
-            return none
+            return Memory.empty(np.zeros((2, len(v))))
         self.bodies.free_acceleration(t, q, v, numbers)  # of which the Jacobian takes the configuration
         speeds = (self._rows(points, axes_of(points.normal)) @ v).reshape(-1, 3)
         keys = np.sort(points.key[(points.gap < CLOSED) & (np.abs(speeds).max(axis=1) < STILL)])
-        return Memory(keys, np.zeros((len(keys), 3)), np.ones(len(keys), bool), still)
+        every = np.ones(len(keys), bool)
+        return Memory(keys, np.zeros((len(keys), 3)), every, every, np.zeros((2, len(v))))
 
     def overlap(self, q: Array) -> tuple[float, str]:
         """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair; or gap of a loop."""
@@ -139,7 +143,9 @@ class Stepper:
         middle = self.bodies.moved(q, 0.5 * h * v)
         places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
         fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
-        a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + 0.5 * h * memory.change, numbers)
+        # By the mean of two steps: with that of the last alone, damping d is stable up to h d = 1 only, now up to 2.
+        change = 0.5 * h * memory.change.mean(axis=0)
+        a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers)
         free = v + h * a
         _require_finite(free, t, h)
         kept = Kept(free, self.bodies.inverse, 0.0)
@@ -148,7 +154,7 @@ class Stepper:
             free, a = kept.free, (kept.free - v) / h
         points = self._points(places, 3.0 * h * fastest + 100.0 * h * h, middle)
         if not len(points.gap):
-            none = Memory(points.key, np.empty((0, 3)), np.empty(0, bool), np.zeros_like(a) if len(memory.keys) else a)
+            none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)))
             end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)
             return Step(h, end, free, a, none, points.pair, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
@@ -170,21 +176,27 @@ class Stepper:
         active, response, worth = solution
         ends = free + response @ worth.p.ravel()
         move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel() + kept.closing
-        gaps = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
-        if gaps[law.rests].min(initial=0.0) < -CLOSED:
-            push = _apart(kept.inverse, rows, gaps, law.rests)
-            if push is None:
-                return None
-            move += push
-        pressing = worth.p[:, 2] > 0.0
-        chosen = active[pressing]
-        keys, p = points.key[chosen], worth.p[pressing]
-        order = np.argsort(keys)
-        smooth = np.array_equal(keys[order], memory.keys) and not law.hits[chosen].any()
-        stuck = np.hypot(*worth.u[pressing, :2].T) < STILL
+        u, off = (rows @ ends).reshape(-1, 3), np.empty_like(before)
+        off[:, :2] = 0.5 * h * (before + u)[:, :2]
+        off[:, 2] = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
+        pressing, stuck = worth.p[:, 2] > 0.0, np.hypot(*worth.u[:, :2].T) < STILL
+        lasts = np.zeros(off.shape, dtype=bool)
+        lasts[active, 2] = pressing & law.known[active] & law.rests[active]
+        lasts[active, :2] = (lasts[active, 2] & stuck & law.stuck[active] & ~law.of_joints[active])[:, None]
+        push = correction(kept.inverse, rows, off, lasts, law.rests)
+        if push is None:
+            return None
+        move = move + push
+        still = np.abs(u[active, 2]) < STILL
+        closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
+        chosen, own = active[closed], worth.p[closed]
+        order = np.argsort(points.key[chosen])
+        keys = points.key[chosen][order]
+        smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
         mean = (ends - v) / h
-        passed = Memory(keys[order], p[order] / h, stuck[order], mean if smooth else np.zeros_like(v))
-        joints, chosen, p = self._of_joints(rows, law, chosen, p)
+        passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
+                        memory.changes(mean, smooth=smooth))  # fmt: skip
+        joints, chosen, p = self._of_joints(rows, law, active[pressing], worth.p[pressing])
         impulse = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
         return Step(
@@ -197,17 +209,6 @@ class Stepper:
             return None, chosen, p
         own = law.of_joints[chosen]
         return rows[_rows(chosen[own])].T @ p[own].ravel(), chosen[~own], p[~own]
-
-
-def _apart(inverse: Any, rows: Any, gaps: Array, rests: Array) -> Array | None:
-    """M^-1 J^T nu (nv,), which removes the overlap of points that rest; None where the laws are not reached."""
-    near = np.flatnonzero(rests)
-    own = rows[2::3][near]
-    response = inverse @ own.T
-    try:
-        return np.asarray(response @ solve_normal(own @ response, gaps[near]))
-    except (ArithmeticError, np.linalg.LinAlgError):
-        return None
 
 
 def _require_finite(v: Array, t: float, h: float) -> None:
@@ -228,9 +229,13 @@ class _Law:
         self.points, self.after, self.h = points, after, h
         u, b = -before[:, 2], (before[:, 2] - after[:, 2]) / h
         place = np.searchsorted(memory.keys, points.key)
-        known = np.zeros(len(place), dtype=bool)
+        known, self.stuck, still = np.zeros((3, len(place)), dtype=bool)
         inside = place < len(memory.keys)
         known[inside] = memory.keys[place[inside]] == points.key[inside]
+        self.known, kept = known, place[known]
+        self.stuck[known], still[known] = memory.stuck[kept], memory.still[kept]
+        # Points of a face: with gaps of 1e-8 m they would ask for motions of which not all are possible.
+        still &= np.bincount(points.pair[still], minlength=len(laws.names))[points.pair] > 1
         self.hits = ~known & (u > np.maximum(b * h, STILL))
         start = np.maximum(points.gap + 0.5 * h * u, 0.0)
         u = np.where(self.hits, u, 1.0)
@@ -240,14 +245,14 @@ class _Law:
         bounces = self.hits & (laws.restitution[points.pair] > 0.0) & (rebound > 0.0)
         self.given, self.of_joints = h * laws.pressing[points.pair], laws.of_joints[points.pair]
         self.rests = ~bounces & (self.given == 0.0)
-        self.open = np.where(bounces, -rebound, np.where(self.hits, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
+        self.open = np.where(bounces, -rebound, np.where(self.hits | still, 0.0, 2.0 / h * np.maximum(points.gap, 0.0)))
         pressing = (meets * left + 0.5 * b * left * left) / np.maximum(u + b * h, STILL) - 0.5 * h
         late = np.where(bounces, 0.5 * h - s, np.clip(pressing, -0.5 * h, 0.5 * h))
         self.late = np.where(self.hits, late, 0.0)
-        self.guess, stuck = np.zeros_like(before), np.zeros(len(u), dtype=bool)
-        self.guess[known], stuck[known] = h * memory.forces[place[known]], memory.stuck[place[known]]
+        self.guess = np.zeros_like(before)
+        self.guess[known] = h * memory.forces[kept]
         self.slower = laws.friction[points.pair]
-        self.mu = np.where(stuck, laws.static[points.pair], self.slower)
+        self.mu = np.where(self.stuck, laws.static[points.pair], self.slower)
         closes = points.gap + 0.5 * h * after[:, 2] < CLOSED
         self.active = closes | known
 
