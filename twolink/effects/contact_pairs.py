@@ -12,10 +12,11 @@ import pinocchio as pin
 
 from twolink.algorithms.functions import frame_pose
 from twolink.effects.effect import check_name
+from twolink.effects.field_checks import check_fields
 from twolink.errors import SceneError
 from twolink.io.model_trees import joint_poses
 from twolink.robots.collisions import Solid, collision_model
-from twolink.robots.shapes import AnyShape, Capsule, Sphere, Vector
+from twolink.robots.shapes import AnyShape, Capsule, Convex, Sphere, Vector
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
@@ -59,9 +60,12 @@ class Pairs(NamedTuple):
 
 def solids_of(robot: Robot, given: Mapping[str, Sequence[AnyShape]]) -> tuple[Solid, ...]:
     """The shapes of a robot: of its URDF, or for some links given ones."""
-    solids = [solid for solid in robot.solids if solid.link not in given]
+    solids = list(robot.solids_besides(given))
     for link, shapes in given.items():
         check_name(link, robot.frame_names, f"shapes.{link}", "link")
+        for k, shape in enumerate(shapes):
+            if isinstance(shape, Convex) and not shape.vertices:
+                raise SceneError("it has no vertices", where=f"shapes.{link}[{k}].vertices", remedy="give some points")
         solids += [Solid(f"{link}_{k}", link, shape) for k, shape in enumerate(shapes)]
     return tuple(solids)
 
@@ -79,6 +83,9 @@ def select_pairs(
     chosen: dict[tuple[object, object], Pair] = {}
     alone = Counter(solid.link for solid in solids)
     excluded: list[tuple[str, str]] = []
+    if not isinstance(asked, (tuple, list)):
+        raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r}", where="pairs",
+                         remedy='such as [("foot", "ground")]')  # fmt: skip
     for i, item in enumerate(asked):
         if item == SELF:
             allowed, not_allowed = _own_pairs(robot, solids, margin)
@@ -90,7 +97,20 @@ def select_pairs(
         for pair in allowed:
             second = pair.second if isinstance(pair.second, Plane) else id(pair.second)
             chosen.setdefault((id(pair.first), second), pair)
+    if not chosen:
+        why = f" ({excluded[0][0]}: {excluded[0][1]})" if excluded else ""
+        raise SceneError(f"no two bodies may touch{why}", where="pairs", code="no-pairs",
+                         remedy="name two bodies, or leave the effect out")  # fmt: skip
     return Pairs(tuple(chosen.values()), tuple(excluded))
+
+
+def hollow_notes(pairs: Pairs) -> list[str]:
+    """What the convex hulls of meshes fill, in one line, the deepest first."""
+    found = {solid.name: solid.hollow for pair in pairs.chosen for solid in (pair.first, pair.second)
+             if isinstance(solid, Solid) and solid.hollow}  # fmt: skip
+    deepest = sorted(found.items(), key=lambda item: -item[1])
+    listed = ", ".join(f"{name} {depth:.2g} m" for name, depth in deepest[:8]) + (", ..." if len(found) > 8 else "")
+    return [f"{len(found)} meshes count as their convex hulls, below which their surfaces lie: {listed}"] * bool(found)
 
 
 def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[list[Pair], list[tuple[str, str]]]:
@@ -147,10 +167,16 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
 
 def _named(solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | Plane:
     if isinstance(body, Plane):
+        check_fields(body, f"{where}.")
+        if not any(body.normal):
+            raise SceneError("its length is 0", where=f"{where}.normal", remedy="such as (0, 0, 1)")
         return body
+    if not isinstance(body, str):
+        raise SceneError(f"expected the name of a body, {GROUND!r} or a Plane, got {body!r}", where=where,
+                         remedy='such as ("foot", "ground")')  # fmt: skip
     if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
         return LEVEL
-    found = [solid for solid in solids if body in (solid.link, solid.name)]
+    found = [solid for solid in solids if solid.link == body] or [solid for solid in solids if solid.name == body]
     if not found:
         names = dict.fromkeys((*(solid.link for solid in solids), *(solid.name for solid in solids), GROUND))
         check_name(body, names, where, "link with a collision shape")

@@ -64,9 +64,24 @@ def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
         raise SceneError(f"expected {word}, got {value!r}", where=field, remedy=f"give {remedy}")
     if kinds[0] is float:
         all_finite(value, field)
+    elif get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float:
+        for i, item in enumerate(value):
+            _check(item, kinds[0], f"{field}[{i}]")
     elif kinds[0] == Input:
         for i, item in enumerate(value):
             _check(item, Input, f"{field}[{i}]")
+    elif _structs(kinds[0]) or get_origin(kinds[0]) is tuple:  # shapes, or points
+        if not isinstance(value, (tuple, list)):
+            raise SceneError(f"expected a list, got {value!r}", where=field, remedy="put it into brackets: [...]")
+        for i, item in enumerate(value):
+            _check(item, kinds[0], f"{field}[{i}]")
+
+
+def _structs(kind: Any) -> bool:
+    """Whether a type is a union of structs alone, such as shapes."""
+    return get_origin(kind) in (Union, UnionType) and all(
+        isinstance(one, type) and issubclass(one, msgspec.Struct) for one in get_args(kind)
+    )
 
 
 def _check_choice(value: Any, kind: Any, field: str) -> None:
@@ -80,6 +95,11 @@ def _check_choice(value: Any, kind: Any, field: str) -> None:
             check_table(value, field)
         if isinstance(value, Bezier):
             check_curve(value, field)
+    elif _structs(kind):
+        names = ", ".join(one.__name__ for one in arguments)
+        raise SceneError(
+            f"expected one of {names}, got {value!r}", where=field, remedy=f"see effects.{arguments[0].__name__}"
+        )
     elif kind == Input and not isinstance(value, (int, float)):
         what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r}"
         raise SceneError(what, where=field, remedy="such as 1.5")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import RobotError, ShowError
+from twolink.errors import RobotError, ShowError, nearest
 from twolink.io.confined import read_confined
 from twolink.io.mesh_triangles import read_triangles
 from twolink.robots.mesh_shapes import LARGEST
@@ -20,30 +20,40 @@ if TYPE_CHECKING:
     from twolink.robots.meshes import MeshFile
 
 
+FLAT = 1e-3  # of a mesh's size: what lies less deep below its convex hull counts as on it
+MOST_LOOKED_AT = 2_000_000  # triangles times sides of the hull
+_ATTRIBUTES = {"origin": {"xyz", "rpy"}, "sphere": {"radius"}, "box": {"size"}, "mesh": {"filename", "scale"},
+               "cylinder": {"radius", "length"}, "capsule": {"radius", "length"}}  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Solid:
-    """A shape of a link. name: its own in the URDF, else LINK_NUMBER as Pinocchio numbers them."""
+    """A shape of a link. name: its own in the URDF, else LINK_NUMBER as Pinocchio numbers them.
+
+    hollow: of a mesh, how far parts of its surface lie below that of its convex hull, m.
+    """
 
     name: str
     link: str
     shape: AnyShape
+    hollow: float = 0.0
 
 
-def read_solids(text: str, meshes: Mapping[str, MeshFile], label: str) -> tuple[Solid, ...]:
-    """The collision shapes in a URDF whose meshes are found, in its order.
+def read_solids(text: str, meshes: Mapping[str, MeshFile], label: str) -> dict[str, tuple[Solid, ...] | RobotError]:
+    """The collision shapes of each link of a URDF whose meshes are found, in its order.
 
-    Raises RobotError for a size that is missing or not above 0, and for a mesh without a file.
+    In their place a RobotError for a size that is missing or not above 0, for a mesh without a file, and for what is
+    given twice or has an unknown name.
     """
-    reader = Reader(label, (1, 2))
-    solids = []
+    reader, solids = Reader(label, (1, 2), lines=False), dict[str, tuple[Solid, ...] | RobotError]()
     for link in parse_xml(text.encode(), label, "utf-8").all("link"):
         owner = link.attributes.get("name", "")
-        for number, collision in enumerate(link.all("collision")):
-            key = f"{owner}_{number}"
-            name = collision.attributes.get("name", "").strip() or key
-            shape = _shape(reader, collision, f"link {owner!r}, collision {name!r}", meshes.get(key))
-            solids.append(Solid(name, owner, shape))
-    return tuple(solids)
+        try:
+            solids[owner] = tuple(_solid(reader, collision, owner, f"{owner}_{number}", meshes)
+                                  for number, collision in enumerate(link.all("collision")))  # fmt: skip
+        except RobotError as error:
+            solids[owner] = error
+    return solids
 
 
 def collision_model(model: pin.Model, solids: Sequence[Solid]) -> pin.GeometryModel:
@@ -57,15 +67,37 @@ def collision_model(model: pin.Model, solids: Sequence[Solid]) -> pin.GeometryMo
     return geometry
 
 
-def _shape(reader: Reader, collision: Element, owner: str, mesh: MeshFile | None) -> AnyShape:
-    geometry, origin = collision.first("geometry"), collision.first("origin")
-    if geometry is None or not geometry.children:
-        raise reader.error(collision, owner, "it has no shape", "add one, or remove the <collision>")
-    point = rpy = (0.0, 0.0, 0.0)
+def _solid(reader: Reader, collision: Element, link: str, key: str, meshes: Mapping[str, MeshFile]) -> Solid:
+    name = collision.attributes.get("name", "").strip() or key
+    owner = f"link {link!r}, collision {name!r}"
+    element = _only(reader, collision, owner)
+    origin, point, rpy = collision.first("origin"), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if origin is not None:
         point = _three(reader, origin, "xyz", owner)
         rpy = _three(reader, origin, "rpy", owner)
-    element = geometry.children[0]
+    if element.tag == "mesh":
+        return Solid(name, link, *_convex(reader, element, owner, meshes.get(key), point, rpy))
+    return Solid(name, link, _shape(reader, element, owner, point, rpy))
+
+
+def _only(reader: Reader, collision: Element, owner: str) -> Element:
+    """The one shape of a collision. Raises RobotError for none, several, and unknown attributes."""
+    shapes = [shape for geometry in collision.all("geometry") for shape in geometry.children]
+    if not shapes:
+        raise reader.error(collision, owner, "it has no shape", "add one, or remove the <collision>")
+    origins = list(collision.all("origin"))
+    for what, found in (("shapes", shapes), ("origins", origins)):
+        if len(found) > 1:
+            remedy = "give each shape a <collision> of its own"
+            raise reader.error(collision, owner, f"it has {len(found)} {what}, expected one", remedy)
+    for element in (*shapes, *origins):
+        for key in element.attributes.keys() - _ATTRIBUTES.get(element.tag, element.attributes.keys()):
+            what = f"<{element.tag}> has an unknown attribute {key!r}"
+            raise reader.error(element, owner, what, nearest(key, sorted(_ATTRIBUTES[element.tag])))
+    return shapes[0]
+
+
+def _shape(reader: Reader, element: Element, owner: str, point: Vector, rpy: Vector) -> AnyShape:
 
     def size(key: str, count: int = 1) -> tuple[float, ...]:
         values = reader.numbers(element, key, owner, count)
@@ -83,8 +115,6 @@ def _shape(reader: Reader, collision: Element, owner: str, mesh: MeshFile | None
             return Cylinder(size("radius")[0], size("length")[0], point, rpy)
         case "capsule":
             return Capsule(size("radius")[0], size("length")[0], point, rpy)
-        case "mesh":
-            return _convex(reader, element, owner, mesh, point, rpy)
     raise reader.error(element, owner, f"<{element.tag}> is no shape", "sphere, box, cylinder, capsule or mesh")
 
 
@@ -93,20 +123,31 @@ def _three(reader: Reader, element: Element, key: str, owner: str) -> Vector:
     return x, y, z
 
 
-def _convex(reader: Reader, element: Element, owner: str, mesh: MeshFile | None, point: Vector, rpy: Vector) -> Convex:
-    """The convex hull of a mesh file."""
+def _convex(
+    reader: Reader, element: Element, owner: str, mesh: MeshFile | None, point: Vector, rpy: Vector
+) -> tuple[Convex, float]:
+    """The convex hull of a mesh file, and how far parts of the mesh lie below its surface, m."""
     if mesh is None:
         what = f"its mesh {element.attributes.get('filename', '')!r} was not found"
-        raise RobotError(what, where=owner, remedy="give package_dirs=, or a simple shape", code="mesh-not-readable")
+        raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",
+                         remedy="give package_dirs= to load_robot, or shapes= to Contact")  # fmt: skip
     from scipy.spatial import ConvexHull, QhullError  # 0.1 s: only where it is used
 
     scale = reader.numbers(element, "scale", owner, 3, (1.0, 1.0, 1.0))
     try:
-        vertices, _ = read_triangles(read_confined(mesh.root, mesh.path, LARGEST), mesh.path.suffix.lower())
-        cloud = np.unique(np.asarray(vertices) * scale, axis=0)
-        hull = cloud[ConvexHull(cloud).vertices]
+        vertices, faces = read_triangles(read_confined(mesh.root, mesh.path, LARGEST), mesh.path.suffix.lower())
+        vertices = np.asarray(vertices) * scale
+        cloud = np.unique(vertices, axis=0)
+        found = ConvexHull(cloud)
+        hull, sides = cloud[found.vertices], found.equations
     except (OSError, ValueError, ShowError, QhullError) as error:
+        if isinstance(error, QhullError):
+            error = ValueError("all of its points lie in a plane")
         what = f"the mesh {mesh.path.name!r} cannot be read: {str(error).splitlines()[0] if str(error) else error!r}"
-        raise RobotError(what, where=owner, remedy="repair it, or give a simple shape",
-                         code="mesh-not-readable") from None  # fmt: skip
-    return Convex(tuple((float(x), float(y), float(z)) for x, y, z in hull), point, rpy)
+        raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",
+                         remedy="repair it, or give shapes= to Contact") from None  # fmt: skip
+    faces = np.asarray(faces)[:: 1 + len(faces) * len(sides) // MOST_LOOKED_AT]
+    middles = vertices[faces].mean(axis=1)
+    hollow = -float((middles @ sides[:, :3].T + sides[:, 3]).max(axis=1).min())
+    convex = Convex(tuple((float(x), float(y), float(z)) for x, y, z in hull), point, rpy)
+    return convex, hollow if hollow > FLAT * float(np.ptp(cloud, axis=0).max()) else 0.0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twolink.robots.shapes import Box, Convex
+from twolink.robots.shapes import Box, Convex, no_volume
 
 ALIKE = 1e-6  # of unit vectors that count as one
 Array = NDArray[Any]
@@ -35,14 +35,19 @@ class Hull:
 @functools.lru_cache(maxsize=256)
 def hull_of(shape: Box | Convex) -> Hull:
     """The hull of a shape in the shape's own axes."""
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, QhullError
 
     if isinstance(shape, Box):
         signs = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
         cloud = signs * np.array(shape.size, dtype=float)
     else:
         cloud = np.array(shape.vertices, dtype=float)
-    found = ConvexHull(cloud)
+    try:
+        found = ConvexHull(cloud)
+    except (QhullError, ValueError):
+        if isinstance(shape, Convex):
+            raise no_volume(shape) from None
+        raise
     _, first, place = np.unique(np.round(found.equations, 9), axis=0, return_index=True, return_inverse=True)
     normals, faces, edges = found.equations[first, :3], [], set[tuple[int, int]]()
     for number, normal in enumerate(normals):

@@ -89,7 +89,7 @@ def load_model(
             mimic=mimic,
             odd_inertias=odd_inertias,
             unphysical=unphysical,
-            missing_meshes=missing_meshes(tree.element, folders),
+            missing=missing_meshes(tree.element, folders),
         ),
         *load_report.choice_findings(
             tree,

@@ -116,12 +116,12 @@ def summary(tree: Tree, model: pin.Model, size: int) -> Finding:
 
 
 def content_findings(
-    tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing_meshes: Sequence[str]
+    tree: Tree, *, mimic: bool, odd_inertias: Sequence[str], unphysical: str, missing: Mapping[str, Sequence[str]]
 ) -> list[Finding]:
     """What a sound URDF has that is ignored, repaired or assumed.
 
     mimic: mimic joints are coupled. odd_inertias: the links whose inertia no real body has; unphysical: "refuse" where
-    the bodies they belong to were checked. missing_meshes: the meshes without a file.
+    the bodies they belong to were checked. missing: by what is said of them, meshes without a file.
     """
     moving, links = tree.moving, tree.links.values()
     mimics = {j.name: j.mimic.joint for j in moving if j.mimic is not None}
@@ -139,8 +139,8 @@ def content_findings(
         "limits of acceleration, deceleration and jerk (not in robot.model either)": [
             j.name for j in moving if j.rate_limits
         ],
-        "collision shapes (bodies touch by effects.Contact)": [k.name for k in links if k.element.first("collision")],
-        "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)": missing_meshes,
+        **_of_collisions({link.name: list(link.element.all("collision")) for link in links}),
+        **missing,
     }
     repaired = {
         "axes that were not of length 1 are normalised": [
@@ -169,6 +169,26 @@ def content_findings(
         *findings("repaired", repaired),
         *findings("assumed", assumed),
     ]
+
+
+def _of_collisions(collisions: Mapping[str, Sequence[Element]]) -> dict[str, list[str]]:
+    """What is said of links by their <collision> elements."""
+
+    def meshed(body: Element) -> bool:
+        return any(geometry.first("mesh") is not None for geometry in body.all("geometry"))
+
+    def holds_more(body: Element) -> bool:
+        return not {child.tag for child in body.children} <= {"origin", "geometry"}
+
+    return {
+        "collision shapes (bodies touch by effects.Contact)": [link for link, found in collisions.items() if found],
+        "hollows of collision meshes (bodies touch at the convex hulls)": [
+            link for link, found in collisions.items() if any(map(meshed, found))
+        ],
+        "what <collision> has beside a shape and its origin": [
+            link for link, found in collisions.items() if any(map(holds_more, found))
+        ],
+    }
 
 
 def _lacks_limit(joint: Element) -> bool:

@@ -59,11 +59,20 @@ def mesh_folders(packages: Sequence[Path], urdf: Path | None, share: Path | None
     return MeshFolders((*packages, *above, *([] if share is None else [share])), None if urdf is None else urdf.parent)
 
 
-def missing_meshes(robot: Element, folders: MeshFolders) -> tuple[str, ...]:
-    """The names of visual meshes without a file, each once, in order."""
-    shapes = (visual.first("geometry") for visual in _visuals(robot))
-    names = (mesh.attributes.get("filename", "") for shape in shapes if shape for mesh in shape.all("mesh"))
-    return tuple(dict.fromkeys(name for name in names if folders.find(name) is None))
+_MISSING = {  # by the tag of what has the mesh
+    "visual": "meshes that are not found (dynamics do not need them; give package_dirs= to draw them)",
+    "collision": "collision meshes that are not found (give package_dirs=, or shapes= to effects.Contact)",
+}
+
+
+def missing_meshes(robot: Element, folders: MeshFolders) -> dict[str, tuple[str, ...]]:
+    """The names of meshes without a file, each once, in order, by what the load report says of them."""
+    missing = {}
+    for kind, what in _MISSING.items():
+        shapes = (body.first("geometry") for link in robot.all("link") for body in link.all(kind))
+        names = (mesh.attributes.get("filename", "") for shape in shapes if shape for mesh in shape.all("mesh"))
+        missing[what] = tuple(dict.fromkeys(name for name in names if folders.find(name) is None))
+    return missing
 
 
 def drawable_urdf(robot: Element, folders: MeshFolders) -> tuple[str, dict[str, MeshFile], dict[str, MeshFile]]:

@@ -3,14 +3,14 @@
 import copyreg
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
 
-from twolink.errors import QueryError, ShowError
+from twolink.errors import QueryError, RobotError, ShowError
 from twolink.io.model_trees import Tree, trees_of
 from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, joint_layouts
@@ -191,9 +191,23 @@ class RobotModel:
         return shapes_without_joints(visuals.model, geometry, visuals.locked, visuals.reference)
 
     @functools.cached_property
+    def _solids(self) -> dict[str, tuple[Solid, ...] | RobotError]:
+        return read_solids(self.visuals.text, self.visuals.collision_meshes, f"robot {self.name!r}")
+
+    @property
     def solids(self) -> tuple[Solid, ...]:
         """The collision shapes of the links. Raises RobotError for one that has no size, or a mesh without a file."""
-        return read_solids(self.visuals.text, self.visuals.collision_meshes, f"robot {self.name!r}")
+        return self.solids_besides(())
+
+    def solids_besides(self, links: Collection[str]) -> tuple[Solid, ...]:
+        """The collision shapes of all other links. Raises RobotError as `solids`."""
+        solids = list[Solid]()
+        for link, found in self._solids.items():
+            if link not in links:
+                if isinstance(found, RobotError):
+                    raise found.with_traceback(None)
+                solids += found
+        return tuple(solids)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.name, self.model, self.report, self.visuals)

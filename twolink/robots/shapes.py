@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
+from twolink.errors import RobotError
 from twolink.io.text import kebab_case
 
 # A size in m. The bound is for JSON Schema and for checks of fields.
@@ -141,7 +142,16 @@ class Convex(Shape, frozen=True):
         cloud = coal.StdVec_Vec3s()
         for vertex in self.vertices:
             cloud.append(np.array(vertex, dtype=float))
-        return coal.Convex.convexHull(cloud, False, None)
+        try:
+            return coal.Convex.convexHull(cloud, False, None)
+        except (RuntimeError, ValueError):
+            raise no_volume(self) from None
+
+
+def no_volume(shape: Convex) -> RobotError:
+    """The failure of a hull that is flat."""
+    return RobotError(f"its {len(shape.vertices)} vertices span no volume", where="Convex", code="flat-shape",
+                      remedy="give it some thickness")  # fmt: skip
 
 
 AnyShape = Sphere | Box | Cylinder | Capsule | Convex

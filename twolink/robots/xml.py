@@ -125,15 +125,17 @@ def parse_xml(data: bytes, source: str, encoding: str | None = None) -> Element:
 class Reader:
     """Reads names and numbers from elements; errors name the file, line, link or joint, and attribute.
 
-    version: of the URDF format; versions 1.1 and 1.2 give some attributes a meaning.
+    version: of the URDF format; versions 1.1 and 1.2 give some attributes a meaning. lines: whether the source has the
+    elements on their lines.
     """
 
     source: str
     version: tuple[int, int] = (1, 0)
+    lines: bool = True
 
     def where(self, element: Element, owner: str = "") -> str:
         """The place of an element, for errors. `owner` is the link or joint it belongs to."""
-        return f"{self.source}:{element.line}" + (f", {owner}" if owner else "")
+        return self.source + (f":{element.line}" if self.lines else "") + (f", {owner}" if owner else "")
 
     def error(self, element: Element, owner: str, what: str, remedy: str) -> RobotError:
         """An error at an element."""

@@ -197,5 +197,6 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
 
 def at_effect(error: TwolinkError, index: int) -> TwolinkError:
     """The same failure with the place of the effect before its own; its data has the index as `effect`."""
-    where = f"effects[{index}].{error.where}" if error.where else f"effects[{index}]"
+    joint = "." if isinstance(error, SceneError) else ", "
+    where = f"effects[{index}]{joint}{error.where}" if error.where else f"effects[{index}]"
     return error.at(where, SceneError, argument="effects", effect=index)

@@ -1,0 +1,118 @@
+"""What Contact reads, refuses and says: shapes and planes that are given, and odd <collision> elements."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import free_bodies
+
+E = tl.effects
+BALL = {"a": (E.Sphere(0.1),)}
+BODY = '<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>'
+# Two walls, whose convex hull is a box of 2 m.
+WALLS = [(low, high) for low, high in (((-1, -1, -1), (-0.5, 1, 1)), ((0.5, -1, -1), (1, 1, 1)))]
+SIDES = [(1, 2, 4, 3), (5, 6, 8, 7), (1, 2, 6, 5), (3, 4, 8, 7), (1, 3, 7, 5), (2, 4, 8, 6)]
+
+BAD = [
+    ({"shapes": {"a": E.Sphere(0.1)}}, "shapes.a", "expected a list"),
+    ({"shapes": {"a": ("sphere",)}}, "shapes.a[0]", "expected one of Sphere"),
+    ({"shapes": {"a": (E.Sphere(-0.1),)}}, "shapes.a[0].radius", "at least 0, got -0.1"),
+    ({"shapes": {"a": (E.Box((0.1, -0.1, 0.1)),)}}, "shapes.a[0].size[1]", "at least 0, got -0.1"),
+    ({"shapes": {"a": (E.Box((0.1, 0.1)),)}}, "shapes.a[0].size", "expected three"),
+    ({"shapes": {"a": (E.Capsule(0.1, math.inf),)}}, "shapes.a[0].length", "got inf"),
+    ({"shapes": {"a": (E.Cylinder(0.1, 0.2, rpy=(math.nan, 0, 0)),)}}, "shapes.a[0].rpy", "finite"),
+    ({"shapes": {"a": (E.Convex(((0, 0, 0), (math.nan, 0, 0))),)}}, "shapes.a[0].vertices[1]", "finite"),
+    ({"shapes": {"a": (E.Convex(()),)}}, "shapes.a[0].vertices", "no vertices"),
+    ({"pairs": (("a", E.Plane((0, 0, 0))),), "shapes": BALL}, "pairs[0][1].normal", "its length is 0"),
+    ({"pairs": (("a", E.Plane((0, 1))),), "shapes": BALL}, "pairs[0][1].normal", "expected three"),
+    ({"pairs": (("a", E.Plane(height="low")),), "shapes": BALL}, "pairs[0][1].height", "got 'low'"),
+    ({"pairs": (("a", 3),), "shapes": BALL}, "pairs[0][1]", "expected the name of a body"),
+    ({"pairs": 3, "shapes": BALL}, "pairs", "expected pairs of bodies"),
+    ({"pairs": (), "shapes": BALL}, "pairs", "no two bodies may touch"),
+    ({"pairs": "self", "shapes": BALL}, "pairs", "no two bodies may touch"),
+]
+
+
+@pytest.mark.parametrize(("fields", "where", "part"), BAD)
+def test_shapes_and_pairs_that_are_refused(fields: dict, where: str, part: str) -> None:
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(free_bodies("a"), effects=[E.Contact(**{"pairs": "ground", **fields})])
+    assert caught.value.where == f"effects[0].{where}"
+    assert part in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_points_that_span_no_volume_touch_planes_alone() -> None:
+    triangle = (E.Convex(((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))),)
+    with pytest.raises(tl.errors.SceneError, match="3 vertices span no volume"):
+        tl.explain(tl.Scene(free_bodies("a", "b"), [0, 0, 3, 0, 0, 0, 1] + [0] * 6 + [1],
+                            effects=[E.Contact("self", shapes={"a": triangle, "b": BALL["a"]})]),
+                   duration=0.01)  # fmt: skip
+
+
+def body(tmp_path: Path, *collisions: str) -> tl.Robot:
+    path = tmp_path / "r.urdf"
+    path.write_text(f'<robot name="r"><link name="l">{BODY}{"".join(collisions)}</link></robot>')
+    return tl.load_robot(path, root="free")
+
+
+@pytest.mark.parametrize(
+    ("collision", "part"),
+    [
+        ('<geometry><box size="1 1 1"/><sphere radius="3"/></geometry>', "it has 2 shapes, expected one"),
+        ('<geometry><box size="1 1 1"/></geometry><geometry><sphere radius="3"/></geometry>', "2 shapes"),
+        ('<origin xyz="0 0 1"/><origin xyz="0 0 2"/><geometry><box size="1 1 1"/></geometry>', "it has 2 origins"),
+        ('<origin xzy="0 0 1"/><geometry><box size="1 1 1"/></geometry>', "'xzy'; did you mean 'xyz'"),
+        ('<geometry><sphere radius="1" length="2"/></geometry>', "unknown attribute 'length'"),
+        ('<geometry><sphere radius="0"/></geometry>', "radius is 0"),
+        ("<geometry/>", "it has no shape"),
+    ],
+)
+def test_collisions_that_mean_more_than_is_read_are_refused(tmp_path: Path, collision: str, part: str) -> None:
+    robot = body(tmp_path, f'<collision name="c">{collision}</collision>')
+    with pytest.raises(tl.errors.SceneError) as caught:
+        tl.Scene(robot, effects=[E.Contact("ground")])
+    assert str(caught.value).startswith("effects[0], robot 'r', link 'l', collision 'c': ")
+    assert part in str(caught.value)
+
+
+def walls(tmp_path: Path) -> None:
+    corners = [f"v {x} {y} {z}" for a, b in WALLS for x in (a[0], b[0]) for y in (a[1], b[1]) for z in (a[2], b[2])]
+    faces = ["f " + " ".join(str(8 * k + i) for i in side) for k in range(2) for side in SIDES]
+    (tmp_path / "walls.obj").write_text("\n".join(corners + faces))
+
+
+def test_a_mesh_with_hollows_counts_as_its_hull_and_report_and_explain_say_so(tmp_path: Path) -> None:
+    walls(tmp_path)
+    mesh = '<collision><geometry><mesh filename="walls.obj" scale="0.1 0.1 0.1"/></geometry></collision>'
+    robot = body(tmp_path, mesh)
+    assert robot.solids[0].hollow == pytest.approx(0.05)  # the inner sides of the walls
+    assert "hollows of collision meshes (bodies touch at the convex hulls): l" in map(str, robot.report.ignored)
+    explained = str(tl.explain(tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1], effects=[E.Contact("ground")]), duration=0.01))
+    assert "1 meshes count as their convex hulls, below which their surfaces lie: l_0 0.05 m" in explained
+
+
+def test_shapes_stand_in_for_a_mesh_that_is_missing_which_the_report_names(tmp_path: Path) -> None:
+    lost = '<collision><geometry><mesh filename="lost.stl"/></geometry><surface><mu>1</mu></surface></collision>'
+    robot = body(tmp_path, lost)
+    ignored = " | ".join(map(str, robot.report.ignored))
+    assert "shapes= to effects.Contact): lost.stl" in ignored
+    assert "what <collision> has beside a shape and its origin: l" in ignored
+    with pytest.raises(tl.errors.SceneError, match="or shapes= to Contact"):
+        tl.Scene(robot, effects=[E.Contact("ground")])
+    scene = tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1], effects=[E.Contact("ground", shapes={"l": (E.Sphere(0.1),)})])
+    assert "1 pairs may touch: l - ground" in str(tl.explain(scene, duration=0.01))
+
+
+def test_a_links_name_goes_before_a_shapes() -> None:
+    box, ball = '<box size="1 1 1"/>', '<sphere radius="0.1"/>'
+    robot = tl.load_robot(
+        f'<robot name="r"><link name="a">{BODY}<collision name="b"><geometry>{box}</geometry></collision></link>'
+        f'<link name="b">{BODY}<collision><geometry>{ball}</geometry></collision></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint></robot>',
+        root="free",
+    )
+    (pair,) = E.Contact((("b", "ground"),)).selected(robot).chosen
+    assert pair.first.link == "b"
