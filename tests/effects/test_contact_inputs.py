@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import twolink as tl
@@ -116,3 +117,19 @@ def test_a_links_name_goes_before_a_shapes() -> None:
     )
     (pair,) = E.Contact((("b", "ground"),)).selected(robot).chosen
     assert pair.first.link == "b"
+
+
+def test_stepped_forces_and_accelerations_obey_newtons_law_at_every_sample() -> None:
+    """m a = F + m g of a ball that falls and bounces, and of a box that slides to rest, from the first sample on."""
+    shapes = {"a": (E.Sphere(0.1),), "b": (E.Box((0.2, 0.2, 0.2)),)}
+    law = E.Contact((("a", "ground"), ("b", "ground")), friction=0.5, restitution=0.3, shapes=shapes)
+    scene = tl.Scene(free_bodies("a", "b"), [0, 0, 0.2, 0, 0, 0, 1, 2, 0, 0.1, 0, 0, 0, 1],
+                     [0, 0, 0, 0, 0, 0, 1.0, 0.3, 0, 0, 0, 0], [E.Gravity(), law])  # fmt: skip
+    run = tl.simulate(scene, 0.35, samples=40, contact="stepped", step=2e-3, verify=False)
+    forces = run.contact_forces
+    smooth = np.abs(run.t - math.sqrt(0.2 / 9.81)) > 0.01  # where no step has the bounce
+    for k, name in enumerate("ab"):  # neither turns, so that its velocity is along the world's axes
+        a, weight = run.acceleration[:, 6 * k : 6 * k + 3], np.array([0, 0, -9.81])
+        assert np.abs(a - forces[f"{name} - ground"] - weight)[smooth].max() < 1e-9
+    assert forces["a - ground"][0] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert forces["b - ground"][0] == pytest.approx([*(-0.5 * 9.81 * np.array([1, 0.3]) / math.hypot(1, 0.3)), 9.81])

@@ -9,13 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.contact.plan import plan_steps
-from twolink.contact.step import Record
+from twolink.contact.step import Record, Step
 from twolink.contact.stepping import Stepper
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
 from twolink.integrate.solution import Piece, Progress
 from twolink.integrate.state import Array
 
 REPORT = 50  # steps
+Pressing = dict[str, list[tuple[Array, Array]]]  # by pair points, m, and forces, N
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,8 @@ class SteppedSolution:
     t : ndarray (n,)
         Times of the samples, s.
     q, v, a : ndarray (n, nq), (n, nv), (n, nv)
-        Configurations, velocities, and the mean accelerations over the step before each sample.
+        Configurations, velocities, and the mean accelerations over the step before each sample; over the first step at
+        the first sample. So it is with `held` and `pressing`.
     held : ndarray (n, nv)
         The mean torques of joints' stops and dry friction over that step, N m or N.
     pressing : sequence of dict
@@ -50,7 +52,7 @@ class SteppedSolution:
     v: Array
     a: Array
     held: Array
-    pressing: Sequence[dict[str, list[tuple[Array, Array]]]]
+    pressing: Sequence[Pressing]
     record: Record
     overlap: float
     step: float
@@ -89,6 +91,20 @@ class SteppedSolution:
         return {pair: (points, forces) for pair, (points, forces) in out.items()}
 
 
+def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
+    """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
+    mean = stepper.bodies.own(one.q, one.mean)
+    return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
+
+
+def _pressing(stepper: Stepper, one: Step) -> Pressing:
+    """By pair the points that press in a step, and their mean forces."""
+    found: Pressing = {}
+    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
+        found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
+    return found
+
+
 @np.errstate(over="ignore", invalid="ignore")  # what steps that are too long give is refused ("step-too-large")
 def solve_stepped(
     stepper: Stepper, times: Array, step: float, progress: Progress | None = None, halvings: int = 0
@@ -102,7 +118,7 @@ def solve_stepped(
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
     none = np.zeros_like(v)
     states, overlap = [(q, v, none, none)], stepper.overlap(q)[0]
-    pressing: list[dict[str, list[tuple[Array, Array]]]] = [{}]
+    pressing: list[Pressing] = [{}]
     v = own(q, v, -1.0)
     memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
     stepper.record, interrupted = record, False
@@ -110,13 +126,13 @@ def solve_stepped(
     try:
         while first < len(plan.h):
             steps = stepper.run(plan, first, q, v, memory)
+            if first == 0:
+                states[0] = (*states[0][:2], *_means(stepper, steps[0]))
+                pressing[0] = _pressing(stepper, steps[0])
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
-                pressing.append({})
-                for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
-                    pressing[-1].setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
-                states.append((one.q, own(one.q, one.v), own(one.q, one.mean),
-                               none if one.joints is None else one.joints / one.h))  # fmt: skip
+                pressing.append(_pressing(stepper, one))
+                states.append((one.q, own(one.q, one.v), *_means(stepper, one)))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             q, v, memory = end.q, end.v, end.memory

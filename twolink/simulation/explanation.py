@@ -1,17 +1,23 @@
 """explain: what a scene computes, what each effect costs, and how it would be solved; without running it to its end."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from twolink.contact.choice import Choice, choose_way
+from twolink.dynamics.kernels import heyoka, pays_threads
+from twolink.integrate.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
+from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
+from twolink.integrate.first_steps import rate_name
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
+from twolink.integrate.step_building import compiled_rate
 from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
 from twolink.io.text import kebab_case
@@ -21,6 +27,7 @@ from twolink.simulation.sampling import duration_for
 from twolink.simulation.text import ShownAsText
 
 PILOT_STEPS = 20  # of stepped contacts
+LONG_COMPILING = 1.0  # s: steps that compile longer are not compiled to measure an evaluation
 BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
 ROUNDS = 5
@@ -57,7 +64,8 @@ class Explanation(ShownAsText):
     shares : tuple of Share
         Operations by effect.
     nanoseconds : (float, float) or None
-        Of one evaluation in a batch, and alone, measured in compiled steps; None where steps are not compiled.
+        Of one evaluation in a batch, and alone, measured in compiled steps, or by itself where steps compile longer
+        than a second; None where nothing is compiled.
     method : str
     setting : float
         The method's tolerance, or its step, s.
@@ -215,28 +223,47 @@ def _formulation(equations: Equations) -> str:
 
 
 def _nanoseconds(equations: Equations, choice: MethodChoice) -> tuple[float, float] | None:
-    """One evaluation in a batch and alone, ns, from steps of an explicit method."""
+    """One evaluation in a batch and alone, ns: in steps of an explicit method, or where they compile long by itself."""
     method = choice.method if choice.method.kind == "explicit" else METHODS["rk4"]
-    if choice.method.kind == "scipy":
+    if choice.method.kind == "scipy" or heyoka() is None:
         return None
+    if step_seconds(equations, method) > LONG_COMPILING:
+        return _of_rate(equations)
     compiled = step_map(equations, method, whole=True)
-    if not compiled.compiled:
-        return None
-    nanoseconds = []
-    for worlds in (BATCH, 1):
-        x = np.repeat(equations.start[:, None], worlds, axis=1)
-        state = initial_state(x, 0.0, 1e-3, 1.0, np.inf)
+
+    def call_with(worlds: int) -> Callable[[], object]:
+        state = initial_state(np.repeat(equations.start[:, None], worlds, axis=1), 0.0, 1e-3, 1.0, np.inf)
         out = np.empty_like(state)
-        compiled(state, out)
-        calls = max(1, 512 // worlds)
-        rounds = []
-        for _ in range(ROUNDS):
-            start = time.perf_counter()
-            for _ in range(calls):
-                compiled(state, out)
-            rounds.append((time.perf_counter() - start) / calls)
-        nanoseconds.append(1e9 * float(np.median(rounds)) / (worlds * method.evaluations))
-    return nanoseconds[0], nanoseconds[1]
+        return lambda: compiled(state, out)
+
+    batch, alone = (_median_nanoseconds(call_with(worlds), worlds * method.evaluations) for worlds in (BATCH, 1))
+    return batch, alone
+
+
+def _of_rate(equations: Equations) -> tuple[float, float] | None:
+    """One evaluation of the compiled rate in a batch and alone, ns; None where that compiles too long."""
+    if parts_seconds(equations) > MAX_IN_PARTS:
+        return None
+    rate, _ = compiled_function(rate_name(equations), lambda: compiled_rate(equations))
+
+    def call_with(worlds: int) -> Callable[[], object]:
+        rows = np.repeat(np.concatenate([[0.0], equations.start])[:, None], worlds, axis=1)
+        return lambda: rate(rows, batch_parallel=pays_threads(worlds, equations.operations))
+
+    batch, alone = (_median_nanoseconds(call_with(worlds), worlds) for worlds in (BATCH, 1))
+    return batch, alone
+
+
+def _median_nanoseconds(call: Callable[[], object], evaluations: int) -> float:
+    """Nanoseconds an evaluation, of a call that makes so many."""
+    call()
+    calls, rounds = max(1, 8192 // evaluations), []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        for _ in range(calls):
+            call()
+        rounds.append((time.perf_counter() - start) / calls)
+    return 1e9 * float(np.median(rounds)) / evaluations
 
 
 def _expected(equations: Equations, choice: MethodChoice, duration: float) -> float:
