@@ -26,13 +26,14 @@ Truth = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Case:
-    """A scene to simulate. truth: None where there is no closed form."""
+    """A scene to simulate. truth: None where there is none. way: how contacts are computed, None: as the scene asks."""
 
     what: str
     scene: tl.Scene
     duration: float
     accuracy: float
     truth: Truth | None = None
+    way: str | None = None
 
 
 def free_robot(*parts: tuple[str, float, tuple[float, float, float]], base: bool = False) -> tl.Robot:

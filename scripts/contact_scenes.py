@@ -5,39 +5,30 @@ tumble    a block, capsule, cylinder or convex body that falls on the ground
 edges     a ball that falls on a fixed box, cylinder, capsule or ball
 arm       an arm of 2 or 3 joints that hits a table, or itself
 bodies    two free bodies over the ground, which meet
+slab, ledge, hulls, plate: boxes and meshes that touch each other, see `contact_hulls`.
 """
 
 import numpy as np
 import pinocchio as pin
+from contact_hulls import hulls, ledge, plate, slab
 from contact_motions import LINK, Case, accuracy_of, billiard, free_robot, incline, spin
+from contact_random import direction, law, reach, times, turn
 from honest_robots import JOINT, LIMIT, gravity, uniform
 
 import twolink as tl
 from twolink import effects as fx
 from twolink.robots.shapes import AnyShape
 
-KINDS = ("billiard", "spin", "incline", "tumble", "edges", "arm", "bodies")
+KINDS = ("billiard", "spin", "incline", "tumble", "edges", "arm", "bodies", "slab", "ledge", "hulls", "plate")
 
 
 def case(number: int, seed: int) -> Case:
-    """The scene of this number, of kind KINDS[number % 7]."""
+    """The scene of this number, of kind KINDS[number % len(KINDS)]."""
     random = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
     make = {"billiard": billiard, "spin": spin, "incline": incline, "tumble": tumble, "edges": edges, "arm": arm,
-            "bodies": bodies}[kind]  # fmt: skip
+            "bodies": bodies, "slab": slab, "ledge": ledge, "hulls": hulls, "plate": plate}[kind]  # fmt: skip
     return make(random)
-
-
-def direction(random: np.random.Generator) -> np.ndarray:
-    """A random unit vector."""
-    v = random.normal(size=3)
-    return np.asarray(v / np.linalg.norm(v))
-
-
-def turn(random: np.random.Generator) -> list[float]:
-    """A random quaternion."""
-    q = random.normal(size=4)
-    return list(map(float, q / np.linalg.norm(q)))
 
 
 def a_shape(random: np.random.Generator, kinds: tuple[str, ...]) -> tuple[AnyShape, tuple[float, float, float]]:
@@ -57,30 +48,6 @@ def a_shape(random: np.random.Generator, kinds: tuple[str, ...]) -> tuple[AnySha
             cloud = np.round(random.uniform(-1, 1, (7, 3)) * (a, b, c), 4).tolist()
             return fx.Convex(tuple((x, y, z) for x, y, z in cloud)), box
     return fx.Sphere(a, (b, 0.0, 0.0)), (0.4 * a * a, 0.4 * a * a + b * b, 0.4 * a * a + b * b)
-
-
-def times(mass: float, moments: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The moments of inertia of a body of this mass."""
-    x, y, z = moments
-    return mass * x, mass * y, mass * z
-
-
-def reach(shape: AnyShape) -> float:
-    """A radius about the link's origin that holds the shape."""
-    match shape:
-        case fx.Sphere():
-            return float(shape.radius + np.linalg.norm(shape.point))
-        case fx.Box():
-            return float(np.linalg.norm(shape.size) / 2)
-        case fx.Convex():
-            return float(np.linalg.norm(shape.vertices, axis=1).max())
-    return float(shape.radius + shape.length / 2 + (0.3 * shape.radius if isinstance(shape, fx.Cylinder) else 0.0))
-
-
-def law(random: np.random.Generator) -> dict[str, float]:
-    """Friction and restitution, either may be 0."""
-    return {"friction": float(random.choice([0.0, uniform(random, 0.05, 0.7)], p=[0.3, 0.7])),
-            "restitution": float(random.choice([0.0, uniform(random, 0.1, 0.9)]))}  # fmt: skip
 
 
 def tumble(random: np.random.Generator) -> Case:
