@@ -33,10 +33,11 @@ from twolink.integrate.state import Array
 
 NEWTON = 15  # steps before another method leads on
 PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined
-LEADING = 30  # accelerated steps before Newton's; twice as many the second time
+LEADING = 30  # accelerated steps before Newton's
 POINTS = 60  # of the proximal point method
-INNER = 30  # Newton's steps for each of them
-FIRST, LAST, LARGEST = 1e-3, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
+INNER = 15  # Newton's steps for each of them
+NEARER = 0.1  # what they may miss, relative to what the last one missed of the laws themselves
+FIRST, LAST, LARGEST = 1e-3, 1e-8, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
@@ -114,13 +115,12 @@ class Problem:
 
 def solve_impulses(problem: Problem, guess: Array) -> Impulses:
     """The impulses of a problem from a guess (n, 3); the best found where the laws are not reached."""
-    p = guess
-    for leading in (LEADING if len(guess) > FEW else 0, 2 * LEADING):
-        p = newton(problem, accelerated(problem, p, leading))
-        best = problem.answer(p, "newton")
-        if best.solved:
-            return best
-    best = problem.answer(proximal(problem, accelerated(problem, guess, LEADING)), "proximal")
+    p = newton(problem, accelerated(problem, guess, LEADING if len(guess) > FEW else 0))
+    best = problem.answer(p, "newton")
+    if not best.solved:
+        best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
+    if not best.solved:
+        best = problem.answer(newton(problem, accelerated(problem, best.p, LEADING)), "newton")
     if best.solved or len(guess) > LARGE:
         return best
     return min(best, problem.answer(newton(problem, admm(problem, best.p)), "admm"), key=lambda one: one.residual)
@@ -151,7 +151,7 @@ def proximal(problem: Problem, guess: Array) -> Array:
         best = min(best, (residual, p), key=lambda one: one[0])
         if not residual > EXACT:
             break
-        found = _proximal_point(problem, p, damping)
+        found = _proximal_point(problem, p, damping, max(0.01 * EXACT, NEARER * residual))
         if found is None:
             damping = min(30.0 * damping, LARGEST)
         else:
@@ -159,13 +159,19 @@ def proximal(problem: Problem, guess: Array) -> Array:
     return best[1]
 
 
-def _proximal_point(problem: Problem, anchor: Array, damping: float) -> Array | None:
-    """The solution of the laws with U + e g (P - anchor) in place of U; None where Newton's method does not find it."""
+def _proximal_point(problem: Problem, anchor: Array, damping: float, small: float) -> Array | None:
+    """The solution of the laws with U + e g (P - anchor) in place of U; None where Newton's method does not find it.
+
+    small: what it may miss. What obeys the laws as they are is taken at once.
+    """
     p = anchor
     for _ in range(INNER + 1):
         f, z, _ = problem.miss(p, damping, anchor)
-        if problem.residual(f) <= 0.01 * EXACT:
+        residual = problem.residual(f)
+        if residual <= small or problem.residual(problem.miss(p)[0]) <= EXACT:
             return p
+        if not np.isfinite(residual):
+            break
         p = p - _newton_step(problem, f, z, damping)
     return None
 
