@@ -10,12 +10,13 @@ The laws are the zeros of F(P) = P - proj(P - U / g), proj onto the cone of radi
 Newton's method on F (Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375) takes steps with G + e g, e
 in proportion to what F misses: a proximal term, which keeps the steps small where contacts leave their forces
 undetermined, and which ends with F, so that the solution obeys the laws as exactly as without. Where Newton's method
-goes in circles twice, as in piles that come to rest, the proximal point method leads to the solution: the laws with
-U + e g (P - P_k) in place of U have one solution near P_k, which Newton's method finds to rounding; it is the next P_k,
-and e falls tenfold (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898). It begins after steps of P - F / 3 with
-Nesterov's momentum (O'Donoghue, Candes, Found. Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut,
-Tasora, ACM Trans. Graph. 34 (2015) 32). Where that fails too, Pinocchio's ADMM solver brings few contacts near
-(Carpentier, Montaut, Le Lidec: From Compliant to Rigid Contact Simulation, RSS 2024).
+goes in circles, as in piles that come to rest, the proximal point method leads on from the best it found: the laws with
+U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a tenth of
+what P_k misses is the next P_k, and e falls tenfold (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
+points that are not exact). Each begins after steps of P - F / 3 with Nesterov's momentum (O'Donoghue, Candes, Found.
+Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32). Where
+that fails too, Pinocchio's ADMM solver brings few contacts near (Carpentier, Montaut, Le Lidec: From Compliant to Rigid
+Contact Simulation, RSS 2024).
 """
 
 from __future__ import annotations
