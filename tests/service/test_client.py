@@ -86,6 +86,16 @@ def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:
     np.testing.assert_allclose(run.q[-1], tl.simulate(scene).q[-1], atol=3e-6)
 
 
+def test_the_way_of_contacts_can_be_asked_for(client: Client) -> None:
+    robot = tl.load_robot("two_link")
+    law = tl.effects.Contact((("forearm", "ground"),), shapes={"forearm": (tl.effects.Sphere(0.01),)})
+    scene = tl.Scene(robot, [0.3, 0.2], effects=[law], duration=0.05)
+    here = tl.simulate(scene, contact="stepped", step=0.01)
+    there = client.simulate(scene, contact="stepped", step=0.01)
+    assert there.bound == here.bound == "estimated"
+    np.testing.assert_allclose(there.q, here.q, rtol=0, atol=1e-12)
+
+
 def test_many_threads_share_a_client(client: Client) -> None:
     robot = client.robot("two_link")
     with ThreadPoolExecutor(8) as pool:

@@ -120,7 +120,7 @@ class Client:
         accuracy : float
             Bound of the global error, rad or m.
         **options
-            method, samples, verify, precision, tolerance, step, as of `tl.simulate`.
+            method, samples, verify, precision, tolerance, step, contact, as of `tl.simulate`.
 
         Raises
         ------

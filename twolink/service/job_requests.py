@@ -25,6 +25,7 @@ class ExplainRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
     accuracy: Positive = 1e-6
     duration: Positive | None = None
     method: str = "auto"
+    contact: Literal["located", "stepped"] | None = None
 
 
 class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):

@@ -58,7 +58,7 @@ def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
     request = decode_unique(body, ExplainRequest)
     scene, duration = allowed_scene(request, 1.0, robots, quotas)
-    explanation = explain_scene(scene, request.accuracy, duration, method=request.method)
+    explanation = explain_scene(scene, request.accuracy, duration, method=request.method, contact=request.contact)
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
     return msgspec.json.encode(content, enc_hook=np.generic.item)
 
@@ -94,7 +94,7 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     scene, duration = allowed_scene(request, request.samples, robots, quotas)
     run = simulate_scene(
         scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
-        precision=request.precision, tolerance=request.tolerance, step=request.step,
+        precision=request.precision, tolerance=request.tolerance, step=request.step, contact=request.contact,
         progress=ProgressOf(duration, 2 if request.verify else 1, report),
     )  # fmt: skip
     path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
