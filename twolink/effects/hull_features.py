@@ -121,6 +121,7 @@ class HullFeatures:
         """The gaps of corners over faces (n, corners, faces), of both, and of edges (n, edges, edges); else AWAY.
 
         Where the bodies overlap, the feature counts along which they do so least: others lie on the bodies' far sides.
+        One that is not over the other then shows that they overlap, but not a rounding of a plane that both lie in.
         """
         a, b = self.bodies
         x, y, edges = _moved(a.corners, r, p), _back(b.corners, r, p), _Crossings(a, b, r, p)
@@ -130,7 +131,7 @@ class HullFeatures:
         apart = np.maximum(np.maximum(*faces), supports.max(axis=(1, 2)))[:, None, None]
         ranges = (b.within_sides(x) >= 0.0, over_b), (a.within_sides(y) >= 0.0, over_a), (
             crosses & (edges.beyond <= 1.0), edges.gap)  # fmt: skip
-        return [np.where(np.where(gap < 0.0, shown == apart, over), gap, AWAY)
+        return [np.where(np.where(gap < 0.0, (shown == apart) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
 
     def _relative(self, motion: Motion) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ class RunState:
     """Time t, motion x = (q, v) and mode of a run, which transitions change.
 
     events: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an event at this
-    instant. opened: what events of this instant have freed. passed: features that have passed an edge in this instant,
+    instant. opened: what events of this instant have freed. passed: features that have passed an edge or opened in it,
     by the pair's number and their own. ended: the run is over. small: the height of bounces that are not followed any
     more.
     """
@@ -159,9 +159,10 @@ class RunState:
             keys |= {(kind, number[i]) for kind, i in of_contacts if i in number}
 
     def release(self) -> None:
-        """Drop the features that are not closed."""
-        free = {i for i, _, _ in self.features if self.mode.contacts[i] == "free"}
+        """Drop the features that are not closed; those that opened in this instant are not taken up again in it."""
+        free = {i: (p, one.number) for i, p, one in self.features if self.mode.contacts[i] == "free"}
         if free:
+            self.passed |= {feature for i, feature in free.items() if ("contact", i) in self.opened}
             self.keep([i for i in range(len(self.mode.contacts)) if i not in free])
 
     def require_room(self, who: str) -> None:

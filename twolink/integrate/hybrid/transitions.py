@@ -11,7 +11,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
-from twolink.integrate.formulas import motion_of
+from twolink.integrate.formulas import motion_of, projected
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
@@ -224,14 +224,24 @@ def _open(i: int, run: RunState) -> None:
 
 
 def _slide(i: int, run: RunState) -> None:
+    _still(run)
     before, here = run.mode, run.here
     run.mode = sliding(before, i, here.own.contact_forces(here.look(), i)[:, 0])
     run.opened.add(("roll", i))
     run.settle(before)
 
 
+def _still(run: RunState) -> None:
+    """Take the rounding of steps from slips that are 0: else it is the direction in which what sticks begins to slide.
+
+    """
+    here = run.here
+    run.x = projected(here.own.equations, here.full_state(), Numbers)[: len(run.x)]
+
+
 def _give_way(share: ForceShare, run: RunState) -> None:
     """What happens where no share of the contact forces obeys the laws any more: those at their limit give way."""
+    _still(run)
     before, best = run.mode, share.best(run.here.look())
     for i, force, weight in zip(share.contacts, best.forces[0], best.weight[0], strict=True):
         if weight > TIGHT * best.weight[0].max():
