@@ -27,6 +27,7 @@ from twolink.robots.shapes import Box, Convex
 Array = np.ndarray
 AWAY = 1.0  # m: of features that are not over each other
 CLOSED = 1e-9  # m: what counts as no gap, and as over each other where they touch
+SIDE = 1e-12  # m: how far beside a face a corner is still over it; edges that meet there with their ends do not count
 CHUNK = 2_000_000  # features of states that are evaluated at once
 ROUNDING = 1e-14  # of unit vectors
 FLAT = 1e-6  # rad: what counts as flat, and as parallel, where features touch
@@ -129,8 +130,8 @@ class HullFeatures:
         supports = np.where(crosses & (edges.outward <= ROUNDING), edges.gap, -np.inf)
         faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
         apart = np.maximum(np.maximum(*faces), supports.max(axis=(1, 2)))[:, None, None]
-        ranges = (b.within_sides(x) >= 0.0, over_b), (a.within_sides(y) >= 0.0, over_a), (
-            crosses & (edges.beyond <= 1.0), edges.gap)  # fmt: skip
+        ranges = (b.within_sides(x) >= -SIDE, over_b), (a.within_sides(y) >= -SIDE, over_a), (
+            crosses & (edges.beyond <= 1.0 - CLOSED), edges.gap)  # fmt: skip
         return [np.where(np.where(gap < 0.0, (shown == apart) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
 
