@@ -27,7 +27,7 @@ from twolink.robots.shapes import Box, Convex
 Array = np.ndarray
 AWAY = 1.0  # m: of features that are not over each other
 CLOSED = 1e-9  # m: what counts as no gap, and as over each other where they touch
-SIDE = 1e-12  # m: how far beside a face a corner is still over it; edges that meet there with their ends do not count
+SIDE = 1e-12  # m: rounding; a corner so far beside a face is over it, and features that overlap by so much more show it
 CHUNK = 2_000_000  # features of states that are evaluated at once
 ROUNDING = 1e-14  # of unit vectors
 FLAT = 1e-6  # rad: what counts as flat, and as parallel, where features touch
@@ -132,7 +132,7 @@ class HullFeatures:
         apart = np.maximum(np.maximum(*faces), supports.max(axis=(1, 2)))[:, None, None]
         ranges = (b.within_sides(x) >= -SIDE, over_b), (a.within_sides(y) >= -SIDE, over_a), (
             crosses & (edges.beyond <= 1.0 - CLOSED), edges.gap)  # fmt: skip
-        return [np.where(np.where(gap < 0.0, (shown == apart) & (over | (gap < -CLOSED)), over), gap, AWAY)
+        return [np.where(np.where(gap < 0.0, (shown >= apart - SIDE) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
 
     def _relative(self, motion: Motion) -> tuple[Array, Array]:

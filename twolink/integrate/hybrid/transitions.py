@@ -232,7 +232,7 @@ def _slide(i: int, run: RunState) -> None:
 
 
 def _still(run: RunState) -> None:
-    """Take the rounding of steps from slips that are 0: it would be the direction in which what sticks begins to slide."""
+    """Take the rounding of steps from slips that are 0: it would be the direction of a sliding that begins."""
     here = run.here
     run.x = projected(here.own.equations, here.full_state(), Numbers)[: len(run.x)]
 
