@@ -19,7 +19,7 @@ from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
 SLOW = 1e-8  # m/s: a sliding contact so slow is tried at rest, which it would reach at once
-SLOWEST = 1e-6  # m/s: such ones are tried at rest where no mode is consistent else: friction stops them within 1e-12 m
+SLOWEST = 1e-6  # m/s: such ones are tried where no mode is consistent, or determined: friction stops them within 1e-12 m
 ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open
@@ -50,11 +50,16 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
     Raises AccuracyError where no mode is consistent.
     """
     still = still_speed(here.v)
-    here = _with_joints_at_rest(here, still, opened)
+    here, indeterminate = _with_joints_at_rest(here, still, opened), False
     for slow in (SLOW, SLOWEST):
         found = _with_consistent_contacts(here, still, opened, slow)
-        if found is not None:
-            return _determined(found)
+        if found is not None and _is_determined(found):
+            return found
+        indeterminate |= found is not None
+    if indeterminate:
+        raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
+                            "share of each", where=f"t = {here.t:.9g} s", remedy="let them touch at three points",
+                            code="indeterminate-forces", t=here.t)  # fmt: skip
     raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
                         where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
                         code="no-consistent-mode", t=here.t)  # fmt: skip
@@ -187,20 +192,16 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
     return sliding(mode, key[1], forces[key[1]]), key
 
 
-def _determined(here: Situation) -> Situation:
-    """The same situation, if friction has the same effect for all shares of the normal forces. Raises AccuracyError."""
+def _is_determined(here: Situation) -> bool:
+    """Whether friction has the same effect for all shares of the normal forces."""
     own, mode = here.own, here.mode
     slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and here.system.contacts[i].friction]
     if not (own.redundant and slides):
-        return here
+        return True
     look = here.look()
     sizes = np.linalg.svd(ForceShare(own, mode, here.system.static).columns(look)[0], compute_uv=False)
     kept = sum(row is not None for rows in own.rows.values() for row in rows)
-    if (sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() > kept:
-        raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
-                            "share of each", where=f"t = {here.t:.9g} s", remedy="let them touch at three points",
-                            code="indeterminate-forces", t=here.t)  # fmt: skip
-    return here
+    return bool((sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() <= kept)
 
 
 def _touching(here: Situation, still: float) -> list[int]:

@@ -49,6 +49,8 @@ def _meet(p: int, run: RunState) -> None:
         own = [i for i, pair, _ in run.features if pair == p and run.mode.contacts[i] == "free"]
         if own:
             break
+        if any(pair == p for pair, _ in run.touching()):  # it comes to where another feature touches already
+            return
     else:
         raise no_single_point(run.system.pairs[p].name, run.t)
     rates = run.here.look().contacts[:, 1, 0]
