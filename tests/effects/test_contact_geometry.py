@@ -169,7 +169,7 @@ def test_self_leaves_out_adjacent_links_and_those_that_overlap_at_rest() -> None
     scene = tl.Scene(robot, [0, 0, 5, 0, 0, 0, 1, 0, 0, 0], effects=[E.Contact(("self", "ground"))])
     explained = str(tl.explain(scene, duration=0.01))
     assert "6 pairs may touch: l0 - l3, l1 - l3, l0 - ground" in explained
-    assert "1 pairs are left out (overlap at rest): l0 - l2" in explained
+    assert "1 pair left out (overlap at rest): l0 - l2" in explained
 
 
 def test_self_leaves_out_those_within_a_margin_at_rest() -> None:

@@ -104,7 +104,7 @@ def test_shapes_stand_in_for_a_mesh_that_is_missing_which_the_report_names(tmp_p
     with pytest.raises(tl.errors.SceneError, match="or shapes= to Contact"):
         tl.Scene(robot, effects=[E.Contact("ground")])
     scene = tl.Scene(robot, [0, 0, 1, 0, 0, 0, 1], effects=[E.Contact("ground", shapes={"l": (E.Sphere(0.1),)})])
-    assert "1 pairs may touch: l - ground" in str(tl.explain(scene, duration=0.01))
+    assert "1 pair may touch: l - ground" in str(tl.explain(scene, duration=0.01))
 
 
 def test_a_links_name_goes_before_a_shapes() -> None:

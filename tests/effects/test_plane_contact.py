@@ -230,7 +230,7 @@ def test_painleves_rod_has_an_answer_or_a_named_error(friction: float, speed: fl
 
 
 def test_a_start_below_the_plane_is_refused() -> None:
-    with pytest.raises(tl.errors.SceneError, match="below its plane") as caught:
+    with pytest.raises(tl.errors.SceneError, match="below the plane") as caught:
         tl.simulate(tl.Scene(planar(), [0, -1e-6, 0], effects=[E.Gravity(), E.PlaneContact("body")]), 1.0)
     assert caught.value.where == "q"
 

@@ -70,7 +70,7 @@ def test_balls_bounce_from_heights_of_their_own() -> None:
 
 
 def test_a_start_below_the_plane_is_refused_with_its_world() -> None:
-    with pytest.raises(SceneError, match=r"world 1: .* below its plane"):
+    with pytest.raises(SceneError, match=r"world 1: .* below the plane"):
         tl.simulate_many(tl.load_scene("bouncing-ball"), q=[[1.0], [-0.5]])
 
 

@@ -44,8 +44,10 @@ def _by_shapes(scene: Scene) -> Choice:
             continue
         for pair in effect.selected(scene.robot).chosen:
             try:
-                features = features_of(pair)
-                points += len(gaps_of(pair)) if features is None else features.corners
+                if features_of(pair) is not None:
+                    return Choice("stepped", f"{pair.name} touch at corners and edges that change, which costs less "
+                                             "so; they are located if that is asked for")  # fmt: skip
+                points += len(gaps_of(pair))
             except SceneError as error:
                 return Choice("stepped", error.what)
             if points > MANY:

@@ -62,10 +62,11 @@ class Contact(SwitchingEffect, frozen=True):
     Where bodies rest on more points than determine their forces, only the sums of the forces of a pair are determined.
     Bodies that slide and turn at once on such points, at an impact too, move as the points share the load: located,
     they are refused with code "indeterminate-forces".
-    Located, boxes touch each other with corners on sides; unless that is asked for, pairs of boxes are stepped. Refused
-    with code "no-single-point": what touches along a line, a flat side or an edge (a cylinder that falls on its end or
-    tips over its rim, parallel capsules, a corner that slides over an edge). With "no-located-contact": pairs of shapes
-    without a formula, and boxes whose edges meet.
+    Located, boxes and convex meshes touch each other with corners on faces and with edges that cross; where a corner
+    passes an edge, what touches beside it takes over (event "edge"). Refused with code "no-single-point": what touches
+    along a line or has several normals (a cylinder that falls on its end or tips over its rim, parallel capsules or
+    edges, a corner that hits an edge or a corner). With "no-located-contact": cylinders against other than planes and
+    spheres, and meshes of many faces.
     """
 
     touches: ClassVar[bool] = True
@@ -94,10 +95,10 @@ class Contact(SwitchingEffect, frozen=True):
     def notes(self, robot: Robot) -> list[str]:
         """How many pairs are watched, and which of "self" are not."""
         pairs = self.selected(robot)
-        lines = [f"{len(pairs.chosen)} pairs may touch: {_listed([pair.name for pair in pairs.chosen])}"]
+        lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed([pair.name for pair in pairs.chosen])}"]
         for reason in sorted({reason for _, reason in pairs.excluded}):
             names = [name for name, why in pairs.excluded if why == reason]
-            lines.append(f"{len(names)} pairs are left out ({reason}): {_listed(names)}")
+            lines.append(f"{_pairs(len(names))} left out ({reason}): {_listed(names)}")
         return lines
 
     def modes(self, robot: Robot) -> list[ContactPoint | ContactPair]:
@@ -113,6 +114,10 @@ class Contact(SwitchingEffect, frozen=True):
             return [point(gap) for gap in gaps_of(pair)]
         content = repr((pair, self.friction, self.static))
         return [ContactPair(pair.name, features.gaps, features.touching, features.separation, point, content)]
+
+
+def _pairs(count: int) -> str:
+    return f"{count} pair{'s' * (count > 1)}"
 
 
 def _listed(names: Sequence[str]) -> str:

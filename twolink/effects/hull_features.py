@@ -44,11 +44,6 @@ class HullFeatures:
         counts = len(a.corners) * len(b.normals), len(b.corners) * len(a.normals), len(a.middles) * len(b.middles)
         self.ends = np.cumsum([0, *counts])
 
-    @property
-    def corners(self) -> int:
-        """How many corners both have."""
-        return sum(len(body.corners) for body in self.bodies)
-
     def __len__(self) -> int:
         return int(self.ends[-1])
 

@@ -34,7 +34,8 @@ LOOKS, MAX_LOOKS = 41, 400  # times at which errors are looked at, at least and 
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
-NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces")  # codes of contacts that stepping may solve
+NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
+               "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
 
 
 def simulate(

@@ -19,7 +19,7 @@ from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
 SLOW = 1e-8  # m/s: a sliding contact so slow is tried at rest, which it would reach at once
-SLOWEST = 1e-6  # m/s: such ones are tried where no mode is consistent, or determined: friction stops them within 1e-12 m
+SLOWEST = 1e-6  # m/s: such ones are tried where no mode is consistent or determined: they stop within 1e-12 m
 ALLOWED = 1e-10  # relative: forces at the edge of a law
 NEAR = 1e-9  # m: a gap that is closed
 OPEN = 1e-6  # m: a gap at which a closed contact is open

@@ -119,7 +119,7 @@ class Engine:
                 run.settle(before)
         if self.at_once > AT_ONCE or len(run.events) > MAX_EVENTS:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
-                                remedy='more restitution, smooth friction, a shorter duration, or contact="stepped"',
+                                remedy="more restitution, smooth friction, or a shorter duration",
                                 code="events-without-end", t=run.t)  # fmt: skip
 
     def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:

@@ -202,7 +202,7 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
 
 def _no_impact(touches: Sequence[Touch]) -> AccuracyError:
     return AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
-                         where="effects", remedy='less friction, no restitution, or contact="stepped"',
+                         where="effects", remedy="less friction, or no restitution",
                          code="no-impact")  # fmt: skip
 
 
@@ -236,7 +236,7 @@ def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) ->
     if ranks[1] > ranks[0]:
         raise AccuracyError(f"{touches[0].name} slide at an impact on more points than determine their impulses, and "
                             "the velocities after it depend on the share of each", where="effects",
-                            remedy='let them touch at three points, or give contact="stepped"',
+                            remedy="let them touch at three points",
                             code="indeterminate-forces")  # fmt: skip
 
 

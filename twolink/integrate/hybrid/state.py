@@ -176,15 +176,11 @@ class RunState:
             if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
                 self.x[hold.entry] = hold.position
         for pair in self.system.pairs:
-            if (overlap := -pair.separation(self.motion)) > BEYOND:
-                raise SceneError(f"{who} has {pair.name!r} overlap by {overlap:.3g} m", where="q",
-                                 remedy="move them apart", code="bodies-overlap")  # fmt: skip
+            _require_gap(who, pair.name, pair.separation(self.motion))
         self.take_up()
         for i, contact in enumerate(self.system.contacts):
             gap = float(self.here.look().contacts[i, 0, 0])
-            if gap < -BEYOND:
-                raise SceneError(f"{who} has {contact.name!r} {-gap:.3g} m below its plane", where="q",
-                                 remedy="keep it above", code="below-plane")  # fmt: skip
+            _require_gap(who, contact.name, gap)
             if abs(gap) <= BEYOND:
                 self.x[: self.system.nq] = onto_contact(self.here, i)
 
@@ -193,6 +189,12 @@ class RunState:
         robot = self.here.own.equations.robot
         kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
         return float(kinetic + potential)
+
+
+def _require_gap(who: str, name: str, gap: float) -> None:
+    if gap < -BEYOND:
+        raise SceneError(f"{who} has a gap of {gap:.3g} m at {name!r}: it is below the plane, or bodies overlap",
+                         where="q", remedy="start with gaps of 0 or more", code="below-plane")  # fmt: skip
 
 
 def no_single_point(name: str, t: float) -> AccuracyError:
