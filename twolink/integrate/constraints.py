@@ -92,8 +92,9 @@ class Constraints:
 
     def jacobian_at(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J of these rows as numbers at one configuration, (len(rows), nv)."""
-        entries = self.jacobian(self.mech, q, Numbers, rows)
-        return np.array([[float(entry) for entry in row] for row in entries]).reshape(len(rows), self.space.nv)
+        nv = self.space.nv
+        along = self._along(self.mech, np.repeat(q[:, None], nv, axis=1), np.eye(nv), Numbers, 1)  # all columns at once
+        return np.array([np.broadcast_to(np.asarray(along[i][0], dtype=float), (nv,)) for i in rows]).reshape(-1, nv)
 
     def velocity_terms(self, mech: Mechanism, q: Array, v: Array, xp: Any) -> list[Scalar]:
         """J' v of the kept rows."""
