@@ -44,6 +44,7 @@ def single_point(run: RunState, i: int, s: Snapshot) -> Any:
 
 def _meet(p: int, run: RunState) -> None:
     """Features of a pair that touch: the one that is approached fastest is hit, and what touches beside it."""
+    run.fired.discard(("meet", p))  # what is smallest after this is another gap
     for reach in REACHES:
         run.take_up(reach)
         own = [i for i, pair, _ in run.features if pair == p and run.mode.contacts[i] == "free"]
@@ -58,7 +59,6 @@ def _meet(p: int, run: RunState) -> None:
     run.x[: run.system.nq] = onto_contact(run.here, i)
     run.strike(contact_touch(run.here, i))
     run.settle()
-    run.fired.discard(("meet", p))  # what is smallest after this is another gap
 
 
 def pass_edge(i: int, run: RunState) -> None:
