@@ -90,8 +90,9 @@ class Constraints:
                     row[k] = along[i]
         return matrix
 
+    @np.errstate(all="ignore")
     def jacobian_at(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
-        """J of these rows as numbers at one configuration, (len(rows), nv)."""
+        """J of these rows as numbers at one configuration, (len(rows), nv); not finite where they are singular."""
         nv = self.space.nv
         along = self._along(self.mech, np.repeat(q[:, None], nv, axis=1), np.eye(nv), Numbers, 1)  # all columns at once
         return np.array([np.broadcast_to(np.asarray(along[i][0], dtype=float), (nv,)) for i in rows]).reshape(-1, nv)
