@@ -36,17 +36,16 @@ def choose_way(scene: Scene, asked: str | None = None) -> Choice:
 def _by_shapes(scene: Scene) -> Choice:
     """Located where every pair has formulas, and not too many."""
     from twolink.effects.contact import Contact  # which scenes without contacts do not load
-    from twolink.effects.contact_points import features_of, gaps_of
+    from twolink.effects.contact_points import are_hulls, gaps_of
 
     points = 0
     for effect in scene.effects:
         if not isinstance(effect, Contact):
             continue
         for pair in effect.selected(scene.robot).chosen:
+            if are_hulls(pair):
+                return Choice("stepped", f"{pair.name} touch at corners and edges that change: stepping costs less")
             try:
-                if features_of(pair) is not None:
-                    return Choice("stepped", f"{pair.name} touch at corners and edges that change, which costs less "
-                                             "so; they are located if that is asked for")  # fmt: skip
                 points += len(gaps_of(pair))
             except SceneError as error:
                 return Choice("stepped", error.what)

@@ -8,8 +8,8 @@ from typing import ClassVar, Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.contact_law import contact_point
-from twolink.effects.contact_pairs import Body, Pair, Pairs, select_pairs, solids_of
-from twolink.effects.contact_points import features_of, gaps_of
+from twolink.effects.contact_pairs import Body, Pair, Pairs, hollow_notes, select_pairs, solids_of
+from twolink.effects.contact_points import are_hulls, features_of, gaps_of
 from twolink.effects.effect import NotNegative
 from twolink.effects.joint_stops import check_restitution
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
@@ -93,13 +93,13 @@ class Contact(SwitchingEffect, frozen=True):
         return select_pairs(robot, solids_of(robot, self.shapes), asked, float(self.margin))
 
     def notes(self, robot: Robot) -> list[str]:
-        """How many pairs are watched, and which of "self" are not."""
+        """How many pairs are watched, which of "self" are not, and what the hulls of meshes fill."""
         pairs = self.selected(robot)
         lines = [f"{_pairs(len(pairs.chosen))} may touch: {_listed([pair.name for pair in pairs.chosen])}"]
         for reason in sorted({reason for _, reason in pairs.excluded}):
             names = [name for name, why in pairs.excluded if why == reason]
             lines.append(f"{_pairs(len(names))} left out ({reason}): {_listed(names)}")
-        return lines
+        return [*lines, *hollow_notes(pairs)]
 
     def modes(self, robot: Robot) -> list[ContactPoint | ContactPair]:
         """A gap for each point at which a pair may touch; of boxes and convex meshes, the pair with its features."""
@@ -109,9 +109,9 @@ class Contact(SwitchingEffect, frozen=True):
         point = functools.partial(contact_point, pair.name, friction=float(self.friction),
                                   restitution=float(self.restitution), reflects=self.impacts == "reflections",
                                   static=None if self.static is None else float(self.static))  # fmt: skip
-        features = features_of(pair)
-        if features is None:
+        if not are_hulls(pair):
             return [point(gap) for gap in gaps_of(pair)]
+        features = features_of(pair)
         content = repr((pair, self.friction, self.static))
         return [ContactPair(pair.name, features.gaps, features.touching, features.separation, point, content)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -58,12 +59,14 @@ def _no_formula(pair: Pair, why: str) -> SceneError:
                       remedy='give spheres and capsules as its shapes, or contact="stepped"')  # fmt: skip
 
 
-def features_of(pair: Pair) -> HullFeatures | None:
-    """The features of a pair of boxes or convex meshes; None for other shapes. Raises SceneError for too many."""
-    a, b = pair.first, pair.second
-    if not (isinstance(b, Solid) and all(isinstance(solid.shape, (Box, Convex)) for solid in (a, b))):
-        return None
-    features = HullFeatures(a, b)
+def are_hulls(pair: Pair) -> bool:
+    """Whether both are boxes or convex meshes, which touch with features that change."""
+    return all(isinstance(body, Solid) and isinstance(body.shape, (Box, Convex)) for body in (pair.first, pair.second))
+
+
+def features_of(pair: Pair) -> HullFeatures:
+    """The features of a pair of boxes or convex meshes. Raises SceneError for too many."""
+    features = HullFeatures(pair.first, cast(Solid, pair.second))
     if len(features) > MOST_FEATURES:
         raise _no_formula(pair, f"they have {len(features)} pairs of corners, edges and faces, more than "
                                 f"{MOST_FEATURES}")  # fmt: skip

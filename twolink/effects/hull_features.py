@@ -71,11 +71,8 @@ class HullFeatures:
         """
         r, p = self._relative(motion)
         a, b = self.bodies
-        edges = _Crossings(a, b, r, p)
-        supports = (edges.outward <= FLAT) & (edges.sine > FLAT)
-        return max(float(b.over_faces(_moved(a.corners, r, p)).min(axis=1).max()),
-                   float(a.over_faces(_back(b.corners, r, p)).min(axis=1).max()),
-                   float(np.where(supports, edges.gap, -np.inf).max(initial=-np.inf)))  # fmt: skip
+        heights = b.over_faces(_moved(a.corners, r, p)), a.over_faces(_back(b.corners, r, p))
+        return float(_apart(*heights, _Crossings(a, b, r, p).supports(FLAT)).item())
 
     def touching(self, motion: Motion, reach: float = CLOSED) -> list[list[Feature]]:
         """The features of one state with gaps up to the reach, those together that are at one place with one normal."""
@@ -86,7 +83,7 @@ class HullFeatures:
                  *self._touching_corners(motion, reach, 1, _back(b.corners, r, p)[0], r[0])]  # fmt: skip
         edges = _Crossings(a, b, r, p)
         slack = 1.0 + CLOSED / np.minimum(a.lengths[:, None], b.lengths)
-        touch = (np.abs(edges.gap) <= reach) & (edges.beyond <= slack) & (edges.outward <= FLAT) & (edges.sine > FLAT)
+        touch = (np.abs(edges.gap) <= reach) & (edges.beyond <= slack) & (edges.outward <= FLAT) & edges.crosses
         for _, i, k in np.argwhere(touch).tolist():
             gap = EdgeGap(a.edge(i), b.edge(k), float(edges.side[0, i, k]))
             found.append(_touching(int(self.ends[2]) + i * len(b.middles) + k, gap, motion))
@@ -121,12 +118,10 @@ class HullFeatures:
         """
         a, b = self.bodies
         x, y, edges = _moved(a.corners, r, p), _back(b.corners, r, p), _Crossings(a, b, r, p)
-        over_b, over_a, crosses = b.over_faces(x), a.over_faces(y), edges.sine > FLAT
-        supports = np.where(crosses & (edges.outward <= ROUNDING), edges.gap, -np.inf)
-        faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
-        apart = np.maximum(np.maximum(*faces), supports.max(axis=(1, 2)))[:, None, None]
+        over_b, over_a, supports = b.over_faces(x), a.over_faces(y), edges.supports(ROUNDING)
+        apart = _apart(over_b, over_a, supports)[:, None, None]
         ranges = (b.within_sides(x) >= -SIDE, over_b), (a.within_sides(y) >= -SIDE, over_a), (
-            crosses & (edges.beyond <= 1.0 - CLOSED), edges.gap)  # fmt: skip
+            edges.crosses & (edges.beyond <= 1.0 - CLOSED), edges.gap)  # fmt: skip
         return [np.where(np.where(gap < 0.0, (shown >= apart - SIDE) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
 
@@ -198,15 +193,18 @@ class _Body:
 
 
 class _Crossings:
-    """All pairs of edges of n states, (n, E, E): gap, m; side of the normal; along: of the first, s; beyond: the larger
-    of |s| and |t|; sine of the angle between them; outward: how much a body lies on the wrong side of the normal."""
+    """All pairs of edges of n states, (n, E, E).
+
+    gap: m. side: of the normal, +1 or -1. beyond: the larger of |s| and |t|. crosses: whether they are not parallel.
+    outward: how much of a body lies on the wrong side of the normal, as a sine.
+    """
 
     def __init__(self, a: _Body, b: _Body, r: Array, p: Array) -> None:
         u, w = np.einsum("nij,ej->nei", r, a.halves), b.halves
         apart = _moved(a.middles, r, p)[:, :, None] - b.middles
         across = np.cross(u[:, :, None], w)
         length = np.linalg.norm(across, axis=-1)
-        self.sine = length / (a.lengths[:, None] * b.lengths)
+        self.crosses = length / (a.lengths[:, None] * b.lengths) > FLAT
         across = across / np.maximum(length, 1e-300)[..., None]
         into_a = np.einsum("nij,efj->nefi", r, a.into)
         own, other = np.einsum("nefi,nexi->nexf", into_a, across), np.einsum("xfi,nexi->nexf", b.into, across)
@@ -217,8 +215,17 @@ class _Crossings:
         uu, uw, ww = np.einsum("nei,nei->ne", u, u)[..., None], u @ w.T, np.einsum("xi,xi->x", w, w)
         d, e = np.einsum("nei,nexi->nex", u, apart), np.einsum("xi,nexi->nex", w, apart)
         size = np.maximum(length**2, 1e-300)
-        self.along = (uw * e - ww * d) / size
-        self.beyond = np.maximum(np.abs(self.along), np.abs((uu * e - uw * d) / size))
+        self.beyond = np.maximum(np.abs(uw * e - ww * d), np.abs(uu * e - uw * d)) / size
+
+    def supports(self, slack: float) -> Array:
+        """The gaps of those between which the bodies lie on different sides, up to a slack; -inf of the others."""
+        return np.where(self.crosses & (self.outward <= slack), self.gap, -np.inf)
+
+
+def _apart(over_b: Array, over_a: Array, supports: Array) -> Array:
+    """How far hulls are apart along the best direction (n,): of the heights of corners over faces, and of edges."""
+    faces = [heights.min(axis=1).max(axis=1) for heights in (over_b, over_a)]
+    return np.asarray(np.maximum(np.maximum(*faces), supports.max(axis=(1, 2))))
 
 
 def _touching(feature: int, gap: FaceGap | EdgeGap, motion: Motion) -> Feature:

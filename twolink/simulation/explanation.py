@@ -174,12 +174,6 @@ def explain(
 def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
     """What the effects say of themselves, and how contacts are computed."""
     own = [note for effect in scene.effects for note in effect.notes(scene.robot)]
-    if way.way:
-        from twolink.effects.contact import Contact  # which scenes without contacts do not load
-        from twolink.effects.contact_pairs import hollow_notes
-
-        own += [note for effect in scene.effects if isinstance(effect, Contact)
-                for note in hollow_notes(effect.selected(scene.robot))]  # fmt: skip
     return (*own, *([f"contacts are {way.way}: {way.why}"] if way.way else []))
 
 

@@ -124,7 +124,7 @@ class Engine:
 
     def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
         """Solve from now to the next event or stop."""
-        self.run.release()
+        self.run.drop_open_features()
         run, here = self.run, self.run.here
         equations = replace(here.own.equations, start=here.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.namespaces import Numbers
-from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import NEAR
 from twolink.integrate.hybrid.guard import Guard
 from twolink.integrate.hybrid.impacts import contact_touch, onto_contact
@@ -32,21 +30,19 @@ def pair_guards(run: RunState) -> Iterator[Guard]:
 
 def _least_gap(run: RunState, p: int, without: set[int], s: Snapshot) -> Any:
     """The smallest gap of what may touch of a pair, m."""
-    equations = run.here.own.equations
-    return run.system.pairs[p].gaps(motion_of(equations, equations.mechanism, s.t, s.x, Numbers), without)
+    return run.system.pairs[p].gaps(run.motion(s), without)
 
 
 def single_point(run: RunState, i: int, s: Snapshot) -> Any:
     """What is above 0 while a contact touches at one point; None where it always does."""
-    equations = run.here.own.equations
-    return run.system.contacts[i].single(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
+    return run.system.contacts[i].single(run.motion(s))
 
 
 def _meet(p: int, run: RunState) -> None:
     """Features of a pair that touch: the one that is approached fastest is hit, and what touches beside it."""
     run.fired.discard(("meet", p))  # what is smallest after this is another gap
     for reach in REACHES:
-        run.take_up(reach)
+        run.add_touching(reach)
         own = [i for i, pair, _ in run.features if pair == p and run.mode.contacts[i] == "free"]
         if own:
             break
@@ -62,12 +58,12 @@ def _meet(p: int, run: RunState) -> None:
 
 
 def pass_edge(i: int, run: RunState) -> None:
-    """A corner that leaves a face, or the end of an edge: the features beside it that touch are taken up."""
+    """A corner that leaves a face, or the end of an edge: the features beside it that touch become contacts."""
     look, name = run.here.look(), run.system.contacts[i].name
     closed = [k for k, _, _ in run.features if run.mode.contacts[k] != "free"]
     gone = {i, *(k for k in closed if np.asarray(single_point(run, k, look)).item() <= NEAR)}
     run.passed |= {(p, one.number) for k, p, one in run.features if k in gone}
-    run.keep([k for k in range(len(run.system.contacts)) if k not in gone])
+    run.keep_contacts([k for k in range(len(run.system.contacts)) if k not in gone])
     known = len(run.events)
     run.settle()
     touches = any(run.mode.contacts[k] != "free" and run.system.contacts[k].name == name for k, _, _ in run.features)

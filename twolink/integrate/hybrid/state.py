@@ -16,6 +16,7 @@ from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
 from twolink.integrate.hybrid.guard import Key
 from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact, whole
 from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
+from twolink.integrate.hybrid.snapshot import Snapshot
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 SAME_PLACE = 2 * NEAR  # m: of features that touch at one place
@@ -59,7 +60,7 @@ class RunState:
     def settle(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""
         before = self.mode if before is None else before
-        self.take_up()
+        self.add_touching()
         before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
         _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
@@ -89,7 +90,7 @@ class RunState:
 
     def strike(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
-        self.take_up()
+        self.add_touching()
         result = collide(self.here, touch, self.small)
         if result is None:
             return
@@ -106,17 +107,16 @@ class RunState:
 
     def touching(self, reach: float = NEAR) -> list[tuple[int, list[Feature]]]:
         """The features that touch, with their pair's number, those together of which one is enough."""
-        motion = self.motion
+        motion = self.motion()
         return [(p, group) for p, pair in enumerate(self.system.pairs) for group in pair.touching(motion, reach)]
 
-    @property
-    def motion(self) -> Motion:
-        """The motion of the present state, as arrays of one."""
-        equations = self.here.own.equations
-        return motion_of(equations, equations.mechanism, np.array([self.t]), self.here.full_state()[:, None], Numbers)
+    def motion(self, snapshot: Snapshot | None = None) -> Motion:
+        """The motion of the states of a snapshot, or of the present one."""
+        snapshot, equations = snapshot or self.here.look(), self.here.own.equations
+        return motion_of(equations, equations.mechanism, snapshot.t, snapshot.x, Numbers)
 
-    def take_up(self, reach: float = NEAR) -> None:
-        """Take up features that touch as contacts, unless one that is together with them is. Raises AccuracyError."""
+    def add_touching(self, reach: float = NEAR) -> None:
+        """Make contacts of features that touch, unless one that is together with them is one. Raises AccuracyError."""
         if not self.system.pairs:
             return
         taken = {(p, one.number): i for i, p, one in self.features}
@@ -136,7 +136,7 @@ class RunState:
 
     def _require_normals(self, closed: Sequence[Touched], found: Sequence[Touched]) -> None:
         """Require that no corner on an edge, or on a corner, is pressed on: it has several normals. AccuracyError."""
-        motion, still = self.motion, still_speed(self.here.v)
+        motion, still = self.motion(), still_speed(self.here.v)
         presses = [(p, one) for p, one in found if float(np.asarray(one.gap.velocity(motion)[0]).item()) <= still]
         for (p, one), (k, other) in itertools.combinations([*closed, *presses], 2):
             if p == k and np.abs(one.place - other.place).max() <= SAME_PLACE:
@@ -148,7 +148,7 @@ class RunState:
         first = len(self.system.contacts) - len(self.system.features)
         return [(first + k, p, one) for k, (p, one) in enumerate(self.system.features)]
 
-    def keep(self, kept: Sequence[int]) -> None:
+    def keep_contacts(self, kept: Sequence[int]) -> None:
         """Keep these contacts alone."""
         number = {i: k for k, i in enumerate(kept)}
         self.system = self.system.having([(p, one) for i, p, one in self.features if i in number])
@@ -158,12 +158,12 @@ class RunState:
             keys -= of_contacts
             keys |= {(kind, number[i]) for kind, i in of_contacts if i in number}
 
-    def release(self) -> None:
-        """Drop the features that are not closed; those that opened in this instant are not taken up again in it."""
+    def drop_open_features(self) -> None:
+        """Drop the features that are not closed; those that opened in this instant stay open in it."""
         free = {i: (p, one.number) for i, p, one in self.features if self.mode.contacts[i] == "free"}
         if free:
             self.passed |= {feature for i, feature in free.items() if ("contact", i) in self.opened}
-            self.keep([i for i in range(len(self.mode.contacts)) if i not in free])
+            self.keep_contacts([i for i in range(len(self.mode.contacts)) if i not in free])
 
     def require_room(self, who: str) -> None:
         """Require a state within stops and above planes. What is there but for a rounding is moved there exactly."""
@@ -176,8 +176,8 @@ class RunState:
             if hold.entry is not None and abs(self.x[hold.entry] - hold.position) <= BEYOND:
                 self.x[hold.entry] = hold.position
         for pair in self.system.pairs:
-            _require_gap(who, pair.name, pair.separation(self.motion))
-        self.take_up()
+            _require_gap(who, pair.name, pair.separation(self.motion()))
+        self.add_touching()
         for i, contact in enumerate(self.system.contacts):
             gap = float(self.here.look().contacts[i, 0, 0])
             _require_gap(who, contact.name, gap)

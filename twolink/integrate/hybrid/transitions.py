@@ -11,7 +11,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
-from twolink.integrate.formulas import motion_of, projected
+from twolink.integrate.formulas import projected
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
@@ -161,8 +161,7 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
         row = [i for i, (_, other) in enumerate(system.triggers) if other.condition is not None].index(n)
         return partial(_row, "conditions", row, 1.0, 0.0)
     if (function := trigger.function) is not None:
-        equations = run.here.own.equations
-        return lambda s: function(motion_of(equations, equations.mechanism, s.t, s.x, Numbers))
+        return lambda s: function(run.motion(s))
     if trigger.at is None:  # a limit of effort
         return _limit_value(run, n - len(system.switching.triggers))
     return None
