@@ -24,9 +24,9 @@ import numpy as np
 from honest_scenes import KINDS, Case, Worlds, case, series
 
 import twolink as tl
-from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError
 from twolink.hard.truths import distance
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 
 OUT = Path(__file__).parents[1] / "out"
 SAMPLES = 60
@@ -75,7 +75,7 @@ def check(number: int, seed: int) -> Row:
     row = Row(number, KINDS[number % len(KINDS)], one.what, method, one.accuracy, "refused")
     try:
         row = _checked_worlds(row, one) if isinstance(one, Worlds) else _checked(row, one)
-    except OverBudget:
+    except OutOfTime:
         row = replace(row, outcome="slow")
     return replace(row, total_seconds=round(time.perf_counter() - start, 3))
 
@@ -91,17 +91,33 @@ def _checked(row: Row, one: Case) -> Row:
     row = replace(row, accuracy=accuracy)
     if run is None or run.error is None or run.cost is None:
         return row
-    q, doubt = one.truth(run.t)
-    true = distance(run.robot, run.q.astype(q.dtype), q)
+    times, states, bars = run.t, digits_of(run), run.error
+    if one.samples:  # between samples the bar of the next one holds
+        times = np.unique(np.concatenate([[0.0], np.random.default_rng(row.scene).uniform(0.0, run.t[-1], SAMPLES)]))
+        states, bars = run.at(times)[0].astype(np.longdouble), run.error[np.searchsorted(run.t, times)]
+    q, doubt = one.truth(times)
+    true = distance(run.robot, states, q.astype(np.longdouble))
     row = replace(row, method=run.cost.method, seconds=run.cost.seconds, verify_seconds=run.cost.verify_seconds)
-    return _judged(row, true[1:], run.error[1:], doubt[1:], refused=refused)  # the start is not computed
+    return _judged(row, true[1:], bars[1:], doubt[1:], refused=refused)  # the start is not computed
+
+
+def digits_of(run: tl.Trajectory) -> np.ndarray:
+    """The configurations (n, nq) of a run with all digits that it has, as long doubles."""
+    if run.precise is None:
+        return run.q.astype(np.longdouble)
+    every = run.precise[:, : run.robot.nq]
+    leading = every.astype(float)  # there is no cast from quadruple to extended: add what a double leaves
+    return leading.astype(np.longdouble) + (every - leading.astype(every.dtype)).astype(float)
 
 
 def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
-    """The run, or the best one of a refusal; and whether it was refused."""
-    samples, limit = SAMPLES / one.duration, TimeLimit(PATIENCE)
+    """The run, or the best one of a refusal; and whether it was refused. Near the limit of doubles, in doubles."""
+    samples, precision = (one.samples or SAMPLES) / one.duration, "double" if one.limit else "auto"
     try:
-        return tl.simulate(one.scene, one.duration, accuracy, method=one.method, samples=samples, progress=limit), False
+        return tl.simulate(one.scene, one.duration, accuracy, method=one.method, samples=samples, precision=precision,
+                           progress=TimeLimit(PATIENCE)), False  # fmt: skip
+    except OutOfTime:
+        raise
     except AccuracyError as error:
         return error.run, True
 
@@ -110,6 +126,8 @@ def _checked_worlds(row: Row, one: Worlds) -> Row:
     try:
         worlds = tl.simulate_many(one.scene, one.q, one.v, duration=one.duration, accuracy=one.accuracy,
                                   progress=TimeLimit(PATIENCE))  # fmt: skip
+    except OutOfTime:
+        raise
     except AccuracyError:
         return row
     assert worlds.error is not None

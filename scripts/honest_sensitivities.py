@@ -25,7 +25,6 @@ from honest_scenes import Case, events, joints, loops, smooth, unstable
 
 import twolink as tl
 from twolink import effects as fx
-from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
@@ -37,6 +36,7 @@ from twolink.integrate.formulas import traced_rate
 from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of, structure_of, with_parameters
 from twolink.simulation.scene_run import run_of
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.world_scenes import world_scene
 
 SAMPLES, LONGEST, PATIENCE = 40, 4.0, 20.0  # of a scene; s of motion; s of a run
@@ -242,7 +242,7 @@ def compare(row: Row, runs: Beside, s: tl.Sensitivities, name: str, column: int)
     """Count how one column compares with its truth."""
     try:
         exact, doubt = runs.derivatives(name, column)
-    except (AccuracyError, SceneError, OverBudget) as error:
+    except (AccuracyError, SceneError, OutOfTime) as error:
         row.outcome = f"no truth: {error}"[:60]
         return
     ours = np.concatenate([s.q[name], s.v[name]], axis=1)[: len(exact), :, column]

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.accuracy import reference_solution, settings, time_limit
+from twolink.accuracy import reference_solution, settings
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
+from twolink.simulation import time_limit
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.tables import read_table
@@ -126,7 +127,7 @@ def test_failures_are_kept_with_their_reason(arm: tl.Scene, monkeypatch: pytest.
     ticks = itertools.count()  # a clock of its own: a second for each look at it, on every machine
     monkeypatch.setattr(time_limit, "time", SimpleNamespace(perf_counter=lambda: next(ticks)))
     done = tl.accuracy_study(arm, 1.0, methods=["implicit-midpoint", "rk4"], repeats=1, budget=30.0)
-    reasons = {(f.method, f.reason.split(" ")[0]) for f in done.failures}
+    reasons = {(f.method, f.reason.split(": ")[1].split(" ")[0]) for f in done.failures}
     assert ("rk4", "stopped") in reasons
     assert all((f.step is None) != (f.tolerance is None) for f in done.failures)
     assert {row.method for row in done.rows} == {"implicit-midpoint", "rk4"}

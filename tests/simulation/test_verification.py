@@ -1,7 +1,8 @@
-"""Error bars where rounding is a large part of the error: accuracies near the limit of double precision, long runs."""
+"""Error bars: truncation and rounding, each shown by a solution of its own; more digits; limits of time."""
 
 import math
 
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -12,10 +13,8 @@ from twolink.hard.case import Track
 from twolink.hard.extended_precision import extended_reference
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.solution import Solution
-from twolink.simulation.verification import Solved, second_solutions
+from twolink.simulation.verification import Verification
 
 pytest.importorskip("heyoka")
 
@@ -29,7 +28,7 @@ LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 def best(scene: tl.Scene, duration: float, accuracy: float, method: str, samples: float) -> tl.Trajectory:
     """The run, or the best one of a refusal."""
     try:
-        return tl.simulate(scene, duration, accuracy, method=method, samples=samples)
+        return tl.simulate(scene, duration, accuracy, method=method, samples=samples, precision="double")
     except AccuracyError as error:
         return error.run
 
@@ -131,62 +130,125 @@ def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: fl
     assert run.error[-1] <= accuracy
 
 
-@pytest.mark.parametrize(
-    ("scene", "tolerance", "few_steps", "precisions"),
-    [
-        ("arm-swing", 1e-9, False, ["double"]),
-        ("arm-swing", 1e-13, False, ["extended"]),
-        ("crankshaft", 1e-9, False, ["double"]),
-        ("crankshaft", 1e-9, True, ["double", "double"]),
-        ("crankshaft", 1e-13, False, ["double", "double"]),
-    ],
-)
-def test_second_solutions_where_rounding_counts(
-    scene: str, tolerance: float, few_steps: bool, precisions: list[str]
-) -> None:
-    """Only more digits, or perturbations to both sides, tell errors that rounding decides."""
-    asked: list[tuple[MethodChoice, Perturbation]] = []
-
-    def solve(choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved:
-        asked.append((choice, perturbation))
-        return solved(choice, 110 if few_steps else 178)
-
-    def solved(choice: MethodChoice, steps: int) -> Solved:
-        return Solved(choice, Solution(np.zeros(1), np.zeros((4, 1)), steps, 0), 0.0)
-
-    equations = equations_of(tl.load_scene(scene))
-    coarse = solved(MethodChoice(METHODS["dop853"], tolerance, "asked for"), 100)
-    others = second_solutions(coarse, solve, equations, 1e-6).solutions
-    assert [other.choice.precision for other in others] == precisions
-    shifts = [perturbation.start_shift for _, perturbation in asked]
-    assert (shifts == [0.0]) == (precisions == ["extended"])
-    assert len(shifts) == 1 or shifts[0] * shifts[1] < 0
-    again = second_solutions(coarse, solve, equations, 1e-6, others).solutions
-    assert (again == others) == (precisions == ["extended"])  # it does not depend on the coarse solution
+def upright(start: float, mass: float, length: float, inertia: float, g: float) -> tuple[tl.Scene, float]:
+    """A pendulum at an angle from hanging, and the rate w0 of its swing [1/s]."""
+    text = PENDULUM.replace('mass value="1"', f'mass value="{mass}"')
+    robot = tl.load_robot(text.format(kind="revolute", com=-length, inertia=inertia, limit=LIMIT))
+    w0 = math.sqrt(mass * length * g / (inertia + mass * length**2))
+    return tl.Scene(robot, [start], effects=[tl.effects.Gravity((0.0, 0.0, -g))]), w0
 
 
-@pytest.mark.parametrize(
-    ("scene", "with_rounding"), [("arm-swing", ["extended"]), ("crankshaft", ["double", "double"])]
-)
-@pytest.mark.parametrize("rounding", [0.05, 0.5])
-def test_a_run_that_starts_roundings_away_tells_whether_rounding_counts(
-    scene: str, with_rounding: list[str], rounding: float
-) -> None:
-    """At a tolerance of 2e-11: below what rounding is in other motions. Its share of the error is 5 or 50 %."""
+def true_error(scene: tl.Scene, run: tl.Trajectory) -> np.ndarray:
+    """By 33 digits: beside an equilibrium two solutions of 19 digits may round alike."""
+    reference, doubt = extended_reference(scene, run.t, quad=True)
+    assert run.error is not None
+    assert (doubt <= 0.1 * run.error)[1:].all() or doubt.max() < 1e-10
+    return truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
 
-    def solve(choice: MethodChoice, perturbation: Perturbation = NO_PERTURBATION) -> Solved:
-        same = choice == coarse.choice
-        assert not same or perturbation.start_shift > 0.0
-        return solved(choice, 100 if same else 178, rounding if same else 1.0)
 
-    def solved(choice: MethodChoice, steps: int, off: float) -> Solved:
-        return Solved(choice, Solution(t, 1e-9 * off * np.ones((4, 1)) * t, steps, 0), 1.0)
+@pytest.mark.parametrize("method", ["auto", "dop853", "taylor", "rk45", "esdirk43"])
+def test_rounding_of_a_pendulum_that_topples_is_in_the_bar(method: str) -> None:
+    """2.3e-9 rad from upright: a perturbed start of the second solution cancelled the error, whose bar was a 40th."""
+    scene, _ = upright(math.pi - 2.3e-9, 1.25, 0.5, 0.125, G)
+    run = best(scene, 5.963, 2.6e-5, method, 20)
+    assert (true_error(scene, run) <= run.error)[1:].all()
 
-    equations, t = equations_of(tl.load_scene(scene)), np.linspace(0.0, 1.0, 50)
-    coarse = solved(MethodChoice(METHODS["dop853"], 2e-11, "asked for"), 100, 0.0)
-    others = second_solutions(coarse, solve, equations, 1e-9).solutions
-    assert [other.choice.precision for other in others] == (["double"] if rounding < 0.1 else with_rounding)
-    assert others[0].seconds == (1.0 if others[0].choice.precision == "extended" else 2.0)
+
+@pytest.mark.parametrize("method", ["rk45", "scipy-rk45", "dop853", "rk23", "scipy-dop853"])
+@pytest.mark.parametrize(("start", "duration"), [(3.141592632945389, 5.306555492429107), (3.1415926, 5.0)])
+def test_steps_resolve_a_pendulum_that_topples(method: str, start: float, duration: float) -> None:
+    """While it is nearer to upright than the tolerance, no tolerance tells how steps must be: bars were 72 times too
+    small."""
+    scene, _ = upright(start, 1.0, 0.6, 0.1, 9.75)
+    run = best(scene, duration, 1.2573e-5, method, 20)
+    assert (true_error(scene, run) <= run.error)[1:].all()
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_taylors_orders_are_far_enough_apart(seed: int) -> None:
+    """Two orders more may be no better; a continuous pendulum over 36 s."""
+    theta, rate = (2.30434, 0.84943) if seed == 0 else (1.9, -0.4)
+    robot = tl.load_robot(PENDULUM.format(kind="continuous", com=-0.5, inertia=0.25, limit=""))
+    scene = tl.Scene(robot, [math.cos(theta), math.sin(theta)], [rate], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
+    run = best(scene, 36.333, 1e-9, "taylor", 5)
+    assert (true_error(scene, run) <= run.error)[1:].all()
+
+
+@pytest.mark.parametrize("method", ["dop853", "esdirk43", "rk45"])
+@pytest.mark.parametrize("seed", range(3))
+def test_states_between_few_samples_are_within_the_next_bar(method: str, seed: int) -> None:
+    scene, _ = double_pendulum(seed)
+    accuracy = 1e-4 if method == "esdirk43" else 1e-8
+    run = tl.simulate(scene, 4.0, accuracy, method=method, samples=5)
+    times = np.unique(np.append(0.0, np.random.default_rng(seed).uniform(0.0, 4.0, 200)))
+    reference, doubt = extended_reference(scene, times)
+    true = truths.distance(scene.robot, run.at(times)[0].astype(np.longdouble), reference)
+    assert run.error is not None
+    assert doubt.max() < 0.01 * accuracy
+    assert (true <= run.error[np.searchsorted(run.t, times)])[1:].all()
+
+
+@pytest.mark.parametrize("method", ["dop853", "taylor"])
+def test_truncation_and_rounding_are_shown_apart(method: str) -> None:
+    """At a rough tolerance the finer solution shows the true error, and rounding is nothing; at a fine one it is most
+    of the bar."""
+    scene, _ = double_pendulum(1)
+    equations, times = equations_of(scene), np.linspace(0.0, 5.0, 42)
+    verification = Verification(equations, times, np.arange(42))
+    reference, _ = extended_reference(scene, times)
+    rough = verification(MethodChoice(METHODS[method], 1e-7, ""))
+    true = np.abs(rough.solution.x[:2].T - reference).max(axis=1).astype(float)
+    assert rough.truncation is not None
+    assert rough.rounding is not None
+    assert rough.rounding.max() < 1e-4 * rough.truncation.max()
+    assert 2.0 < rough.truncation.max() / true.max() < 3.0
+    fine = verification(MethodChoice(METHODS[method], 1e-14, ""))
+    assert fine.rounding is not None
+    true = np.abs(fine.solution.x[:2].T - reference).max(axis=1).astype(float)
+    assert true.max() < fine.rounding.max() < 300 * true.max()
+
+
+def test_more_digits_come_by_themselves() -> None:
+    scene = tl.load_scene("arm-swing")
+    run = tl.simulate(scene, 1.0, 1e-20)
+    exact = tl.simulate(scene, 1.0, 1e-28, precision="quad")
+    assert run.cost is not None
+    assert run.cost.precision == "quad"
+    assert run.error is not None
+    assert run.error[-1] <= 1e-20
+    assert (np.abs(run.precise - exact.precise)[:, :2].max(axis=1).astype(float) <= run.error)[1:].all()
+    between = tl.simulate(scene, 3.0, 3e-15)
+    assert between.cost is not None
+    assert between.cost.precision == "extended"
+    assert "16 digits" in between.cost.why
+
+
+def test_what_a_double_cannot_keep_is_refused_only_where_doubles_are_asked_for() -> None:
+    scene, duration = double_pendulum(2)
+    with pytest.raises(AccuracyError, match="cannot be kept") as refused:
+        tl.simulate(scene, duration, 1e-14, precision="double")
+    assert refused.value.code == "accuracy-limit"
+    assert len(refused.value.data["tried"]) >= 1
+    run = refused.value.run
+    assert run.error[-1] > 1e-14
+    assert tl.simulate(scene, duration, 0.5 * float(run.error[-1])).error[-1] <= 0.5 * run.error[-1]
+
+
+def test_patience_ends_a_search_with_the_best_run() -> None:
+    scene, _ = double_pendulum(0)
+    with pytest.raises(AccuracyError) as late:
+        tl.simulate(scene, 1e6, 1e-6, samples=0.01, patience=0.5)
+    assert late.value.code == "out-of-time"
+    assert "patience=" in late.value.remedy
+
+
+def test_periods_are_found_from_beside() -> None:
+    """The bar of a run was refused near it."""
+    robot = tl.load_robot(PENDULUM.format(kind="revolute", com=-0.5, inertia=0.25, limit=LIMIT))
+    scene = tl.Scene(robot, [1.0], effects=[tl.effects.Gravity((0.0, 0.0, -G))])
+    exact = 4.0 * float(mp.ellipk(mp.sin(mp.mpf(1) / 2) ** 2)) / math.sqrt(G)
+    found = tl.periodic_motion(scene, round(exact, 2) + 0.01)
+    assert found.period == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize(("method", "accuracy"), [("taylor", 6e-11), ("dop853", 6e-10), ("rk45", 2e-9)])

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from twolink.accuracy import settings as plan
 from twolink.accuracy.reference_solution import ReferenceSolution
 from twolink.accuracy.study_data import Failure, Row
-from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import first_setting
@@ -18,6 +17,7 @@ from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 
 ROUGH = 0.1  # rad or m: the error that the first step size of a method of fixed steps aims at
 ROUNDING_BELOW = 1e-3  # an error above it may stop to fall for other reasons than rounding, such as chaos
@@ -55,12 +55,14 @@ class Measurements:
         self.failures.append(Failure(method.name, tolerance, step, reason))
 
     def measure(self, method: Method, setting: float) -> Row | None:
-        """Add the row of a method at a setting; None when there is none. Raises OverBudget, KeyboardInterrupt."""
+        """Add the row of a method at a setting; None when there is none. Raises OutOfTime, KeyboardInterrupt."""
         compiling = 0.0
         try:
             if method.kind not in ("taylor", "scipy"):  # else the first rows might be of steps in parts
                 compiling = step_map(self.equations, method, whole=True).compile_seconds
             first, first_seconds = self._run(method, setting, TimeLimit(self.budget))
+        except OutOfTime:
+            raise
         except AccuracyError as error:
             self.fail(method, setting, str(error))
             return None
@@ -108,7 +110,7 @@ class _Progression:
         self.number += 1
         try:
             row = self.measurements.measure(self.method, setting)
-        except (OverBudget, TwolinkError) as error:  # such as a compiled step that disagrees with Pinocchio's
+        except TwolinkError as error:  # such as a compiled step that disagrees with Pinocchio's
             self.measurements.fail(self.method, setting, str(error))
             self.ended = True
             return None

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from twolink.accuracy.study_data import Reference
-from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
 from twolink.integrate import scipy_solver, taylor
@@ -23,6 +22,7 @@ from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
 from twolink.integrate.state import Array, StateSpace
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 
 SAFETY = 4.0  # both solutions may have errors of the same sign
 MAX_SECONDS = 60.0  # for a solution in quadruple precision
@@ -72,7 +72,7 @@ def better_reference(equations: Equations, times: Array) -> ReferenceSolution | 
         return None
     try:
         return _by_taylor(equations, times, "quad", MAX_SECONDS)
-    except OverBudget:
+    except OutOfTime:
         return None
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.time_limit import OverBudget, TimeLimit
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
 from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 
 PATIENCE = 120.0  # seconds of computing for an attempt; more counts as a hang
@@ -72,11 +72,11 @@ def _attempt(case: SimulationCase, load: Callable[[], Scene], setting: Mapping[s
     try:
         limit = TimeLimit(patience, time.process_time)
         run = simulate(scene, case.duration, samples=case.samples, progress=limit, **setting)
+    except OutOfTime as late:
+        message = f"given up: {late}"
     except TwolinkError as error:
         run, message = error.run if isinstance(error, AccuracyError) else None, str(error)
         verdict = SAID if accuracy <= case.may_refuse else MISSED
-    except OverBudget as late:
-        message = f"given up after {late.seconds:g} s of computing, at t = {late.t:.3g} s"
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - start

@@ -36,7 +36,9 @@ def longest_chain(worlds: int, lanes: int) -> int:
     return LONGEST if worlds % lanes == 0 and worlds <= WORLDS else 1
 
 
-def take_steps(call: Map, rows: Control, state: Array, count: int, at_once: int) -> Array | None:
+def take_steps(
+    call: Map, rows: Control, state: Array, count: int, at_once: int, added: Array | None = None
+) -> Array | None:
     """Attempt steps of each world.
 
     Parameters
@@ -51,6 +53,8 @@ def take_steps(call: Map, rows: Control, state: Array, count: int, at_once: int)
         The number of steps; up to `at_once` - 1 more are taken.
     at_once : int
         The number of steps in a call, as `longest_chain` allows.
+    added : ndarray (calls, size, n), optional
+        What is added to the first rows of the states before each call.
 
     Returns
     -------
@@ -67,6 +71,8 @@ def take_steps(call: Map, rows: Control, state: Array, count: int, at_once: int)
     first_end = float(end[0])
     for source, start, target, after in room.calls:
         start[:] = last
+        if added is not None:
+            start[: added.shape[1]] += added[calls]
         call(source, target)
         last, calls = after, calls + 1
         if len(end) == 1:  # most runs are of one world, and a reduction takes as long as a small step

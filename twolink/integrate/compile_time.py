@@ -17,6 +17,7 @@ PROJECTED = 5.0  # evaluations that compile as slowly as the projection in a ste
 PROJECTION = 1.3  # the same of the projection alone
 TAYLOR_EVALUATIONS = 12.0  # that compile as slowly as Taylor's method
 UNOPTIMIZED = {"opt_level": 0}  # heyoka's option for code that is not called often: two to eight times as soon compiled
+UNOPTIMIZED_SHARE = 1 / 7  # of the time to compile
 log = logging.getLogger("twolink")
 _asked_for: ContextVar[bool] = ContextVar("reproducible", default=False)
 

@@ -1,10 +1,11 @@
 """Dense output: a solution at any time, as exact as at its samples, and the accelerations and torques at samples.
 
-The state at a time t is computed from the last stored state before t within the same smooth piece, by the method and
-setting of the solution. At an event, t belongs to the piece after it.
+The state at a time t is computed from the last stored state before t within the same smooth piece, a sample or the end
+of one of the solution's own steps, by the method of the solution. At an event, t belongs to the piece after it.
 """
 
 import collections
+import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -15,22 +16,23 @@ from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, forces_on_links
 from twolink.integrate.methods import METHODS
-from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.solution import Piece
 from twolink.integrate.solver import solve
 from twolink.integrate.state import Array
-from twolink.integrate.step_map import LANES, step_map
-from twolink.integrate.stepping import FINE, advance, start_state
+from twolink.integrate.step_map import step_map
 from twolink.integrate.taylor import Precision
 
 Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
-ONE_STEP = Perturbation(min_steps=1.0)  # between two samples no more steps are needed
 
 
 class _Group(NamedTuple):
-    """Asked times (k,) of one piece: their places, and the stored states (nq + nv, k) before them with their times."""
+    """Asked times (k,) of one piece: their places, and the stored states (nq + nv, k) before them with their times.
+
+    within_steps: whether each time lies within the step from its stored state.
+    """
 
     equations: Equations
+    within_steps: bool
     places: Array
     t: Array
     stored_t: Array
@@ -97,9 +99,8 @@ class DenseOutput:
         out[:, group.places] = group.stored_x
         late = group.t > group.stored_t
         if late.any():
-            group = _Group(group.equations, *(values[..., late] for values in group[1:]))
-            stepping = METHODS[self.method].kind not in ("taylor", "scipy")
-            out[:, group.places] = self._stepped(group) if stepping else self._solved(group)
+            group = _Group(*group[:2], *(values[..., late] for values in group[2:]))
+            out[:, group.places] = self._stepped(group) if group.within_steps else self._solved(group)
 
     def accelerations_and_torques(self) -> tuple[Array, Array]:
         """Accelerations (n, nv) and applied joint torques (n, nv) at the stored times."""
@@ -146,28 +147,37 @@ class DenseOutput:
 
     def _group(self, number: int, places: Array, times: Array) -> _Group:
         """Those of the times that have these places, for one piece."""
-        piece, end = self.pieces[number], sum(piece.samples for piece in self.pieces[: number + 1])
-        inside = slice(end - piece.samples, end)
-        stored_t = np.append(piece.begin, self.t[inside])
-        start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
-        stored_x = np.concatenate([start[:, None], self.x[:, inside]], axis=1)
+        stored_t, stored_x = self._stored[number]
         before = np.searchsorted(stored_t, times[places], side="right") - 1
-        return _Group(piece.equations, places, times[places], stored_t[before], stored_x[:, before])
+        piece = self.pieces[number]
+        return _Group(piece.equations, piece.taken is not None, places, times[places], stored_t[before],
+                      stored_x[:, before])  # fmt: skip
+
+    @functools.cached_property
+    def _stored(self) -> list[tuple[Array, Array]]:
+        """Of each piece, the times (k,) and states (nq + nv, k) at its begin, at its samples, and where steps ended."""
+        every, end = [], 0
+        for piece in self.pieces:
+            inside, end = slice(end, end + piece.samples), end + piece.samples
+            start = np.asarray(piece.equations.start[: len(self.x)], dtype=float)
+            t, x = np.append(piece.begin, self.t[inside]), np.concatenate([start[:, None], self.x[:, inside]], axis=1)
+            if piece.taken is not None:
+                t, first = np.unique(np.concatenate([t, piece.taken[0]]), return_index=True)
+                x = np.concatenate([x, piece.taken[1].T], axis=1)[:, first]
+            every.append((t, x))
+        return every
 
     def _stepped(self, group: _Group) -> Array:
-        """By a step map: all times as one batch of worlds, each with its own end."""
-        steps = step_map(group.equations, METHODS[self.method])
+        """By a step map: each time by one step, which is a part of one that the solution took."""
         rows = np.asarray(group.equations.start[len(self.x) :], dtype=float)
-        x0 = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
-        state, limit = start_state(steps, x0, group.stored_t, group.t, self.setting)
-        if steps.method.adaptive:  # one step mostly suffices, and a time may be a rounding after a sample
-            state[steps.rows.step] = group.t - group.stored_t
-        for block in advance(steps, state, limit, lanes=LANES):
-            if (block.outcome != FINE).any():
-                t = float(group.t[block.worlds[block.outcome != FINE][0]])
-                raise AccuracyError("the state between two samples cannot be computed", where=f"t = {t:.6g} s",
-                                    remedy="simulate with more samples a second", code="no-dense-output")  # fmt: skip
-        return state[: len(self.x)]
+        x = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
+        out = step_map(group.equations, METHODS[self.method]).partial(x, group.stored_t, group.t)
+        lost = ~np.isfinite(out).all(axis=0)
+        if lost.any():
+            raise AccuracyError("the state between two samples cannot be computed",
+                                where=f"t = {float(group.t[lost][0]):.6g} s",
+                                remedy="simulate with more samples a second", code="no-dense-output")  # fmt: skip
+        return out[: len(self.x)]
 
     def _solved(self, group: _Group) -> Array:
         """By a solver of single worlds: the times after each stored state at once."""
@@ -177,6 +187,6 @@ class DenseOutput:
             grid, places = np.unique(group.t[chosen], return_inverse=True)
             start = np.concatenate([group.stored_x[:, chosen[0]], group.equations.start[len(self.x) :]])
             solution = solve(replace(group.equations, start=start), METHODS[self.method], np.append(begin, grid),
-                             self.setting, None, self.precision, ONE_STEP)  # fmt: skip
+                             self.setting, None, self.precision)  # fmt: skip
             out[:, chosen] = solution.x[: len(self.x), 1 + places]
         return out

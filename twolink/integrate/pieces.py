@@ -31,7 +31,7 @@ def in_pieces(equations: Equations, times: Array, solve: Callable[[Equations, Ar
         x = part.x[:, -1] if part.precise is None else part.precise[-1]
         taken = slice(int(bool(parts)), len(part.t) - int(extra and len(part.t) == len(grid)))
         parts.append(replace(part, t=part.t[taken], x=part.x[: equations.moving, taken],
-                             pieces=(Piece(piece, begin, len(part.t[taken])),),
+                             pieces=(Piece(piece, begin, len(part.t[taken]), part.taken),),
                              precise=None if part.precise is None else part.precise[taken]))  # fmt: skip
         if part.interrupted:
             break

@@ -1,8 +1,10 @@
 """SciPy's solvers around Pinocchio: the portable way, and the peer that faster ways are measured by."""
 
 import importlib
+import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,34 +13,49 @@ import pinocchio as pin
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.methods import Method
+from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
+from twolink.integrate.stiffness import fastest
 
+LOOK = 4  # steps of an explicit method between two looks at how fast the motion changes
 PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 
 def solve(
-    equations: Equations, method: Method, times: Array, tolerance: float, progress: Progress | None = None
+    equations: Equations,
+    method: Method,
+    times: Array,
+    tolerance: float,
+    progress: Progress | None = None,
+    perturbation: Perturbation = NO_PERTURBATION,
 ) -> Solution:
     """Solve from the equations' start for the samples `times` (n,), by SciPy's solver of the method.
 
     tolerance: the error admitted in each step, relative and absolute. Samples come from the method's interpolation.
-    Raises AccuracyError (codes "steps-collapsed", "not-finite", "too-many-steps").
+    A solution that is disturbed begins anew at each sample. Steps of an explicit method take at most one e-fold of what
+    does not decay. Raises AccuracyError (codes "steps-collapsed", "not-finite", "too-many-steps").
     """
-    tolerance = max(tolerance, SMALLEST_TOLERANCE)
+    if perturbation.rounding and len(times) > 2:
+        return _disturbed(equations, method, times, tolerance, progress, perturbation)
+    tolerance = max(tolerance / perturbation.finer, SMALLEST_TOLERANCE)
     kind = getattr(importlib.import_module("scipy.integrate"), method.solver)
     rate, x0 = single_rate(equations), equations.start[: equations.moving]
     start, end = float(times[0]), float(times[-1])
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
-    solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, **first)
+    longest = (end - start) / perturbation.min_steps(method)
+    solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=longest, **first)
+    explicit = method.solver in ("RK23", "RK45", "DOP853")
     out = np.empty((len(x0), len(times)))
     out[:, 0] = x0
     done, steps = 1, 0
     try:
         while solver.status == "running" and done < len(times):
+            if explicit and steps % LOOK == 0:
+                solver.max_step = _longest(equations, solver.y, longest, perturbation.min_steps(method))
             solver.step()
             steps += 1
             _require_progress(solver, steps, start)
@@ -53,6 +70,37 @@ def solve(
     except KeyboardInterrupt:
         return Solution(times[:done], out[:, :done], steps, solver.nfev, interrupted=True)
     return Solution(times, out, steps, solver.nfev)
+
+
+def _longest(equations: Equations, x: Array, longest: float, min_steps: float) -> float:
+    """The longest step that resolves what does not decay at a state, s."""
+    rates, decays = fastest(equations, np.append(x, equations.start[equations.moving :])[:, None])
+    return longest if decays[0] or not rates[0] > 0.0 else min(longest, MIN_STEPS / (min_steps * float(rates[0])))
+
+
+def _disturbed(
+    equations: Equations,
+    method: Method,
+    times: Array,
+    tolerance: float,
+    progress: Progress | None,
+    perturbation: Perturbation,
+) -> Solution:
+    """A solution that is disturbed at each sample, as much as by the steps up to the next one."""
+    plain, parts, x, steps, evaluations = replace(perturbation, rounding=0.0), [], equations.start.copy(), 0, 0
+    moving, each = equations.moving, 1.0
+    for i, part in enumerate(itertools.pairwise(times)):
+        count = np.full((1, 1), float(i))
+        added = disturbances((perturbation,), count, x[:moving, None], equations.space.nq)[0, :, 0]
+        x[:moving] += math.sqrt(each) * added
+        piece = solve(replace(equations, start=x), method, np.array(part), tolerance, progress, plain)
+        if piece.interrupted:
+            return replace(piece, t=times[:1], x=equations.start[:moving, None])
+        parts.append(piece.x[:, -1])
+        x = np.concatenate([piece.x[:, -1], x[moving:]])
+        each = max(1.0, float(piece.steps))
+        steps, evaluations = steps + piece.steps, evaluations + piece.evaluations
+    return Solution(times, np.stack([equations.start[:moving], *parts], axis=1), steps, evaluations)
 
 
 def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 from twolink.integrate.event import Event
 
 Progress = Callable[[float], None]
+MAX_KEPT = 50_000_000  # numbers of states where steps ended
 Code = Literal["steps", "first", "parts", ""]  # what of a solver is compiled
 
 
@@ -24,11 +25,14 @@ class Piece:
         When it begins, s.
     samples : int
         The number of its samples.
+    taken : (ndarray (k,), ndarray (k, nq + nv)) or None
+        Times and states where steps ended, with the begin; None where the solver does not tell.
     """
 
     equations: Any
     begin: float
     samples: int
+    taken: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,8 @@ class Solution:
         The event that ended a piece, as the watcher found it.
     pieces : tuple of Piece
         The smooth parts; one at least in what `solver.solve` returns.
+    taken : (ndarray (k,), ndarray (k, nq + nv)) or None
+        Of a single piece, as in `Piece`.
     """
 
     t: np.ndarray
@@ -72,6 +78,7 @@ class Solution:
     events: tuple[Event, ...] = ()
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
+    taken: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def joined(parts: Sequence[Solution]) -> Solution:

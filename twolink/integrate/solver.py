@@ -8,6 +8,7 @@ import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate import scipy_solver, taylor
+from twolink.integrate.beside import Beside
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
@@ -15,9 +16,10 @@ from twolink.integrate.pieces import in_pieces
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import integrate
+from twolink.integrate.stepping import SMALLEST_TOLERANCE, integrate
 
-SMALLEST = {"explicit": 1e-15, "implicit": 1e-15, "scipy": scipy_solver.SMALLEST_TOLERANCE, "taylor": 1e-16}
+SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
+            "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
 SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
 
 
@@ -36,6 +38,7 @@ def solve(
     progress: Progress | None = None,
     precision: taylor.Precision = "double",
     perturbation: Perturbation = NO_PERTURBATION,
+    beside: Beside | None = None,
 ) -> Solution:
     """Solve equations of motion from their start for samples.
 
@@ -52,7 +55,9 @@ def solve(
     precision : {"double", "extended", "quad"}
         Of the numbers; beyond "double" by Taylor's method only.
     perturbation : Perturbation
-        Of the second solution behind an error bar.
+        Of this solution; its setting is divided by `finer`.
+    beside : Beside, optional
+        Solutions in the same batch, where `has_lanes` says that there are batches.
 
     Returns
     -------
@@ -71,21 +76,20 @@ def solve(
         raise AccuracyError(f"expected a number above 0, got {setting!r}", argument=name, remedy="such as 1e-6")
     if precision != "double" and method.kind != "taylor":
         raise SceneError(f"{method.name} works in double precision", argument="precision", remedy='method="taylor"')
-    if method.adaptive:
-        setting = max(setting, smallest_tolerance(method, precision))
-    equations = from_shifted_start(equations, perturbation)
-    solution = _solve(equations, method, times, setting, progress, precision, perturbation)
-    whole = Piece(equations, float(times[0]), len(solution.t))
+    solution = _solve(equations, method, times, setting, progress, precision, perturbation, beside)
+    whole = Piece(equations, float(times[0]), len(solution.t), solution.taken)
     return solution if solution.pieces else replace(solution, pieces=(whole,))
 
 
-def from_shifted_start(equations: Equations, perturbation: Perturbation) -> Equations:
-    """The equations from the start of a perturbed solution on."""
-    if not perturbation.start_shift:
-        return equations
-    start, moving = equations.start.copy(), equations.moving
-    start[:moving] = perturbation.shifted(start[:moving])
-    return replace(equations, start=start)
+def has_lanes(equations: Equations, method: Method, precision: taylor.Precision) -> bool:
+    """Whether solutions beside a run are lanes of one batch."""
+    if method.kind == "taylor":
+        return precision == "double" and equations.space.size > 0
+    return _is_stepping(method) and not equations.has_events and equations.space.size > 0
+
+
+def _is_stepping(method: Method) -> bool:
+    return method.kind not in ("taylor", "scipy")
 
 
 def _solve(
@@ -96,28 +100,30 @@ def _solve(
     progress: Progress | None,
     precision: taylor.Precision,
     perturbation: Perturbation,
+    beside: Beside | None,
 ) -> Solution:
     """Solve by the method's own solver."""
     if equations.space.size == 0:  # nothing moves
         return Solution(times, np.empty((0, len(times))), 0, 0)
-    stepping = method.kind not in ("taylor", "scipy")
+    stepping = _is_stepping(method)
     if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
-    if equations.switching is not None or (stepping and equations.effort_limits):
+    if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 
         return solve_events(equations, method, times, setting, progress, perturbation)
     if method.kind == "taylor":
-        return taylor.solve(equations, times, setting, progress, precision=precision, min_steps=perturbation.min_steps)
+        return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
+                            beside=beside)  # fmt: skip
     if method.kind == "scipy":
-        return in_pieces(equations, times, lambda e, part: scipy_solver.solve(e, method, part, setting, progress))
+        return in_pieces(equations, times, lambda piece, part: scipy_solver.solve(piece, method, part, setting, progress,
+                                                                                  perturbation))  # fmt: skip
     if not method.adaptive:
         _require_pieces(equations, times, setting)
 
     def smooth(piece: Equations, part: Array) -> Solution:
-        longest = float(part[-1] - part[0]) / perturbation.min_steps
-        return integrate(step_map(piece, method), part, setting, progress, longest=longest)
+        return integrate(step_map(piece, method), part, setting, progress, perturbation=perturbation, beside=beside)
 
     return in_pieces(equations, times, smooth)
 

@@ -35,6 +35,9 @@ class StateSpace:
         self._flat_v = np.concatenate([np.arange(j.v.start, j.v.stop) for j in flat] or [np.empty(0, int)])
         # Entries whose errors count as they are: angles, lengths, unit vectors; a velocity's counts by its size.
         self.absolute = np.arange(self.size) < self.nq
+        # Of each joint, its rows of q and of v.
+        self.joint_rows = tuple((j.q, slice(j.v.start + self.nq, j.v.stop + self.nq))
+                                for j in robot.joints if j.kind != "mimic")  # fmt: skip
         turning = [j for j in flat if turns(robot.model, j)]
         self.angles = np.array([j.q.start for j in turning], dtype=int)
 

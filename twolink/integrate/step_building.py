@@ -149,7 +149,7 @@ def _advance(
 ) -> Array:
     """The state array after one attempted step."""
     space = equations.space
-    problem = Problem(step, space.size, space.absolute, project, method.error_order)
+    problem = Problem(step, space.size, space.absolute, space.joint_rows, project, method.error_order)
     return (adaptive_advance if method.adaptive else fixed_advance)(problem, state, xp)
 
 

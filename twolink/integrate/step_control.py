@@ -6,6 +6,9 @@ over what is admitted, and p the order that e has in h, the controller is the PI
     h_new = h * SAFETY * e^(-0.7 / p) * e_previous^(0.4 / p)        after an accepted step
     h_new = h * SAFETY * e^(-1 / p)                                  after a rejected one
 
+A step must also resolve the motion: of each joint its error is at most `resolution` times what the step changes. Else
+a deviation below the tolerance, such as that of a pendulum that begins to topple, would grow as no tolerance tells.
+
 A step that gives no finite number says nothing about the error. It met a singular instant, such as the one at which
 the links of a parallelogram are in one line, where no stage of a step may lie. Steps have to cross it: the next size
 is that of the last accepted step, shorter by NO_NUMBER_FACTOR each time, and not that of a step rejected near it.
@@ -29,6 +32,7 @@ LARGEST_NUMBER = 1e300  # squares above it count as not finite
 LAST_STEP = 1.0 + 1e-6  # a step that ends this near to the end goes to the end: rounding must not leave a tiny one
 ROUNDING = 16 * 2.3e-16  # relative: no estimate resolves less of a state
 MIN_SQUARE, MAX_SQUARE = 1e-8, 1e30  # limits of e^2 in the controller, whose powers must stay finite
+RESOLUTION = 1e-3  # relative to what a step changes in a joint: the largest error, about that of one e-fold of rk45
 UNSOLVED = 1e-9  # relative: the largest last change of the iteration in an implicit step of fixed size
 FIRST_SQUARE = 1e-4  # e^2 that the controller remembers before the first step
 
@@ -45,6 +49,7 @@ class Control(NamedTuple):
     end: Any  # where to stop, s
     tolerance: Any  # of the error in a step; infinite: every step is accepted
     longest: Any  # the largest step size, s
+    resolution: Any  # of an error relative to what a step changes in its joint, 1 / (the largest one)^2; 0: any
 
 
 ROWS = len(Control._fields)
@@ -61,13 +66,15 @@ class Problem:
     """What is advanced.
 
     step: (t, x, h) -> (x_new, error estimates, last change of an iteration or None). size: rows of x. absolute (size,):
-    whether the error of an entry is compared with the tolerance alone, not with the entry's size. project: puts a state
-    back onto its manifold. order: p, the power of h that the error estimate has.
+    whether the error of an entry is compared with the tolerance alone, not with the entry's size. joints: of each
+    joint, its rows of q and of v. project: puts a state back onto its manifold. order: p, the power of h that the
+    error estimate has.
     """
 
     step: Step
     size: int
     absolute: np.ndarray
+    joints: tuple[tuple[slice, slice], ...]
     project: Callable[[Array], Array]
     order: int
 
@@ -80,7 +87,7 @@ def fixed_advance(problem: Problem, state: Array, xp: Any) -> Array:
     arrival = xp.where(xp.less_equal(left, control.step * LAST_STEP), control.end, control.time + control.step)
     new, _, change = problem.step(control.time, x, arrival - control.time)
     if change is not None:  # an iteration that did not converge gives no answer
-        unsolved = _mean_square(change, x, new, problem.absolute, 1.0, xp)
+        unsolved = _mean_square(change, _admitted(problem, x, new, 1.0, xp))
         new = xp.where(xp.less_equal(unsolved, UNSOLVED**2), new, np.nan)
     control = control._replace(
         time=xp.where(going, arrival, control.time), accepted=xp.where(going, control.accepted + 1.0, control.accepted)
@@ -133,7 +140,8 @@ def _judged(problem: Problem, control: Control, x: Array, h: Any, xp: Any) -> tu
     """
     new, errors, change = problem.step(control.time, x, h)
     projected = problem.project(new)
-    square = _error(errors, change, x, new, problem.absolute, control.tolerance, xp)
+    inverse = _admitted(problem, x, new, control.tolerance, xp) + _resolved(problem, x, new, h, control.resolution, xp)
+    square = _error(errors, change, inverse)
     good = xp.less_equal((projected * projected).sum(axis=0), LARGEST_NUMBER)
     failed = xp.where(xp.less(control.tolerance, LARGEST_NUMBER), np.nan, square)
     return xp.where(good, projected, new), xp.where(good, square, failed)
@@ -147,30 +155,48 @@ def _factor(square: Any, previous: Any, admitted: Any, order: int, xp: Any) -> A
     return xp.where(xp.less(MIN_FACTOR, factor), factor, MIN_FACTOR)
 
 
-def _error(
-    errors: list[Array], change: Array | None, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any
-) -> Any:
+def _error(errors: list[Array], change: Array | None, inverse: Array) -> Any:
     """e^2, the square of the error's norm over what is admitted.
 
     Of two estimates of orders 5 and 3 it is that of e5^2 / sqrt(e5^2 + e3^2 / 100), which has h^8 (DOP853; Hairer,
     Norsett, Wanner: Solving Ordinary Differential Equations I, II.10). The last change of an iteration is an error too.
     """
-    squares = [_mean_square(e, x, new, absolute, tolerance, xp) for e in errors]
+    squares = [_mean_square(e, inverse) for e in errors]
     square = squares[0]
     if len(squares) == 2:
         high, low = squares
         square = high * high / (high + 0.01 * low + 1e-300)
     if change is not None:
-        square = square + _mean_square(change, x, new, absolute, tolerance, xp)
+        square = square + _mean_square(change, inverse)
     return square
 
 
-def _mean_square(error: Array, x: Array, new: Array, absolute: Array, tolerance: Any, xp: Any) -> Any:
-    """The mean of (error / admitted)^2; admitted: tolerance * (1 or, of velocities, 1 + |v|), and rounding."""
+def _mean_square(error: Array, inverse: Array) -> Any:
+    """The mean of (error / admitted)^2, from 1 / admitted^2."""
+    return (error * error * inverse).sum(axis=0) * (1.0 / max(1, len(error)))
+
+
+def _admitted(problem: Problem, x: Array, new: Array, tolerance: Any, xp: Any) -> Array:
+    """1 / admitted^2 by the tolerance: tolerance * (1 or, of velocities, 1 + |v|), and rounding."""
     largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
-    relative = np.where(absolute, 0.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
-    admitted = (largest * relative + 1.0) * (tolerance * tolerance) + largest * ROUNDING**2
-    return (error * error / admitted).sum(axis=0) * (1.0 / max(1, len(x)))
+    relative = np.where(problem.absolute, 0.0, 1.0).reshape(-1, *[1] * (x.ndim - 1))
+    return np.asarray(1.0 / ((largest * relative + 1.0) * (tolerance * tolerance) + largest * ROUNDING**2))
+
+
+def _resolved(problem: Problem, x: Array, new: Array, h: Any, resolution: Any, xp: Any) -> Array:
+    """1 / admitted^2 by the resolution: a part of what the step changes in the joint, and rounding.
+
+    What it changes is the sum of both of its changes, dq + h dv or dv + dq / h: one of the two may vanish for a moment.
+    """
+    change = (new - x) * (new - x)
+    largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
+    inverse = np.zeros_like(change)
+    for q, v in problem.joints:
+        size = change[q].sum(axis=0) + change[v].sum(axis=0) * (h * h)
+        rounding = (1.0 + resolution) * ROUNDING**2
+        inverse[q] = resolution / ((largest[q] + 1.0) * rounding + size)
+        inverse[v] = resolution / ((largest[v] + 1.0) * rounding + size / (h * h))
+    return inverse
 
 
 def _split(problem: Problem, state: Array) -> tuple[Array, Control, Array]:
@@ -185,17 +211,25 @@ def _stack(x: Array, control: Control, parameters: Array) -> Array:
 
 
 def initial_state(
-    x: Array, t: Any, h: Any, end: Any, tolerance: Any, longest: Any = np.inf, parameters: Array | None = None
+    x: Array,
+    t: Any,
+    h: Any,
+    end: Any,
+    tolerance: Any,
+    longest: Any = np.inf,
+    parameters: Array | None = None,
+    resolution: Any = 0.0,
 ) -> Array:
     """The state array of worlds x (size, n) at time t with first steps h, to stop at `end`.
 
-    t, h, end, tolerance and longest are numbers or one number a world (n,); parameters (p, n) or (p, 1).
+    t, h, end, tolerance, longest and resolution are numbers or one number a world (n,); parameters (p, n) or (p, 1).
     """
     rows, count = control_rows(len(x)), 0 if parameters is None else len(parameters)
     state = np.zeros((len(x) + ROWS + count, x.shape[1]))
     state[: len(x)] = x
     state[rows.time], state[rows.step], state[rows.good], state[rows.previous] = t, h, h, FIRST_SQUARE
     state[rows.end], state[rows.tolerance], state[rows.longest] = end, tolerance, longest
+    state[rows.resolution] = resolution
     if parameters is not None:
         state[len(x) + ROWS :] = parameters
     return state

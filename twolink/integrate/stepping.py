@@ -1,7 +1,8 @@
 """Stepping: worlds advance by a step map, each with steps of its own; samples are taken between the steps.
 
 `advance` is the one loop. It attempts blocks of steps and yields the states on the way, from which samples are taken
-and events are looked for. `integrate` runs one world through it, and `integrate_many` many worlds to the same times.
+and events are looked for. `integrate` runs one world through it, alone or as the first lane of a batch in which the
+others are the solutions beside it, and `integrate_many` many worlds to the same times.
 """
 
 import functools
@@ -16,14 +17,15 @@ import numpy as np
 from twolink.algorithms import sincos
 from twolink.dynamics.threads import is_forked_child, share, thread_count
 from twolink.errors import AccuracyError
+from twolink.integrate.beside import Beside
 from twolink.integrate.chain import take_steps
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
-from twolink.integrate.perturbation import MIN_STEPS
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.pinocchio_rate import rate_at_start
-from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solution import MAX_KEPT, Progress, Solution
 from twolink.integrate.state import Array
-from twolink.integrate.step_control import initial_state
+from twolink.integrate.step_control import RESOLUTION, initial_state
 from twolink.integrate.step_map import LANES, StepMap
 
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
@@ -32,6 +34,7 @@ BLOCK = 256  # steps between two looks at what they gave
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
 CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one
 SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
+SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
 SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
 FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
 CODES = ("", "not-finite", "angle-out-of-reach", "steps-collapsed", "too-many-steps")  # of failures, by outcome
@@ -63,8 +66,10 @@ def integrate(
     setting: float,
     progress: Progress | None = None,
     *,
+    perturbation: Perturbation = NO_PERTURBATION,
+    beside: Beside | None = None,
     watcher: Watcher | None = None,
-    longest: float | None = None,
+    span: float | None = None,
     rate: Array | None = None,
     first_block: int = BLOCK,
 ) -> Solution:
@@ -80,10 +85,14 @@ def integrate(
         sample.
     progress : callable, optional
         Called with the simulated time after each block of steps.
+    perturbation : Perturbation
+        Of this solution; its setting is divided by `finer`.
+    beside : Beside, optional
+        Solutions that are solved in the same calls, from where they are to the last sample.
     watcher : Watcher, optional
         The first event that it finds ends the solution.
-    longest : float, optional
-        The longest step of an adaptive method, s; by default 1 / MIN_STEPS of the time from first to last sample.
+    span : float, optional
+        The time of the whole run, s, of which a step is a part; by default that from first to last sample.
     rate : ndarray (nq + nv,), optional
         The rate at the start, where the caller knows it.
     first_block : int
@@ -100,16 +109,25 @@ def integrate(
         Codes "steps-collapsed", "loops-singular", "not-finite", "step-too-large", "too-many-steps" and
         "angle-out-of-reach".
     """
-    equations, method = step_map.equations, step_map.method
+    equations, method, rows = step_map.equations, step_map.method, step_map.rows
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
-    longest = longest or (end - start) / MIN_STEPS
+    others = () if beside is None else beside.perturbations
+    lanes, x = (perturbation, *others), equations.start[:, None]
+    if beside is not None:
+        numbers = np.repeat(x[equations.moving :], len(others), axis=1)
+        x = np.concatenate([x, np.concatenate([beside.now, numbers])], axis=1)
     rate = rate_at_start(equations, start)[: equations.moving] if rate is None else rate
-    state, limit = start_state(step_map, equations.start[:, None], start, end, setting, longest=longest, rate=rate)
+    state, limit = start_state(step_map, x, start, end, setting, lanes, rate=rate, span=span or end - start)
     out = np.empty((size, len(times)))
     out[:, 0] = equations.start
+    taken = [(np.array([start]), equations.start[None, : equations.moving])]
     done, interrupted, hit, last = 1, False, None, state[:, 0]
     try:
-        for block in advance(step_map, state, limit, first_block):
+        for block in advance(step_map, state, limit, first_block, 1 if beside is None else LANES, lanes):
+            if beside is not None:
+                take_samples(step_map, _others(block), beside.t, beside.x)
+            if block.worlds[0] > 0:
+                continue  # the run has arrived, another solution has not
             t, states = block.t[:, 0], block.states[:, :, 0]
             last = states[-1]
             if block.outcome[0] != FINE:
@@ -120,6 +138,8 @@ def integrate(
             if reached > done:
                 out[:, done:reached] = _states_at(step_map, t, states[:, :size], times[done:reached])
             done = reached
+            accepted = t[1:] > t[:-1]
+            taken.append((t[1:][accepted], states[1:, : equations.moving][accepted]))
             if hit is not None:
                 last = states[max(0, int(np.searchsorted(t, hit.t)) - 1)]
                 break
@@ -127,7 +147,9 @@ def integrate(
                 progress(float(t[-1]))
     except KeyboardInterrupt:
         interrupted = True
-    accepted, rejected = int(last[step_map.rows.accepted]), int(last[step_map.rows.rejected])
+    if beside is not None:
+        beside.now[:] = state[: equations.moving, 1:]
+    accepted, rejected = int(last[rows.accepted]), int(last[rows.rejected])
     return Solution(
         times[:done],
         out[:, :done],
@@ -138,7 +160,22 @@ def integrate(
         step_map.compiled,
         interrupted,
         hit=hit,
+        taken=_joined(taken),
     )
+
+
+def _joined(taken: list[tuple[Array, Array]]) -> tuple[Array, Array] | None:
+    """Times (k,) and states (k, nq + nv) where steps ended; None where they are too many to keep."""
+    if sum(len(t) for t, _ in taken) * taken[0][1].shape[1] > MAX_KEPT:
+        return None
+    return np.concatenate([t for t, _ in taken]), np.concatenate([x for _, x in taken])
+
+
+def _others(block: "Block") -> "Block":
+    """A block without the first world, the others numbered from 0."""
+    if block.worlds[0] > 0:
+        return block._replace(worlds=block.worlds - 1)
+    return Block(block.worlds[1:] - 1, block.states[:, :, 1:], block.t[:, 1:], block.outcome[1:])
 
 
 def _states_at(step_map: StepMap, t: Array, states: Array, wanted: Array) -> Array:
@@ -157,7 +194,7 @@ def integrate_many(
     setting: float | Array,
     parameters: Array | None = None,
     progress: Progress | None = None,
-    min_steps: float = MIN_STEPS,
+    perturbation: Perturbation = NO_PERTURBATION,
 ) -> tuple[Array, Array, Array]:
     """Solve many worlds for the same samples, each with steps of its own.
 
@@ -174,8 +211,8 @@ def integrate_many(
         Run-time parameters of each world.
     progress : callable, optional
         Called now and then with the mean of the times that worlds have reached.
-    min_steps : float
-        The smallest number of steps of an adaptive method.
+    perturbation : Perturbation
+        Of all worlds; their settings are divided by `finer`.
 
     Returns
     -------
@@ -194,23 +231,29 @@ def integrate_many(
     x = np.array(x0[:moving])
     out = np.full((len(times), x.shape[1], moving), np.nan)
     out[0] = x.T
-    counts = np.zeros((2, x.shape[1]), dtype=int)
+    counts, worlds = np.zeros((2, x.shape[1]), dtype=int), (perturbation,) * x.shape[1]
     for begin, stop in itertools.pairwise([start, *(t for t in equations.breaks(end) if t > start), end]):
         lost = ~np.isfinite(x).all(axis=0)
         if lost.all():
             break
         table_rows = np.repeat(equations.layout.numbers_at(0.5 * (begin + stop))[:, None], x.shape[1], axis=1)
-        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, parameters,
-                                   (end - start) / min_steps)  # fmt: skip
+        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, worlds, parameters,
+                                   span=end - start)  # fmt: skip
         state[rows.time, lost] = stop
-        _to_the_end(step_map, state, limit, times, out, progress)
+        _to_the_end(step_map, state, limit, times, out, progress, perturbation)
         x = state[:moving]
         counts += state[[rows.accepted, rows.rejected]].astype(int)
     return out.swapaxes(1, 2), counts[0], counts[1]
 
 
 def _to_the_end(
-    step_map: StepMap, state: Array, limit: int, times: Array, out: Array, progress: Progress | None
+    step_map: StepMap,
+    state: Array,
+    limit: int,
+    times: Array,
+    out: Array,
+    progress: Progress | None,
+    perturbation: Perturbation,
 ) -> None:
     """Advance all worlds of `state` (rows, n) to their ends, in chunks that threads share, with samples into `out`."""
     rows, count = step_map.rows, state.shape[1]
@@ -220,7 +263,7 @@ def _to_the_end(
 
     def part(begin: int, stopped: threading.Event) -> None:
         own, samples = state[:, begin : begin + chunk], out[:, begin : begin + chunk]
-        for block in advance(step_map, own, limit, lanes=LANES):
+        for block in advance(step_map, own, limit, BLOCK, LANES, (perturbation,) * own.shape[1]):
             own[:moving, block.worlds[block.outcome != FINE]] = np.nan
             take_samples(step_map, block, times, samples, own[first:] if len(own) > first else None)
             if stopped.is_set():
@@ -235,18 +278,26 @@ def _to_the_end(
     share([functools.partial(part, begin) for begin in range(0, count, chunk)], report)
 
 
-def advance(step_map: StepMap, state: Array, limit: int, block_steps: int = BLOCK, lanes: int = 1) -> Iterator[Block]:
+def advance(
+    step_map: StepMap,
+    state: Array,
+    limit: int,
+    block_steps: int = BLOCK,
+    lanes: int = 1,
+    perturbations: tuple[Perturbation, ...] = (),
+) -> Iterator[Block]:
     """Advance each world of `state` (rows, n), in place, to its own end, and yield the blocks of steps.
 
     limit: of attempted steps a world. block_steps: of the first block; each next one has twice as many up to BLOCK.
     lanes: batches are padded to a multiple of it; with LANES every world gets the same bits in any batch. Worlds that
-    have arrived or cannot go on are left out of the next block.
+    have arrived or cannot go on are left out of the next block. perturbations: of each world, which may be disturbed.
     """
     rows = step_map.rows
     start = state[rows.time].copy()
     worlds = np.flatnonzero(state[rows.time] < state[rows.end])
     while worlds.size:
-        states = _attempt(step_map, state[:, worlds], block_steps, lanes)
+        own = tuple(perturbations[i] for i in worlds) if any(one.rounding for one in perturbations) else ()
+        states = _attempt(step_map, state[:, worlds], block_steps, lanes, own)
         last = states[-1]
         outcome = _outcome(step_map, last, start[worlds], limit)
         state[:, worlds] = last
@@ -255,26 +306,48 @@ def advance(step_map: StepMap, state: Array, limit: int, block_steps: int = BLOC
         block_steps = min(2 * block_steps, BLOCK)
 
 
-def _attempt(step_map: StepMap, state: Array, count: int, lanes: int) -> Array:
-    """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived."""
+def _attempt(
+    step_map: StepMap, state: Array, count: int, lanes: int, perturbations: tuple[Perturbation, ...]
+) -> Array:
+    """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived.
+
+    perturbations: of each world, whose states are disturbed before each call; none: no world is.
+    """
     rows, worlds = step_map.rows, state.shape[1]
     width = -(-worlds // lanes) * lanes if step_map.compiled else worlds
     count = max(1, min(count, BLOCK_NUMBERS // (len(state) * width)))
     start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
     call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
+    # A chain would depend on how many worlds there are, and what a disturbance is must not.
+    at_once = at_once if width == LANES or not perturbations else 1
+    added = _disturbances(step_map, start, count, at_once, perturbations)
     if at_once > 1:
-        states = take_steps(call, rows, start, count, at_once)
+        states = take_steps(call, rows, start, count, at_once, added)
         if states is not None:
             return states[..., :worlds]
     states = np.empty((count + 1, *start.shape))
     states[0] = start
     k, end = 0, start[rows.end]
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
+        if added is not None:
+            now[: added.shape[1]] += added[(k - 1) // at_once] / math.sqrt(at_once)
         call(now, new)
         going = np.count_nonzero(new[rows.time] < end)
         if going == 0 or (k >= LANES and 2 * going < width):
             break
     return states[: k + 1, :, :worlds]
+
+
+def _disturbances(
+    step_map: StepMap, start: Array, count: int, at_once: int, perturbations: tuple[Perturbation, ...]
+) -> Array | None:
+    """What is added to (q, v) before each call that makes `at_once` steps, (calls, nq + nv, n); None for nothing."""
+    if not perturbations:
+        return None
+    rows, equations, calls = step_map.rows, step_map.equations, -(-count // at_once)
+    every = perturbations + perturbations[-1:] * (start.shape[1] - len(perturbations))
+    counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
+    return math.sqrt(at_once) * disturbances(every, counts, start[: equations.moving], equations.space.nq)
 
 
 def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None) -> None:
@@ -306,17 +379,26 @@ def start_state(
     start: float | Array,
     end: float | Array,
     setting: float | Array,
+    perturbations: tuple[Perturbation, ...] = (),
     parameters: Array | None = None,
-    longest: float = math.inf,
+    *,
+    span: float = math.inf,
     rate: Array | None = None,
 ) -> tuple[Array, int]:
     """The state array of worlds x (size, n) with their first steps, and the limit of steps.
 
-    start, end: times, or one of each world (n,). rate: of (q, v), where the caller knows it.
+    start, end: times, or one of each world (n,). perturbations: of each world. span: the time of the whole run, s, of
+    which a step is a part. rate: of (q, v), (nq + nv, n or 1), where the caller knows it.
     Raises AccuracyError where no world has a finite rate.
     """
     equations, method = step_map.equations, step_map.method
-    rate = np.abs(rate_by_pinocchio(equations, start, x)[: equations.moving] if rate is None else rate)
+    every = perturbations or (NO_PERTURBATION,)
+    finer = np.array([one.finer for one in every])
+    setting = np.asarray(setting / finer)
+    if method.adaptive:
+        setting = np.fmax(setting, SMALLEST_TOLERANCE)
+    rate = rate_by_pinocchio(equations, start, x)[: equations.moving] if rate is None else rate
+    rate = np.abs(np.broadcast_to(rate, (len(rate), x.shape[1])))
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
@@ -334,12 +416,13 @@ def start_state(
     # It depends on the tolerance even where the duration is short: otherwise two tolerances could take the same steps,
     # and the distance of their solutions would say nothing about the error.
     fraction = setting ** (1 / method.error_order)
-    first = np.minimum(0.5 * fraction / np.maximum(change, 1e-3), fraction * duration / MIN_STEPS)
+    first = np.minimum(0.5 * fraction / np.maximum(change, 1e-3), fraction * duration / every[0].min_steps(method))
     # Eight bits suffice. The last bits of the rate depend on the number of worlds, as Pinocchio's parallel loops round
     # differently, and a world's steps must not.
     mantissa, exponent = np.frexp(first)
     first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
-    return initial_state(x, start, first, end, setting, longest, parameters), MAX_STEPS
+    longest = span / np.array([one.min_steps(method) for one in every])
+    return initial_state(x, start, first, end, setting, longest, parameters, (finer / RESOLUTION) ** 2), MAX_STEPS
 
 
 def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:

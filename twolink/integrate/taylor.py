@@ -28,11 +28,12 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
+from twolink.integrate.beside import Beside
 from twolink.integrate.compile_time import UNOPTIMIZED, is_reproducible, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.formulas import traced_rate
-from twolink.integrate.perturbation import MIN_STEPS
+from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.pieces import in_pieces
 from twolink.integrate.scene_equations import structure_of
 from twolink.integrate.solution import Code, Progress, Solution
@@ -42,6 +43,8 @@ COMPACT_FROM = 4  # degrees of freedom from which heyoka compiles loops in place
 RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the exact motion never leaves
 DIGITS = 256  # bits of the constants behind quadruple precision
 COMPANION = 16.0  # c
+ROUNDING_UNIT = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1.9e-34}
+DISTURBANCES = 4  # of a solution, evenly: each as large as those of the steps up to the next one together
 CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: numbers, not seconds, as a look ends a step
 
 
@@ -66,7 +69,8 @@ def solve(
     progress: Progress | None = None,
     *,
     precision: Precision = "double",
-    min_steps: float = MIN_STEPS,
+    perturbation: Perturbation = NO_PERTURBATION,
+    beside: Beside | None = None,
 ) -> Solution:
     """Solve from the equations' start for samples, by Taylor's method.
 
@@ -82,8 +86,10 @@ def solve(
     precision : {"double", "extended", "quad"}
         16 digits, 19 (where the processor has them) or 33. Of the last two the states are in Solution.precise as well,
         and products of the model's constants keep their digits.
-    min_steps : float
-        The smallest number of steps of a piece.
+    perturbation : Perturbation
+        Of this solution; its tolerance is divided by `finer`, which adds orders.
+    beside : Beside, optional
+        Solutions in double precision that are equally finer, as lanes of one integrator.
 
     Returns
     -------
@@ -99,16 +105,27 @@ def solve(
     if heyoka() is None:
         raise MissingExtraError("Taylor's method needs heyoka", remedy='pip install heyoka, or method="dop853"')
 
+    tolerance = tolerance / perturbation.finer
+
     def piece(equations: Equations, times: Array) -> Solution:
         # Loops compile in about a second. Straight code is twice as fast, but compiles for minutes where it is long.
         loops = equations.space.nv >= COMPACT_FROM or precision != "double"
         code = _Code(equations, tolerance, precision, loops)
         names.add(code.best)
         try:
-            solution = _propagate(code, equations, times, progress, precision, min_steps)
+            solution = _propagate(code, equations, times, progress, precision, perturbation)
         finally:
-            _pool.setdefault(code.name, []).append(code.integrator)
-        return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=code.compile_seconds)
+            code.give_back()
+        seconds = code.compile_seconds
+        if beside is not None and not solution.interrupted:
+            lanes = _Code(equations, tolerance / beside.perturbations[0].finer, precision, loops, len(beside.perturbations))
+            try:
+                _propagate_beside(lanes, equations, times, progress, beside, solution.steps / DISTURBANCES)
+            finally:
+                lanes.give_back()
+            seconds += lanes.compile_seconds
+            names.add(lanes.best)
+        return replace(solution, evaluations=solution.steps * order_of(tolerance), compile_seconds=seconds)
 
     names: set[str] = set()
     solution = in_pieces(equations, times, piece)
@@ -142,13 +159,15 @@ class _Code:
     cost as much as compiling, the best code follows.
     """
 
-    def __init__(self, equations: Equations, tolerance: float, precision: Precision, compact: bool) -> None:
-        parts = ("taylor", str(order_of(tolerance)), precision, "compact" if compact else "straight")
+    def __init__(
+        self, equations: Equations, tolerance: float, precision: Precision, compact: bool, lanes: int = 1
+    ) -> None:
+        parts = ("taylor", str(order_of(tolerance)), precision, "compact" if compact else "straight", f"{lanes} lanes")
         self.best, self.compile_seconds = equations.key(*parts), 0.0
-        self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact)
+        self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact, lanes)
         self._equations, rows = equations, equations.start[equations.moving :]
-        at_hand = bool(_pool.get(self.best)) or cache.has(self.best)
-        if at_hand or is_reproducible() or _spent.get(self.best, 0.0) > self._limit:
+        at_hand = bool(_pool.get(self.best)) or _spent.get(self.best, 0.0) > self._limit
+        if at_hand or is_reproducible() or cache.has(self.best):
             self.name, self.integrator, self.numbers = self.best, self._made(self.best, equations), rows
             return
         base, values = structure_of(equations) if precision == "double" else (equations, np.empty(0))
@@ -161,6 +180,10 @@ class _Code:
         self.compile_seconds += time.perf_counter() - start
         return integrator
 
+    def give_back(self) -> None:
+        """Let others use the integrator."""
+        _pool.setdefault(self.name, []).append(self.integrator)
+
     def spend(self, seconds: float) -> None:
         """Count what solving took; go on with optimized code where that has become worth its compiling."""
         if self.name == self.best:
@@ -168,7 +191,11 @@ class _Code:
         _spent[self.best] = _spent.get(self.best, 0.0) + seconds
         if _spent[self.best] > self._limit:
             integrator = self._made(self.best, self._equations)
-            integrator.time, integrator.state[:] = self.integrator.time, self.integrator.state
+            integrator.state[:] = self.integrator.state
+            if np.ndim(integrator.state) == 1:
+                integrator.time = self.integrator.time
+            else:
+                integrator.set_time(self.integrator.time)
             integrator.pars[:] = self.integrator.pars[: len(integrator.pars)]
             self.name, self.integrator = self.best, integrator
 
@@ -191,6 +218,7 @@ def _build(
     tolerance: float,
     precision: Precision,
     compact: bool,
+    lanes: int,
     parameters: Sequence[str],
     **options: Any,
 ) -> Any:
@@ -212,10 +240,10 @@ def _build(
             rate[joint.unit] = rate[joint.unit] + part * ((1.0 - (part * part).sum()) * RESTORING)
     system = [*zip(x, (xp.lift(r) for r in rate), strict=True), (module.expression("companion"), companion)]
     kind = _kind(precision)
-    start_values = [kind(0.0)] * (size + 1)
-    integrator = module.taylor_adaptive(
-        system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance), **options
-    )
+    make, start_values = module.taylor_adaptive, np.zeros(size + 1, dtype=kind)
+    if lanes > 1:
+        make, start_values = module.taylor_adaptive_batch, np.zeros((size + 1, lanes), dtype=kind)
+    integrator = make(system, start_values, compact_mode=compact, fp_type=kind, tol=kind(tolerance), **options)
     cache.store(name, integrator)
     log.info("compiled in %.1f s", time.perf_counter() - start)
     return integrator
@@ -235,7 +263,7 @@ def _propagate(
     times: Array,
     progress: Progress | None,
     precision: Precision,
-    min_steps: float,
+    perturbation: Perturbation,
 ) -> Solution:
     size, kind, integrator = equations.moving, _kind(precision), code.integrator
     x0, numbers = equations.start[:size].astype(kind), code.numbers.astype(kind)
@@ -246,13 +274,16 @@ def _propagate(
         integrator.state[size] = kind(0.5 * np.log(COMPANION + float(np.square(x0.astype(float)).sum())))
     out = np.empty((len(times), size), dtype=kind)
     out[0] = x0
-    done, steps, chunk, interrupted = 1, 0, CHUNK, False
-    grid = times.astype(kind)
+    done, steps, taken, interrupted = 1, 0, 1, False
+    chunk = 1 if perturbation.rounding else CHUNK
+    grid, longest = times.astype(kind), kind((times[-1] - times[0]) / MIN_STEPS)
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
             start = time.perf_counter()
-            taken, states = _grid(code.integrator, grid[done - 1 : stop], kind((times[-1] - times[0]) / min_steps))
+            if perturbation.rounding:
+                _disturb(code.integrator, equations, precision, perturbation, done, taken)
+            taken, states = _grid(code.integrator, grid[done - 1 : stop], longest)
             code.spend(time.perf_counter() - start)
             steps += taken
             out[done:stop] = states[1:, :size]
@@ -261,13 +292,54 @@ def _propagate(
                 raise failure("too-many-steps", float(times[done - 1]), limit=MAX_STEPS)
             if progress is not None:
                 progress(float(times[done - 1]))
-            chunk = min(chunk * 4, MAX_CHUNK)
+            chunk = chunk if perturbation.rounding else min(chunk * 4, MAX_CHUNK)
     except KeyboardInterrupt:
         interrupted = True
     double = out[:done].astype(float, copy=False).T
     precise = None if precision == "double" else out[:done]
     compiled: Code = "steps" if code.name == code.best else "first"
     return Solution(times[:done], double, steps, 0, compiled=compiled, interrupted=interrupted, precise=precise)
+
+
+def _disturb(
+    integrator: Any, equations: Equations, precision: Precision, perturbation: Perturbation, number: int, steps: int
+) -> None:
+    """Disturb the state as much as so many steps would."""
+    x, count = integrator.state[: equations.moving], np.full((1, 1), number)
+    added = disturbances((perturbation,), count, x.astype(float)[:, None], equations.space.nq)[0, :, 0]
+    x += (math.sqrt(max(1, steps)) * ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"] * added).astype(x.dtype)
+
+
+def _propagate_beside(
+    code: _Code, equations: Equations, times: Array, progress: Progress | None, beside: Beside, steps: float
+) -> None:
+    """Solve from where the solutions beside a run are to the end of a piece. steps: between two disturbances."""
+    size, integrator, lanes = equations.moving, code.integrator, beside.perturbations
+    first, after = np.searchsorted(beside.t, times[[0, -1]], side="right")
+    inside = beside.t[first:after]
+    grid = np.concatenate([times[:1], inside, times[-1:] if not inside.size or inside[-1] < times[-1] else []])
+    integrator.set_time(float(times[0]))
+    integrator.state[:size] = beside.now
+    integrator.pars[:] = code.numbers[: len(integrator.pars), None]
+    integrator.state[size] = 0.5 * np.log(COMPANION + np.square(beside.now).sum(axis=0))
+    longest = [float(times[-1] - times[0]) / MIN_STEPS] * len(lanes)
+    arrived, stride = heyoka().taylor_outcome.time_limit, -(-len(grid) // DISTURBANCES)
+    for begin in range(0, len(grid) - 1, stride):
+        part = np.repeat(grid[begin : begin + stride + 1, None], len(lanes), axis=1)
+        x = integrator.state[:size]
+        counts = np.full((1, len(lanes)), begin)
+        x += math.sqrt(max(1.0, steps)) * disturbances(lanes, counts, x, equations.space.nq)[0]
+        start = time.perf_counter()
+        _, states = integrator.propagate_grid(part, max_steps=MAX_STEPS, max_delta_t=longest)
+        code.spend(time.perf_counter() - start)
+        if any(result[0] != arrived for result in integrator.propagate_res):
+            return  # what is behind it stays NaN
+        integrator = code.integrator
+        places = slice(first + begin, min(first + begin + stride, after))
+        beside.x[places] = states[1 : 1 + places.stop - places.start, :size].swapaxes(1, 2)
+        if progress is not None:
+            progress(float(part[-1, 0]))
+    beside.now[:] = integrator.state[:size]
 
 
 def _grid(integrator: Any, grid: Any, longest: Any) -> tuple[int, Any]:

@@ -21,7 +21,8 @@ class Cost(ShownAsText):
     steps, evaluations, rejected : int
         Steps taken, evaluations of the dynamics, and steps that were tried in vain.
     seconds, verify_seconds, compile_seconds : float
-        Of solving, of the more accurate solutions behind the error bar, and of compiling or loading.
+        Of solving, of solutions behind the error bar that were not solved in the same steps, with those of runs that
+        were not accurate enough, and of compiling or loading.
     compiled : {"steps", "first", "parts", ""}
         What was compiled at the end: whole steps; whole steps without optimization, as in the first run of a scene by
         Taylor's method; the rate and the projection in them; or nothing.
@@ -29,6 +30,8 @@ class Cost(ShownAsText):
         The reason for the method.
     step : float or None
         The step size of a method with steps of one size, s; None for one that adapts them.
+    precision : {"double", "extended", "quad"}
+        Of the numbers.
     """
 
     method: str
@@ -42,6 +45,7 @@ class Cost(ShownAsText):
     compiled: Code = ""
     why: str = ""
     step: float | None = None
+    precision: str = "double"
 
     @property
     def setting(self) -> float:
@@ -52,8 +56,9 @@ class Cost(ShownAsText):
         setting = f"step {self.step:.3g} s" if self.tolerance is None else f"tolerance {self.tolerance:.2g}"
         kind = KINDS[self.compiled]
         seconds = f"{self.seconds:.3g} s, error bar {self.verify_seconds:.3g} s, compiling {self.compile_seconds:.3g} s"
+        digits = "" if self.precision == "double" else f", {self.precision} precision"
         return (
-            f"{self.method}, {setting} ({self.why or 'as asked'})\n"
+            f"{self.method}, {setting}{digits} ({self.why or 'as asked'})\n"
             f"{self.steps} steps ({kind}), {self.rejected} rejected, {self.evaluations} evaluations\n"
             f"solved in {seconds}"
         )

@@ -1,121 +1,172 @@
-"""Refinement: which method and setting solve more accurately, and the errors where none does."""
+"""Refinement: what is tried next where an error bar is above the accuracy, and the error where nothing is left.
 
-import math
-from dataclasses import replace
+Smaller settings come first, as long as truncation is a part of the bar that they can make smaller. Then other methods,
+and numbers of more digits: 19, then 33, by Taylor's method.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
-from twolink.integrate.compile_time import MAX_COMPILING, taylor_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS
-from twolink.integrate.method_choice import MethodChoice, second_tolerance
-from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.method_choice import MethodChoice, first_setting
+from twolink.integrate.methods import METHODS
 from twolink.integrate.solver import smallest_tolerance
+from twolink.integrate.taylor import ROUNDING_UNIT, Precision
 from twolink.simulation.trajectory import Trajectory
+from twolink.simulation.verification import Verified
 
-# Below this tolerance rounding may be a tenth of the error or more. The motion amplifies both alike, so that their
-# ratio depends on the tolerance, not on the scene: on double pendulums of 5 to 20 s the error at 1e-11 is 45 times or
-# more that of rounding alone in 9 of 10, by Taylor's method, DOP853 and RK45; at 1e-13 it is once to 12 times that.
-ROUNDING_COUNTS = 5e-11
-ROUNDING_MEASURED = 5e-12  # from this tolerance on a run that starts roundings away tells how much rounding counts
-STIFF_ROUNDING_COUNTS = 1e-11  # of implicit methods: stiff motions damp roundings
-MANY_STEPS = 2_000_000  # of a solution in double precision, that take minutes with more digits
-MORE_DIGITS = 1e-18  # tolerance of solutions in extended precision that judge those in double precision
-ROOM = 5.0  # times the smallest tolerance: a second solution must be able to be more accurate
+ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
+AIM = 0.5  # of the accuracy, for the next bar
+MOST = 0.8  # of the accuracy, that rounding may take
+DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
+TRIALS, WORSE = 8, 0.9  # settings of a method, as long as each bar is smaller than the last one
+OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings
+DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", "quad": "33 digits"}
 
 
-def finer(
-    choice: MethodChoice, equations: Equations, accuracy: float, steps: int = 0, *, digits_below: float = math.inf
-) -> MethodChoice:
-    """What solves more accurately than the choice, which took so many steps. Raises AccuracyError for nothing.
+@dataclass(eq=False)
+class Search:
+    """The search for a method and a setting that keep an accuracy.
 
-    digits_below: the tolerance below which it has more digits, at most that below which rounding may count.
+    Parameters
+    ----------
+    equations : Equations
+    accuracy : float
+        rad or m.
+    any_method : bool
+        Whether other methods may be tried.
+    precisions : tuple of str
+        In which numbers may be tried after the first ones, in order.
+    seconds : float
+        What compiling may take.
     """
-    method, setting = choice.method, choice.setting
-    if not method.adaptive:
-        return replace(choice, setting=setting / 2)
-    if method.kind == "taylor" and choice.precision == "double" and not equations.analytic:
-        return MethodChoice(METHODS["dop853"], max(setting / 30, 1e-13), "the series may not converge")
-    smallest = smallest_tolerance(method, choice.precision)
-    last = setting / 4 <= smallest
-    if choice.precision == "double" and (last or setting < min(digits_below, rounding_tolerance(method))):
-        more = more_digits(equations, steps, costly=last)
-        if more is not None:
-            return more
-    if not last:
-        return replace(choice, setting=max(second_tolerance(method, setting), smallest))
-    raise AccuracyError(
-        f"{accuracy:g} is below what can be verified in {choice.precision} precision",
-        argument="accuracy",
-        remedy='precision="quad", or the answer without an error bar: verify=False',
-        code="accuracy-not-verifiable",
-        precision=_more_precise(choice, equations),
-    )
+
+    equations: Equations
+    accuracy: float
+    any_method: bool = False
+    precisions: tuple[Precision, ...] = ()
+    seconds: float = 60.0
+    tried: list[str] = field(default_factory=list)
+    best: Trajectory | None = None
+    _settings: int = 0
+    _last: float = np.inf
+    _left: Iterator[MethodChoice] | None = None
+
+    def seen(self, choice: MethodChoice, run: Trajectory | None) -> None:
+        """Take note of what was tried, and of the run with the smallest bar."""
+        setting = f"{'tolerance' if choice.method.adaptive else 'step'} {choice.setting:.1e}"
+        digits = "" if choice.precision == "double" else f" with {DIGITS[choice.precision]}"
+        bar = run.error[-1] if run is not None and run.error is not None else np.inf
+        self.tried.append(f"{choice.method.name}{digits} at {setting}: {bar:.1e}")
+        if run is not None and (self.best is None or self.best.error is None or bar < self.best.error[-1]):
+            self.best = run
+
+    def after(self, one: Verified) -> MethodChoice | None:
+        """What to try after a run; None where nothing is left."""
+        self._settings += 1
+        return self._smaller(one) or self.other(one)
+
+    def other(self, one: Verified | None) -> MethodChoice | None:
+        """Another method or precision to try after a run, or after one that could not be solved."""
+        if self._left is None:
+            self._left = self._others(one)
+        self._settings = 0
+        return next(self._left, None)
+
+    def _smaller(self, one: Verified) -> MethodChoice | None:
+        """A smaller setting of the same method; None where that does not help."""
+        choice, method = one.choice, one.choice.method
+        truncation, rounding = _largest(one.truncation), _largest(one.rounding)
+        bar = truncation + rounding
+        if (truncation < DECIDES * rounding and rounding > MOST * self.accuracy) or self._settings >= TRIALS:
+            return None
+        if self._settings > 1 and bar > WORSE * self._last:
+            return None
+        self._last = bar
+        ratio = AIM * self.accuracy / bar if np.isfinite(bar) else 0.01
+        if not method.adaptive:
+            setting = choice.setting * min(0.9, ratio ** (1.0 / method.order))
+            return replace(choice, setting=setting) if one.solution.t[-1] / setting <= MAX_STEPS else None
+        smallest = ROOM * smallest_tolerance(method, choice.precision)
+        if choice.setting <= 1.01 * smallest:
+            return None
+        return replace(choice, setting=max(choice.setting * min(AIM, ratio), smallest))
+
+    def _others(self, one: Verified | None) -> Iterator[MethodChoice]:
+        """Other methods, unless rounding is in the way; then more digits."""
+        method = None if one is None else one.choice.method
+        rounding = 0.0 if one is None else _largest(one.rounding)
+        if self.any_method and method is not None and method.name in OTHERS and rounding < MOST * self.accuracy:
+            for name in OTHERS:
+                if name != method.name:
+                    yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
+                                       f"{method.name} did not reach the accuracy")  # fmt: skip
+        for precision in self.precisions:
+            if one is not None and one.choice.precision == precision:
+                continue
+            more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
+            if np.isfinite(rounding) and rounding * more > MOST * self.accuracy and precision != self.precisions[-1]:
+                continue
+            yield more_digits(self.accuracy, precision, _reached(one))
+
+    def failure(self) -> AccuracyError:
+        """The error where nothing is left."""
+        run = self.best
+        if run is None or run.error is None:
+            return AccuracyError(f"{self.accuracy:g} cannot be kept", argument="accuracy", code="accuracy-limit",
+                                 remedy="ask for less accuracy", trusted_until=0.0, tried=self.tried)  # fmt: skip
+        until, bar = run.trusted_until or 0.0, float(run.error[-1])
+        shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
+        return AccuracyError(
+            f"{self.accuracy:g} cannot be kept: the smallest error bar is {bar:.1e} at the end, of "
+            + "; ".join(self.tried[-3:]),
+            where=f"t = {until:.6g} s",
+            remedy=f"{shorter}ask for accuracy={_rounded_up(bar):g}",
+            code="accuracy-limit",
+            run=run,
+            trusted_until=until,
+            tried=self.tried,
+        )
 
 
-def rounding_tolerance(method: Method) -> float:
-    """The tolerance of an adaptive method below which rounding may be a large part of the error."""
-    return STIFF_ROUNDING_COUNTS if method.kind == "implicit" else ROUNDING_COUNTS
+def more_digits(accuracy: float, precision: Precision, why: str = "asked for") -> MethodChoice:
+    """Taylor's method in numbers of more digits, for an accuracy."""
+    method = METHODS["taylor"]
+    tolerance = max(accuracy / 30.0, ROOM * smallest_tolerance(method, precision))
+    return MethodChoice(method, tolerance, f"{DIGITS[precision]}: {why}", precision)
 
 
-def more_digits(equations: Equations, steps: int = 0, *, costly: bool = False) -> MethodChoice | None:
-    """Taylor's method in extended precision; None where the equations or the machine do not allow it.
-
-    costly: even where it takes long to compile or to solve.
-    """
-    if not equations.analytic or heyoka() is None or np.finfo(np.longdouble).eps > 1e-18:
-        return None
-    if not costly and (taylor_seconds(equations) > MAX_COMPILING or steps > MANY_STEPS):
-        return None
-    return MethodChoice(METHODS["taylor"], MORE_DIGITS, "more digits", "extended")
-
-
-def refined(choice: MethodChoice, equations: Equations, accuracy: float, run: Trajectory) -> MethodChoice:
-    """The next setting for a run whose error bar is above the accuracy. Raises AccuracyError where there is none."""
-    error = float(run.error[-1]) if run.error is not None else 0.0
-    method, excess = choice.method, error / accuracy
-    if not method.adaptive:
-        setting = choice.setting * (0.5 / excess) ** (1 / method.order)
-        steps = run.t[-1] / setting
-        if steps > MAX_STEPS:
-            raise AccuracyError(f"{method.name} would need {steps:.1e} steps for {accuracy:g}", argument="method",
-                                remedy='method="auto", or less accuracy', code="too-many-steps", run=run)  # fmt: skip
-        return replace(choice, setting=setting)
-    room = ROOM if more_digits(equations, costly=True) is None else 1.0
-    smallest = smallest_tolerance(method, choice.precision) * room
-    if choice.setting <= smallest * 1.01:
-        raise _accuracy_limit(choice, equations, accuracy, error, run)
-    return replace(choice, setting=max(choice.setting * 0.5 / excess, smallest))
+def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]:
+    """The precisions beyond double in which equations can be solved, with compiling in so many seconds."""
+    if not equations.analytic or heyoka() is None or UNOPTIMIZED_SHARE * taylor_seconds(equations) > seconds:
+        return ()
+    there: list[Precision] = []
+    if np.finfo(np.longdouble).eps < 1e-18:
+        there.append("extended")
+    if hasattr(heyoka(), "real128"):
+        there.append("quad")
+    return tuple(there)
 
 
-def limit_of_loops(
-    error: AccuracyError, choice: MethodChoice, equations: Equations, accuracy: float, run: Trajectory | None
-) -> AccuracyError:
-    """The error to raise where a refined solution failed: what the run before can be trusted for, if there is one."""
-    if error.code != "loops-singular" or run is None or run.error is None:
-        return error
-    return _accuracy_limit(choice, equations, accuracy, float(run.error[-1]), run)
+def _largest(part: np.ndarray | None) -> float:
+    return np.inf if part is None else float(part.max(initial=0.0))
 
 
-def _more_precise(choice: MethodChoice, equations: Equations) -> str:
-    """The precision that would reach further, or ""."""
-    return "quad" if choice.precision == "double" and equations.analytic else ""
+def _reached(one: Verified | None) -> str:
+    """What the run before reached, in words."""
+    if one is None:
+        return "steps in double precision do not reach the end"
+    reached = _largest(one.truncation) + _largest(one.rounding)
+    return f"{DIGITS[one.choice.precision]} reached {reached:.1e}"
 
 
-def _accuracy_limit(
-    choice: MethodChoice, equations: Equations, accuracy: float, error: float, run: Trajectory
-) -> AccuracyError:
-    until, more = run.trusted_until or 0.0, _more_precise(choice, equations)
-    shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
-    also = f', or precision="{more}"' if more else ""
-    return AccuracyError(
-        f"{accuracy:g} cannot be kept in {choice.precision} precision: the error bar is {error:.1e} at the end",
-        where=f"t = {until:.6g} s",
-        remedy=f"{shorter}ask for less accuracy{also}",
-        code="accuracy-limit",
-        run=run,
-        trusted_until=until,
-        precision=more,
-    )
+def _rounded_up(x: float) -> float:
+    """A number of one digit above x."""
+    power = 10.0 ** np.floor(np.log10(x)) if 0.0 < x < np.inf else 1.0
+    return float(np.ceil(1.05 * x / power) * power) if np.isfinite(x) else 1.0

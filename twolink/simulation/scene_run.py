@@ -1,8 +1,7 @@
 """simulate: Scene -> Trajectory."""
 
-import functools
-import time
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -13,44 +12,46 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.first_steps import count, rate_name
 from twolink.integrate.method_choice import MethodChoice, choose
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import solve
 from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
-from twolink.simulation.error_bar import SLACK, bar_of_run
-from twolink.simulation.refinement import limit_of_loops, refined
+from twolink.simulation.error_bar import SLACK
+from twolink.simulation.refinement import Search, more_digits, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
+from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.verification import SecondSolutions, Solved, second_solutions
+from twolink.simulation.verification import Verification, Verified
 
 MAX_SAMPLES = 20_000_000
-LOOKS, MAX_LOOKS = 41, 400  # times at which errors are looked at, at least and about at most
+LOOKS, MAX_LOOKS = 41, 100  # times at which errors are looked at, at least and about at most
+ACCURACY = 1e-6  # rad or m, where none is asked for
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
+DOUBLE_REACHES = 3e-15  # rad or m: a smaller accuracy is not tried in double precision
 NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
                "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
+UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps", "not-finite"  # codes: another method may go on
 
 
 def simulate(
     scene: Scene,
     duration: float | None = None,
-    accuracy: float = 1e-6,
+    accuracy: float | None = None,
     *,
     method: str = "auto",
     samples: float = 200.0,
     verify: bool = True,
-    precision: Precision = "double",
+    precision: Precision | Literal["auto"] = "auto",
     tolerance: float | None = None,
     step: float | None = None,
     progress: Progress | None = None,
     contact: str | None = None,
+    patience: float = 600.0,
 ) -> Trajectory:
     """Simulate a scene.
 
@@ -59,17 +60,19 @@ def simulate(
     scene : Scene
     duration : float, optional
         Simulated time, s; by default the scene's own.
-    accuracy : float
-        Bound on the global error of q at every sample, max |difference(q, q_exact)|, rad or m.
+    accuracy : float, optional
+        Bound on the global error of q at every sample, max |difference(q, q_exact)|, rad or m; by default 1e-6. Of
+        contacts that are stepped, by default what the patience allows.
     method : str
         "auto", the cheapest for the accuracy, or one of `twolink methods`.
     samples : float
         Samples a second; the first is at 0, the last at `duration`.
     verify : bool
-        Solve a second time, more accurately and perturbed, and take the distance as the error bar; the settings are
-        refined until the bar is below `accuracy`. Without it run.error is None: not verified.
-    precision : {"double", "quad"}
-        "quad" for 33 digits by Taylor's method; the digits are in run.precise.
+        Solve beside the run a finer solution, and some that are disturbed by rounding, and take the distances as the
+        error bar; the settings are refined until the bar is below `accuracy`. Without it run.error is None.
+    precision : {"auto", "double", "extended", "quad"}
+        Of the numbers: 16 digits, 19 or 33. The latter two by Taylor's method, for smooth scenes; their digits are in
+        run.precise, which the error bar is for. "auto" takes more digits where 16 do not keep the accuracy.
     tolerance, step : float, optional
         Of the method, in place of what `accuracy` calls for, the step in s; the error bar is measured and reported.
     progress : callable, optional
@@ -77,6 +80,8 @@ def simulate(
     contact : {"located", "stepped"}, optional
         How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
         estimated (run.bound). By default as `explain` says.
+    patience : float
+        Wall clock that solving may take, s.
 
     Returns
     -------
@@ -85,23 +90,28 @@ def simulate(
     Raises
     ------
     AccuracyError
-        The accuracy cannot be kept (code "accuracy-limit", with data trusted_until [s] and precision, the one that
-        would reach further, or ""); its `run` is the best trajectory, with its error bar. Or the motion cannot be
-        solved (codes "steps-collapsed", "loops-singular", "not-finite", "too-many-steps").
+        The accuracy cannot be kept (code "accuracy-limit", with data trusted_until [s] and tried, what was), or not
+        within the patience (code "out-of-time"); its `run` is the best trajectory, with its error bar. Or the motion
+        cannot be solved (codes "steps-collapsed", "loops-singular", "not-finite", "too-many-steps").
     SceneError
         An argument does not fit.
     """
-    end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    end, asked = duration_for(scene, duration), None if accuracy is None else accuracy_of(accuracy)
     times = sample_times(end, samples, MAX_SAMPLES)
+    limit = TimeLimit(positive(patience, "patience", AccuracyError, "such as 600"), progress=progress, from_now=True)
     way = choose_way(scene, contact)
     if way.way == "stepped":
-        return _stepped(scene, times, accuracy, method, tolerance, step, precision, progress, verify=verify)
-    equations = equations_of(scene)
-    choice, measured = _with_setting(choose(equations, accuracy, end, method, precision), method, tolerance, step)
+        return _stepped(scene, times, asked, method, tolerance, step, precision, progress, verify=verify)
+    accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
+    free = method == "auto" and tolerance is None and step is None
+    more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
+    first = _first(equations, accuracy, end, method, precision, more if free else ())
+    choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
+    search = Search(equations, accuracy, any_method=free, precisions=() if measured else more)
     try:
-        return run_of(scene, equations, choice, times, accuracy, progress, measured=measured, verify=verify)
+        return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
     except AccuracyError as error:
         if way.way == "located" and error.code in NOT_LOCATED:
             parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
@@ -110,14 +120,28 @@ def simulate(
         raise
 
 
+def _first(
+    equations: Equations,
+    accuracy: float,
+    end: float,
+    method: str,
+    precision: Precision | Literal["auto"],
+    more: tuple[Precision, ...],
+) -> MethodChoice:
+    """What is tried first."""
+    if more and accuracy < DOUBLE_REACHES:
+        return more_digits(accuracy, more[-1] if accuracy < DOUBLE_REACHES**1.2 else more[0], "the accuracy needs them")
+    return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
+
+
 def _stepped(
     scene: Scene,
     times: np.ndarray,
-    accuracy: float,
+    accuracy: float | None,
     method: str,
     tolerance: float | None,
     step: float | None,
-    precision: Precision,
+    precision: Precision | Literal["auto"],
     progress: Progress | None,
     *,
     verify: bool,
@@ -126,12 +150,12 @@ def _stepped(
     from twolink.simulation.stepped_run import simulate_stepped  # which other scenes do not load
 
     for argument, given in (("method", method != "auto"), ("tolerance", tolerance is not None),
-                            ("precision", precision != "double")):  # fmt: skip
+                            ("precision", precision not in ("auto", "double"))):  # fmt: skip
         if given:
             raise SceneError("stepped contacts have a method of their own, in double precision", argument=argument,
                              remedy="leave it out, or give step=")  # fmt: skip
     h = None if step is None else positive(step, "step", AccuracyError, "such as 1e-3")
-    return simulate_stepped(scene, times, accuracy, h, progress, verify=verify)
+    return simulate_stepped(scene, times, ACCURACY if accuracy is None else accuracy, h, progress, verify=verify)
 
 
 def run_of(
@@ -142,66 +166,40 @@ def run_of(
     accuracy: float,
     progress: Progress | None = None,
     *,
+    search: Search | None = None,
     measured: bool = False,
     verify: bool = True,
 ) -> Trajectory:
     """The run of a scene from the start of its equations, as `simulate` returns it for samples at the times (n,).
 
-    measured: the setting of the choice is the caller's own, and is not refined.
+    search: what may be tried beside smaller settings. measured: the setting of the choice is the caller's own, and is
+    not refined.
     """
     all_times = with_looks(times, LOOKS) if verify else times
-    looks = spread_out(len(all_times), MAX_LOOKS)
-    solved = functools.partial(_solve, equations, all_times, progress)
-    solved_again = functools.partial(_solve, equations, all_times[looks], progress)
-    coarse, others = solved(choice), list[Solved]()
-    verifying = compiling = 0.0
-    run: Trajectory | None = None
+    verification = Verification(equations, all_times, spread_out(len(all_times), MAX_LOOKS), progress)
+    if not verify:
+        return _trajectory(scene, equations, verification.unverified(choice), times, None)
+    search, following, spent = search or Search(equations, accuracy), choice, 0.0
     try:
-        while verify and not coarse.solution.interrupted:
-            kept = others
-            second = second_solutions(_looked_at(coarse, looks), solved_again, equations, accuracy, kept)
-            others = second.solutions
-            verifying += sum(other.seconds for other in others if other not in kept)
-            compiling += sum(one.solution.compile_seconds for one in (coarse, *others) if one not in kept)
-            cost = replace(_cost(coarse), verify_seconds=verifying, compile_seconds=compiling)
-            run = _trajectory(scene, equations, coarse, cost, times, None if measured else accuracy, looks, second)
+        while following is not None:
+            one, run = None, None
+            try:
+                one = verification(following)
+                run = _trajectory(scene, equations, one, times, None if measured else accuracy, spent)
+            except AccuracyError as error:
+                next_one = None if measured or error.code not in UNSOLVED else search.other(None)
+                if next_one is None and search.best is None:
+                    raise
+                following, _ = next_one, search.seen(following, None)
+                continue
             if run.error is None or measured or run.error[-1] <= accuracy:
                 return run
-            verifying += coarse.seconds
-            coarse = solved(refined(coarse.choice, equations, accuracy, run))
-    except AccuracyError as error:
-        raise limit_of_loops(error, coarse.choice, equations, accuracy, run) from None
-    return _trajectory(scene, equations, coarse, _cost(coarse), times, None, looks)
-
-
-def _solve(
-    equations: Equations,
-    times: np.ndarray,
-    progress: Progress | None,
-    choice: MethodChoice,
-    perturbation: Perturbation = NO_PERTURBATION,
-) -> Solved:
-    start = time.perf_counter()
-    solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision, perturbation)
-    seconds = time.perf_counter() - start - solution.compile_seconds
-    if choice.method.kind == "scipy":
-        count(rate_name(equations), seconds)
-    return Solved(choice, solution, seconds)
-
-
-def _looked_at(solved: Solved, looks: np.ndarray) -> Solved:
-    """The samples of a solution at which its error is looked at."""
-    solution = solved.solution
-    numbers = _numbers(solution, looks)
-    precise = None if solution.precise is None else solution.precise.take(numbers, axis=0)
-    some = replace(solution, t=solution.t.take(numbers), x=solution.x.take(numbers, axis=1), precise=precise)
-    return replace(solved, solution=some)
-
-
-def _numbers(solution: Solution, looks: np.ndarray) -> np.ndarray:
-    """The numbers of these samples, and of the last one of a solution that an event ended before."""
-    last = len(solution.t) - 1
-    return looks if looks[-1] == last else np.append(looks[looks < last], last)
+            search.seen(following, run)
+            spent += one.seconds + one.verify_seconds
+            following = search.after(one)
+    except OutOfTime as late:
+        raise late.with_run(search.best) from None
+    raise search.failure()
 
 
 def _with_setting(
@@ -224,38 +222,36 @@ def _with_setting(
     return replace(choice, setting=setting, why=choice.why if name == "auto" else "asked for"), True
 
 
-def _cost(solved: Solved) -> Cost:
-    choice, solution = solved.choice, solved.solution
+def _cost(one: Verified, spent: float) -> Cost:
+    """What a run took. spent: s, on runs before it whose error bars were too large."""
+    choice, solution = one.choice, one.solution
     return Cost(
         choice.method.name,
         choice.setting if choice.method.adaptive else None,
         solution.steps,
         solution.evaluations,
-        solved.seconds,
+        one.seconds,
+        verify_seconds=spent + one.verify_seconds,
         compile_seconds=solution.compile_seconds,
         rejected=solution.rejected,
         compiled=solution.compiled,
         why=choice.why,
         step=None if choice.method.adaptive else choice.setting,
+        precision=choice.precision,
     )
 
 
 def _trajectory(
     scene: Scene,
     equations: Equations,
-    solved: Solved,
-    cost: Cost,
+    one: Verified,
     times: np.ndarray,
     accuracy: float | None,
-    looks: np.ndarray,
-    second: SecondSolutions | None = None,
+    spent: float = 0.0,
 ) -> Trajectory:
-    """The solution at the asked times, with its error bar where there are second solutions."""
-    choice, solution = solved.choice, solved.solution
-    error, cut = None, second is not None and second.interrupted
-    if second is not None and not cut:
-        error = bar_of_run(equations.space, solution, _numbers(solution, looks), second.distance, second.safety)
-        error[1:] += SLACK * (accuracy or 0.0)
+    """The solution at the asked times, with its error bar where there are solutions beside it."""
+    choice, solution = one.choice, one.solution
+    error = one.bar(equations.space, SLACK * (accuracy or 0.0))
     # An event may end the run at a time that was not asked for.
     all_asked = len(times) >= LOOKS or np.array_equal(solution.t, times)
     kept = np.ones(len(solution.t), dtype=bool) if all_asked else np.isin(solution.t, times)
@@ -273,9 +269,9 @@ def _trajectory(
         q,
         v,
         None if error is None else error[kept],
-        cost,
+        _cost(one, spent),
         events,
-        solution.interrupted or cut,
+        solution.interrupted,
         accuracy=None if error is None else accuracy,
         precise=None if solution.precise is None else solution.precise[kept],
         robots=_robots(solution, kept),

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from twolink import effects as fx
-from twolink.accuracy.time_limit import TimeLimit
 from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
 from twolink.hard.case import SCENES as FOLDER
@@ -16,6 +15,7 @@ from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many
 from twolink.simulation.scene_run import simulate
+from twolink.simulation.time_limit import TimeLimit
 
 BAD = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 GRAVITY = fx.Gravity()

@@ -52,7 +52,7 @@ class Engine:
     perturbation: Perturbation
 
     def __post_init__(self) -> None:
-        small = SMALL_BOUNCE * self.setting if self.method.adaptive else 0.0
+        small = SMALL_BOUNCE * self.setting / self.perturbation.finer if self.method.adaptive else 0.0
         self.run = RunState(self.whole, float(self.times[0]), max(small, SMALLEST_BOUNCE))
         self.end, self.at_once = float(self.times[-1]), 0
         self.span = self.end - self.run.t
@@ -91,7 +91,7 @@ class Engine:
         taken = slice(0 if first else 1, len(part.t) - int(extra and len(part.t) == len(grid)))
         moving = self.whole.moving
         kept = replace(part, t=part.t[taken], x=part.x[:moving, taken],
-                       pieces=(Piece(equations, begin, len(part.t[taken])),))  # fmt: skip
+                       pieces=(Piece(equations, begin, len(part.t[taken]), part.taken),))  # fmt: skip
         if part.interrupted:
             return kept
         if hit is not None and not extra and same_time(hit.t, stop) and kept.t[-1:] != stop:
@@ -131,11 +131,10 @@ class Engine:
         snapshot = here.look()
         guards = guards_of(run, snapshot)
         watcher = Watcher(here.own.evaluate, steps, guards, self.perturbation.touch_margin)
-        longest = self.span / self.perturbation.min_steps
         space = equations.space
         rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
-        part = integrate(steps, grid, self.setting, self.progress, watcher=watcher, longest=longest, rate=rate,
-                         first_block=self.block)  # fmt: skip
+        part = integrate(steps, grid, self.setting, self.progress, perturbation=self.perturbation, watcher=watcher,
+                         span=self.span, rate=rate, first_block=self.block)  # fmt: skip
         taken = 4 + 5 * (part.steps + part.rejected) // 4  # the next piece may be about as long
         self.block = min(max(taken, self.block // 2, FIRST_BLOCK), BLOCK)
         if part.hit is not None and not self.method.adaptive:
@@ -151,8 +150,9 @@ class Engine:
         Their number grows with the root of the run's, so that a finer run is finer here too.
         """
         length = float(part.hit.t) - float(grid[0])
-        count = max(4.0, math.sqrt(self.span / self.setting))
-        while part.hit is not None and 0.0 < length < count * self.setting:
+        step = self.setting / self.perturbation.finer
+        count = max(4.0, math.sqrt(self.span / step))
+        while part.hit is not None and 0.0 < length < count * step:
             end = float(grid[0]) + 2.0 * length
             shorter = np.append(grid[grid < end], end) if end < grid[-1] else grid
             again = integrate(steps, shorter, length / count, self.progress, watcher=watcher)

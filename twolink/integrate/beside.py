@@ -1,0 +1,30 @@
+"""Solutions beside a run, which show its error."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twolink.integrate.perturbation import Perturbation
+from twolink.integrate.state import Array
+
+
+@dataclass(eq=False)
+class Beside:
+    """Solutions beside a run, as lanes of one batch.
+
+    perturbations: how each of the n differs from the run. t (m,): the times at which they are looked at. x (m, n,
+    nq + nv): their states there, NaN where one did not get there. now (nq + nv, n): where they are.
+    """
+
+    perturbations: tuple[Perturbation, ...]
+    t: Array
+    x: Array
+    now: Array
+
+    @classmethod
+    def of(cls, perturbations: tuple[Perturbation, ...], t: Array, start: Array) -> "Beside":
+        """Solutions that begin at a start (nq + nv,)."""
+        now = np.repeat(start[:, None], len(perturbations), axis=1)
+        x = np.full((len(t), len(perturbations), len(start)), np.nan)
+        x[0] = now.T
+        return cls(perturbations, t, x, now)
