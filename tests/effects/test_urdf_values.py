@@ -23,6 +23,9 @@ def pd(effort: object) -> fx.JointPD:
 CASES = {
     "smooth friction": (fx.SmoothFriction(scale=0.1),
                         lambda f, _: fx.SmoothFriction({"shoulder": f, "elbow": f}, 0.1)),
+    "dry friction": (fx.DryFriction(), lambda f, _: fx.DryFriction({"shoulder": f, "elbow": f})),
+    "dry friction, stuck": (fx.DryFriction(static={"elbow": 9.0}),
+                            lambda f, _: fx.DryFriction({"shoulder": f, "elbow": f}, {"elbow": 9.0})),
     "effort": (pd("urdf"), lambda _, effort: pd({"elbow": effort})),
 }  # fmt: skip
 

@@ -62,10 +62,14 @@ class JointStops(SwitchingEffect, frozen=True):
         if self.limits != "urdf":
             lower, upper = self.limits.get(joint, (-math.inf, math.inf))
             return float(lower), float(upper)
-        model = robot.model
-        ends = (float(limits[entry]) for limits in (model.lowerPositionLimit, model.upperPositionLimit))
-        lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
-        return (lower, upper) if lower < upper else (-math.inf, math.inf)
+        return urdf_limits(robot, entry)
+
+
+def urdf_limits(robot: Robot, entry: int) -> tuple[float, float]:
+    """The limits (lower, upper) of q[entry] in the URDF; infinite where there is none."""
+    ends = (float(limits[entry]) for limits in (robot.model.lowerPositionLimit, robot.model.upperPositionLimit))
+    lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
 
 def check_restitution(value: float) -> None:
