@@ -18,14 +18,33 @@ from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
 from twolink.integrate.methods import METHODS
 from twolink.integrate.neighbours import Neighbours
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, START_SHIFT, Perturbation
 from twolink.integrate.scene_equations import with_parameters
 from twolink.integrate.solver import from_shifted_start, solve
 from twolink.integrate.state import Array
-from twolink.integrate.variational_legs import Leg, halved, leg_of
+from twolink.integrate.variational_legs import Leg, leg_at, leg_of, with_middles
 from twolink.integrate.variational_steps import VariationalSteps
-from twolink.simulation.refinement import finer, rounding_tolerance
+from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
+from twolink.simulation.refinement import finer
 from twolink.simulation.trajectory import Trajectory
+
+# Of the steps of differences through events: of the finer solution, and of each disturbed one with the shift of its
+# start. What is moved by other steps is rounded otherwise, even from a state that is the same.
+FINER, DISTURBED = 0.5, ((START_SHIFT, 0.7), (-START_SHIFT, 1.3))
+
+
+class Second(NamedTuple):
+    """How a second solution is computed beside the run's.
+
+    The finer one shows truncation: it is not perturbed, and the steps of its derivatives are halved. The disturbed ones
+    show rounding: they differ from the run by where they start alone. differences: the steps of differences through
+    events, in those of the run's; their roundings are others.
+    """
+
+    choice: MethodChoice
+    perturbation: Perturbation
+    differences: float
+    parts: int = 1  # of a step of the derivatives
 
 
 class NominalSolution(NamedTuple):
@@ -35,6 +54,8 @@ class NominalSolution(NamedTuple):
     edges: list[tuple[float, float]]
     jumps: list[Jump]
     begun: RunState | None
+    differences: float = 1.0  # see `Second`
+    parts: int = 1
 
 
 class NominalSolutions:
@@ -45,18 +66,18 @@ class NominalSolutions:
     """
 
     def __init__(
-        self, run: Trajectory, equations: Equations, neighbours: Neighbours, accuracy: float, tolerance: float, *,
+        self, run: Trajectory, equations: Equations, neighbours: Neighbours, accuracy: float, *,
         along_state: bool = False,
     ) -> None:  # fmt: skip
         self.run, self.equations, self.neighbours = run, equations, neighbours
-        self.accuracy, self.tolerance, self.along_state = accuracy, tolerance, along_state
+        self.accuracy, self.along_state = accuracy, along_state
         self._steps: dict[str, VariationalSteps] = {}
         self.saltation = Saltation(neighbours)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
         self.first = _nominal_of(dense, float(run.t[-1]))
         if equations.has_events:
-            self.first = self._solved(self._choice, dense.t, NO_PERTURBATION)
+            self.first = self._solved(Second(self._choice, NO_PERTURBATION, 1.0), dense.t)
 
     def times(self, nominal: NominalSolution) -> Array:
         """Times along a nominal solution, about as many as the run has steps."""
@@ -69,13 +90,22 @@ class NominalSolutions:
         between = np.concatenate([[begin], inside, [end]])
         return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
-    def halved(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
-        """The leg of a second solution beside one of the first, with every step halved."""
+    def beside(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
+        """The leg of a second solution beside one of the first, with the same steps or with every step halved.
+
+        Of order 8, half the step has a 256th of the error.
+        """
         begin, end = nominal.edges[number]
         own = leg.t
         if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
             own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
-        return halved(leg, nominal.dense, number, own)
+        return leg_at(leg.steps, nominal.dense, number, own if nominal.parts == 1 else with_middles(own))
+
+    def after(self, nominal: NominalSolution, number: int, s: Array) -> Array:
+        """S after the end of a piece."""
+        if not nominal.jumps or number + 1 == len(nominal.edges):
+            return s
+        return self.saltation(nominal.jumps[number], s, nominal.differences)
 
     def driven(self, nominal: NominalSolution, number: int) -> tuple[Equations, Array]:
         """The equations of a piece with the parameters, and the gains of what drives them."""
@@ -108,27 +138,25 @@ class NominalSolutions:
             self._steps[equations.content] = VariationalSteps(equations, gains)
         return self._steps[equations.content].starting(equations, gains)
 
-    def second_ones(self) -> tuple[MethodChoice, list[Perturbation]]:
-        """How second solutions are computed, and how each is perturbed: where rounding counts, there are two."""
+    def second_ones(self) -> list[Second]:
+        """The finer solution and, unless it has more digits, the disturbed ones."""
         choice = self._choice
         fine = finer(choice, self.equations, self.accuracy, self.run.cost.steps if self.run.cost else 0)
-        first = second_solution(steps_ratio(fine.method), choice.setting if choice.method.adaptive else 0.0)
-        if fine.precision == "double" and self.tolerance < rounding_tolerance(fine.method):
-            return fine, [first, first.opposite]
-        return fine, [first]
+        margin = choice.setting if choice.method.adaptive else 0.0
+        undisturbed = Perturbation(touch_margin=margin, min_steps=steps_ratio(fine.method) * MIN_STEPS)
+        disturbed = [Second(choice, Perturbation(shift), by) for shift, by in DISTURBED]
+        return [Second(fine, undisturbed, FINER, 2), *(disturbed if fine.precision == "double" else ())]
 
-    def second(
-        self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation, others: Array | None = None
-    ) -> NominalSolution:
+    def second(self, legs: Sequence[Leg], second: Second, others: Array | None = None) -> NominalSolution:
         """A second solution, at the times of the legs, between them, and at other ones (n,)."""
         times = np.unique(np.concatenate([leg.t for leg in legs]))
         every = np.union1d(times, 0.5 * (times[:-1] + times[1:]))
-        return self._solved(choice, every if others is None else np.union1d(every, others), perturbation)
+        return self._solved(second, every if others is None else np.union1d(every, others))
 
-    def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> NominalSolution:
+    def _solved(self, second: Second, times: Array) -> NominalSolution:
         """A solution, with its jumps."""
         jumps: list[Jump] = []
-        begun = None
+        begun, (choice, perturbation, differences, parts) = None, second
         if self.equations.has_events:
             equations = from_shifted_start(self.equations, perturbation)
             engine = RecordingEngine(equations, choice.method, times, choice.setting, None, perturbation)
@@ -138,7 +166,8 @@ class NominalSolutions:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
         dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
                             choice.setting, choice.precision)  # fmt: skip
-        return _nominal_of(dense, float(solution.t[-1]), jumps, begun)
+        nominal = _nominal_of(dense, float(solution.t[-1]), jumps, begun)
+        return nominal._replace(differences=differences, parts=parts)
 
     def require_alike(self, nominal: NominalSolution) -> None:
         """Require that a second solution has the pieces of the first. Raises AccuracyError."""
@@ -168,6 +197,15 @@ class NominalSolutions:
                                     code="sensitivity-undefined", t=t)  # fmt: skip
             both = [[*events[:same], *(event for event in events[same:] if event[1] > max(ends))] for events in both]
         return len(self.first.edges) if paired == len(jumps[0]) == len(jumps[1]) else paired
+
+
+def bound(distances: Sequence[Array], share: float = 1.0) -> Array:
+    """What the distances to the second solutions say of errors: truncation by the finer one, rounding by the others.
+
+    share: of the distance to the finer solution, where the result is nearer to the truth than the run is.
+    """
+    rounding = np.max(distances[1:], axis=0) if len(distances) > 1 else 0.0
+    return np.asarray(SAFETY * share * distances[0] + SAFETY_OF_SEVERAL * rounding)
 
 
 def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:
