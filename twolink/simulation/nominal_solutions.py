@@ -17,7 +17,6 @@ from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.method_choice import MethodChoice, steps_ratio
 from twolink.integrate.methods import METHODS
-from twolink.integrate.neighbours import Neighbours
 from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, START_SHIFT, Perturbation
 from twolink.integrate.scene_equations import with_parameters
 from twolink.integrate.solver import from_shifted_start, solve
@@ -26,6 +25,7 @@ from twolink.integrate.variational_legs import Leg, leg_at, leg_of, with_middles
 from twolink.integrate.variational_steps import VariationalSteps
 from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
 from twolink.simulation.refinement import finer
+from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 # Of the steps of differences through events: of the finer solution, and of each disturbed one with the shift of its
@@ -34,7 +34,7 @@ FINER, DISTURBED = 0.5, ((START_SHIFT, 0.7), (-START_SHIFT, 1.3))
 
 
 class Second(NamedTuple):
-    """How a second solution is computed beside the run's.
+    """How a second solution is computed beside the run's; plain, how the run's is.
 
     The finer one shows truncation: it is not perturbed, and the steps of its derivatives are halved. The disturbed ones
     show rounding: they differ from the run by where they start alone. differences: the steps of differences through
@@ -43,7 +43,7 @@ class Second(NamedTuple):
 
     choice: MethodChoice
     perturbation: Perturbation
-    differences: float
+    differences: float = 1.0
     parts: int = 1  # of a step of the derivatives
 
 
@@ -54,8 +54,7 @@ class NominalSolution(NamedTuple):
     edges: list[tuple[float, float]]
     jumps: list[Jump]
     begun: RunState | None
-    differences: float = 1.0  # see `Second`
-    parts: int = 1
+    second: Second
 
 
 class NominalSolutions:
@@ -66,18 +65,18 @@ class NominalSolutions:
     """
 
     def __init__(
-        self, run: Trajectory, equations: Equations, neighbours: Neighbours, accuracy: float, *,
-        along_state: bool = False,
-    ) -> None:  # fmt: skip
-        self.run, self.equations, self.neighbours = run, equations, neighbours
+        self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, *, along_state: bool = False
+    ) -> None:
+        self.run, self.equations, self.wanted, self.neighbours = run, equations, wanted, wanted.neighbours
         self.accuracy, self.along_state = accuracy, along_state
         self._steps: dict[str, VariationalSteps] = {}
-        self.saltation = Saltation(neighbours)
+        self.saltation = Saltation(self.neighbours)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
-        self.first = _nominal_of(dense, float(run.t[-1]))
+        plain = Second(self._choice, NO_PERTURBATION)
+        self.first = _nominal_of(dense, float(run.t[-1]), plain)
         if equations.has_events:
-            self.first = self._solved(Second(self._choice, NO_PERTURBATION, 1.0), dense.t)
+            self.first = self._solved(plain, dense.t)
 
     def times(self, nominal: NominalSolution) -> Array:
         """Times along a nominal solution, about as many as the run has steps."""
@@ -99,13 +98,17 @@ class NominalSolutions:
         own = leg.t
         if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
             own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
-        return leg_at(leg.steps, nominal.dense, number, own if nominal.parts == 1 else with_middles(own))
+        return leg_at(leg.steps, nominal.dense, number, own if nominal.second.parts == 1 else with_middles(own))
+
+    def start(self, nominal: NominalSolution) -> Array:
+        """S at the start."""
+        return self.wanted.start if nominal.begun is None else self.saltation.start(nominal.begun, self.wanted.start)
 
     def after(self, nominal: NominalSolution, number: int, s: Array) -> Array:
         """S after the end of a piece."""
         if not nominal.jumps or number + 1 == len(nominal.edges):
             return s
-        return self.saltation(nominal.jumps[number], s, nominal.differences)
+        return self.saltation(nominal.jumps[number], s, nominal.second.differences)
 
     def driven(self, nominal: NominalSolution, number: int) -> tuple[Equations, Array]:
         """The equations of a piece with the parameters, and the gains of what drives them."""
@@ -156,7 +159,7 @@ class NominalSolutions:
     def _solved(self, second: Second, times: Array) -> NominalSolution:
         """A solution, with its jumps."""
         jumps: list[Jump] = []
-        begun, (choice, perturbation, differences, parts) = None, second
+        begun, choice, perturbation = None, second.choice, second.perturbation
         if self.equations.has_events:
             equations = from_shifted_start(self.equations, perturbation)
             engine = RecordingEngine(equations, choice.method, times, choice.setting, None, perturbation)
@@ -166,8 +169,7 @@ class NominalSolutions:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
         dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
                             choice.setting, choice.precision)  # fmt: skip
-        nominal = _nominal_of(dense, float(solution.t[-1]), jumps, begun)
-        return nominal._replace(differences=differences, parts=parts)
+        return _nominal_of(dense, float(solution.t[-1]), second, jumps, begun)
 
     def require_alike(self, nominal: NominalSolution) -> None:
         """Require that a second solution has the pieces of the first. Raises AccuracyError."""
@@ -215,7 +217,7 @@ def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, 
 
 
 def _nominal_of(
-    dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None
+    dense: DenseOutput, end: float, second: Second, jumps: Sequence[Jump] = (), begun: RunState | None = None
 ) -> NominalSolution:
     edges = [*(piece.begin for piece in dense.pieces), end]
-    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun)
+    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun, second)

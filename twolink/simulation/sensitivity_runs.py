@@ -28,7 +28,7 @@ class SensitivityRun:
         self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float
     ) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, 2 * equations.space.nv
-        self._nominals = NominalSolutions(run, equations, wanted.neighbours, accuracy)
+        self._nominals = NominalSolutions(run, equations, wanted, accuracy)
         self._nominal = nominal = self._nominals.first
         self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
         self.t = np.concatenate([leg.t for leg in legs])
@@ -37,16 +37,11 @@ class SensitivityRun:
         if not nominal.jumps:
             self.s = self._interpolated(run.t)
 
-    def _start(self, nominal: NominalSolution) -> np.ndarray:
-        """S at the start."""
-        start = self.wanted.start
-        return start if nominal.begun is None else self._nominals.saltation.start(nominal.begun, start)
-
     def _along(
         self, nominal: NominalSolution, samples: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
         """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
-        start, times = self._start(nominal), self._nominals.times(nominal)
+        start, times = self._nominals.start(nominal), self._nominals.times(nominal)
         legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), self._rows, start.shape[1]))
         piece = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
         for number in range(len(nominal.edges)):
@@ -67,7 +62,7 @@ class SensitivityRun:
     def _distance_to(self, legs: Sequence[Leg], states: Sequence[np.ndarray], second: Second) -> np.ndarray:
         """The distance to one second solution."""
         nominal = self._nominals.second(legs, second)
-        out, start, rows, paired = [], self._start(nominal), self._rows, self._nominals.paired(nominal)
+        out, start, rows, paired = [], self._nominals.start(nominal), self._rows, self._nominals.paired(nominal)
         for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
             other = self._nominals.beside(leg, nominal, number)
             s = other.along(start)
