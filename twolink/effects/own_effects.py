@@ -1,8 +1,8 @@
 """Effects that users write: they are tried once on symbols, so that mistakes are named before anything is compiled.
 
 A formula of an effect is run by NumPy, counted, differentiated and compiled. What works in NumPy alone, such as `if`,
-`**` or np.sin, must not be in it, nor what changes from call to call, such as noise. The trial also
-gives the formula's fingerprint: a class that is defined again under its name has other code.
+`**` or np.sin, must not be in it, nor what changes from call to call, such as noise. The trial also gives the formula's
+fingerprint: a class that is defined again under its name has other code.
 """
 
 import hashlib
