@@ -9,9 +9,7 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.errors import SceneError
-from twolink.robots.joint_layout import turns
-
-NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
+from twolink.robots.joint_layout import turns, urdf_limits
 
 
 class JointStops(SwitchingEffect, frozen=True):
@@ -62,14 +60,7 @@ class JointStops(SwitchingEffect, frozen=True):
         if self.limits != "urdf":
             lower, upper = self.limits.get(joint, (-math.inf, math.inf))
             return float(lower), float(upper)
-        return urdf_limits(robot, entry)
-
-
-def urdf_limits(robot: Robot, entry: int) -> tuple[float, float]:
-    """The limits (lower, upper) of q[entry] in the URDF; infinite where there is none."""
-    ends = (float(limits[entry]) for limits in (robot.model.lowerPositionLimit, robot.model.upperPositionLimit))
-    lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
-    return (lower, upper) if lower < upper else (-math.inf, math.inf)
+        return urdf_limits(robot.model, entry)
 
 
 def check_restitution(value: float) -> None:

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.effects.joint_stops import urdf_limits
 from twolink.errors import SceneError, nearest
-from twolink.robots.joint_layout import turns
+from twolink.robots.joint_layout import turns, urdf_limits
 
 MANY_TURNS = 2 * math.pi  # rad, from which on an angle may have been meant in degrees
 
@@ -62,7 +61,7 @@ def start_notes(robot: Robot, q: np.ndarray) -> list[str]:
         if joint.kind != "vector" or joint.v.stop - joint.v.start != 1:
             continue
         value, angle = float(q[joint.q.start]), turns(robot.model, joint)
-        lower, upper = urdf_limits(robot, joint.q.start)
+        lower, upper = urdf_limits(robot.model, joint.q.start)
         unit = "rad" if angle else "m"
         note = ""
         if not lower <= value <= upper:
