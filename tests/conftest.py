@@ -1,6 +1,9 @@
-"""For all tests: Ctrl-C, their order, and the browser."""
+"""For all tests: a cache of their own, Ctrl-C, their order, and the browser."""
 
+import os
+import shutil
 import signal
+import tempfile
 
 import pytest
 
@@ -8,9 +11,27 @@ from tests.show.browser import browser, chromium
 
 __all__ = ["browser", "chromium"]  # fixtures
 _LONG = ("tests/docs/", "tests/test_readme.py")  # single tests of half a minute
+_own_cache = pytest.StashKey[str]()
 
 # Tests send Ctrl-C. A background job of a shell starts with it ignored, and its children inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin with an empty cache: what earlier runs compiled or measured must not decide what tests see.
+
+    The workers of pytest-xdist inherit the folder, so that each kernel is compiled once. Who sets TWOLINK_CACHE keeps
+    a warm cache between runs.
+    """
+    if "TWOLINK_CACHE" not in os.environ:
+        config.stash[_own_cache] = os.environ["TWOLINK_CACHE"] = tempfile.mkdtemp(prefix="twolink-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Delete the cache of this run."""
+    if _own_cache in config.stash:
+        shutil.rmtree(config.stash[_own_cache], ignore_errors=True)
+        del os.environ["TWOLINK_CACHE"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

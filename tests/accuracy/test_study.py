@@ -6,15 +6,19 @@ import math
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from twolink import effects as fx
 from twolink.accuracy import reference_solution, settings
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
+from twolink.integrate.calibration import Measured, record
+from twolink.integrate.method_choice import choose
 from twolink.simulation import time_limit
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
@@ -193,6 +197,28 @@ def test_auto_chooses_by_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert (run.cost.method, run.cost.tolerance) == (best.method, best.tolerance)
     assert run.error.max() <= 1e-5
     assert "measured" not in tl.simulate(arm, 1.0, 1e-5).cost.why  # longer than the study
+
+
+def test_a_study_says_nothing_of_scenes_that_differ_in_what_happens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Taylor's method, the best of a smooth scene, cannot locate an event."""
+    monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
+    arm = tl.load_scene("arm-swing")
+
+    def watched(name: str = "low", at: float = 0.1, **options: Any) -> tl.Scene:
+        return arm.with_effects([*arm.effects, fx.Watch(name, at, **options)])
+
+    def chosen(scene: tl.Scene) -> str:
+        return choose(equations_of(scene), 1e-5, 0.3, "auto").why
+
+    record(equations_of(arm), 0.3, [Measured("taylor", 1e-9, 1e-9, 1e-6)])
+    assert "measured" in chosen(arm)
+    assert tl.simulate(watched(), 0.3, 1e-5).events
+    record(equations_of(watched()), 0.3, [Measured("dop853", 1e-9, 1e-9, 1e-6)])
+    assert "measured" in chosen(watched())
+    for other in (watched(at=0.2), watched(stop=True), watched(then=lambda q, v: (q, v))):
+        assert "measured" not in chosen(other)
 
 
 def test_a_free_body_is_compared_on_its_manifold() -> None:

@@ -46,7 +46,7 @@ def test_a_printed_scene_is_that_scene(twolink: Twolink, tmp_path: Path) -> None
     )
 
 
-@pytest.mark.parametrize(("robot", "root"), [(URDF, "fixed"), ("panda", "fixed"), ("solo12", "free")])
+@pytest.mark.parametrize(("robot", "root"), [(URDF, "fixed"), ("panda", "fixed"), ("z1", "fixed"), ("solo12", "free")])
 def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
     robot: str | Path, root: str, twolink: Twolink, tmp_path: Path
 ) -> None:
@@ -58,8 +58,13 @@ def test_a_new_scene_and_each_effect_in_its_comments_can_be_read(
     lower, upper = scene.robot.model.lowerPositionLimit, scene.robot.model.upperPositionLimit
     assert np.all((scene.q >= lower - 1e-3) & (scene.q <= upper + 1e-3))
     file.write_text(re.sub(r"^# (?=\[\[|\w+ = )", "", file.read_text(), flags=re.MULTILINE))
-    effects = [type(effect).__name__ for effect in tl.load_scene(file).effects]
-    assert effects == ["Gravity", "JointDamping", "DryFriction", "JointPD", "JointStops"]
+    scene = tl.load_scene(file)
+    assert [type(effect).__name__ for effect in scene.effects] == [
+        "Gravity", "JointDamping", "DryFriction", "Torque", "JointPD", "JointStops"]  # fmt: skip
+    for given, urdf in ((scene.effects[1].damping, scene.base.model.damping),
+                        (scene.effects[2].kinetic, scene.base.model.friction)):  # fmt: skip
+        dofs = {joint.name: joint.v.start for joint in scene.base.joints}
+        assert [given.get(name, 0.0) for name in dofs] == [urdf[k] for k in dofs.values()]
 
 
 def test_a_new_scene_replaces_no_file(twolink: Twolink, tmp_path: Path) -> None:

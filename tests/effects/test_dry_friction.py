@@ -224,6 +224,8 @@ def test_two_frictions_in_one_joint_add_up() -> None:
 BAD = [
     (E.DryFriction({"elbw": 1.0}), "kinetic", "did you mean 'elbow'"),
     (E.DryFriction({}), "kinetic", "names no joint"),
+    (E.DryFriction(), "kinetic", "the URDF gives no joint friction"),
+    (E.DryFriction("URDF"), "kinetic", "expected values by joint or 'urdf', got 'URDF'"),
     (E.DryFriction({"elbow": -1.0}), "kinetic.elbow", "at least 0"),
     (E.DryFriction({"elbow": float("nan")}), "kinetic.elbow", "finite"),
     (E.DryFriction({"elbow": 1.0}, {"shoulder": 2.0}), "static", "kinetic friction"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,6 +14,10 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E, robot
 
+WHEEL = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="revolute">
+<parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="1"/>
+</joint></robot>"""
 Formula = Callable[[Any], Any]
 
 
@@ -61,6 +66,65 @@ def refused(effect: tl.effects.Effect) -> str:
 )
 def test_what_cannot_be_compiled_is_refused_with_what_to_write(formula: Formula, instead: str) -> None:
     assert instead in refused(of_shoulder(formula))
+
+
+_calls: list[Any] = []
+
+
+def first_angle(motion: Any) -> Any:
+    """The angle of the first call."""
+    _calls.append(motion.q[0])
+    return _calls[0] + motion.q[1]
+
+
+def last_angle(motion: Any) -> Any:
+    """The angle of the call before."""
+    _calls.append(motion.q[0])
+    return motion.q[0] - _calls[-2] if len(_calls) > 1 else 0.0
+
+
+def counted(motion: Any) -> Any:
+    _calls.append(0)
+    return -0.1 * len(_calls) * motion.q[0]
+
+
+FORGETFUL = {
+    "noise": lambda m: 0.1 * np.random.default_rng().normal() - m.q[0],
+    "old noise": lambda m: np.random.normal() * m.xp.sin(m.q[1]),  # noqa: NPY002
+    "clock": lambda m: time.perf_counter() * m.q[0],
+    "counter": counted,
+    "first angle": first_angle,
+    "last angle": last_angle,
+}
+
+
+@pytest.mark.parametrize("name", FORGETFUL)
+@pytest.mark.parametrize("inside", [False, True])
+def test_what_changes_from_call_to_call_is_refused(name: str, *, inside: bool) -> None:
+    """Traced once, it would be a constant of the motion."""
+    _calls.clear()
+    effect = of_shoulder(FORGETFUL[name])
+    with pytest.raises(tl.errors.SceneError, match=r"act of Own gives another load on shoulder") as caught:
+        tl.Scene(robot("arm"), effects=[E.Gravity(), E.Release(effect, at=0.5) if inside else effect])
+    assert caught.value.code == "not-repeatable"
+    assert caught.value.where == ("effects[1].of.act" if inside else "effects[1].act")
+
+
+def test_a_wrench_that_changes_is_refused_by_its_joint() -> None:
+    class Gust(E.Effect, frozen=True):
+        def act(self, motion: Any, loads: Any) -> None:
+            loads.force("forearm", (np.random.default_rng().normal(), 0.0, motion.t))
+
+    with pytest.raises(tl.errors.SceneError, match="act of Gust gives another load on elbow"):
+        tl.Scene(robot("arm"), effects=[Gust()])
+
+
+def test_what_depends_on_time_is_simulated() -> None:
+    """q'' = 6 t under a torque of 6 t I: q = t^3."""
+    joint = tl.load_robot(WHEEL)
+    scene = tl.Scene(joint, effects=[of_shoulder(lambda m: 6.0 * m.t)])
+    run = tl.simulate(scene, 1.0, 1e-8)
+    np.testing.assert_allclose(run.q[:, 0], run.t**3, rtol=0, atol=1e-8)
 
 
 def test_kinks_must_be_declared() -> None:

@@ -21,11 +21,11 @@ PLANE = f"""<robot name="plane"><link name="world"/>
 G, SPEED, HEIGHT = 9.81, 5.0, 1.5
 
 
-def thrown() -> tl.Scene:
+def thrown(*more: tl.effects.Effect) -> tl.Scene:
     """A ball in a plane that falls to the ground, where the run ends."""
     effects = tl.effects
     landed = effects.Watch("landed", when=effects.FrameReaches("ball", 0.0), stop=True)
-    return tl.Scene(tl.load_robot(PLANE), [0.0, HEIGHT], [2.0, 2.0], [effects.Gravity(), landed], 5.0)
+    return tl.Scene(tl.load_robot(PLANE), [0.0, HEIGHT], [2.0, 2.0], [effects.Gravity(), *more, landed], 5.0)
 
 
 def test_the_farthest_throw_with_a_limited_speed_is_the_textbook_one() -> None:
@@ -76,8 +76,10 @@ def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
     assert np.abs(found.run.q.sum(axis=1)).max() < 1e-6  # level
 
 
+WALL = tl.effects.Watch("landed", when=tl.effects.JointReaches("x", 50.0), stop=True)  # named as the other end is
 CASES = {
     "landing": (thrown, {"v.x": (0, 8), "q.z": (0.1, 3)}, FramePosition("ball", "x")),
+    "landing, or at a wall": (lambda: thrown(WALL), {"v.x": (0, 8), "q.z": (0.1, 3)}, FramePosition("ball", "x")),
     "landing speed": (thrown, {"v.z": (0, 8), "gravity.z": (-12, -5)}, FrameSpeed("ball")),
     "place of the ground": (thrown, {"effects.1.when.value": (-1, 1)}, FramePosition("ball", "x")),
     "arm": (lambda: arm(), {"q.elbow": (-1, 1), "forearm.mass": (0.1, 9)}, FramePosition("forearm")),

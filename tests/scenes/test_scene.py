@@ -1,13 +1,19 @@
 """A scene does not change, survives pickling, and prints what a person wants to know."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.errors import SceneError
+from twolink.errors import SceneError, TwolinkError
 from twolink.scenes import bundled_scenes, scenes
+
+CONTINUOUS = """<robot name="wheel"><link name="base"/><link name="wheel"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="turn" type="continuous">
+<parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/></joint></robot>"""
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 
 
 def test_a_scene_cannot_be_changed() -> None:
@@ -17,6 +23,47 @@ def test_a_scene_cannot_be_changed() -> None:
             setattr(scene, name, 1.0)
     with pytest.raises(ValueError, match="read-only"):
         scene.q[0] = 1.0
+
+
+def test_a_start_is_given_by_joint() -> None:
+    """As in scene files: others are neutral, and at rest."""
+    panda, hand = tl.load_robot("panda"), {"panda_finger_joint1": 0.02}
+    scene = tl.Scene(panda, {"panda_joint2": -0.5, **hand}, {"panda_joint1": 1})
+    assert scene.q.tolist() == [0, -0.5, 0, 0, 0, 0, 0, 0.02, 0]
+    assert scene.v.tolist() == [1, *[0] * 8]
+    arm = tl.Scene(tl.load_robot("friction_pendulum"), {}, {"axle": np.float64(2.0)})
+    assert np.array_equal(arm.q, arm.robot.neutral)
+    floating = tl.Scene(tl.load_robot("ur5", root="free"), {"root_joint": [1, 2, 3, 0, 0, 0, 1], "elbow_joint": 0.3})
+    assert floating.q[:3].tolist() == [1, 2, 3]
+
+
+def test_a_continuous_joint_starts_at_an_angle() -> None:
+    scene = tl.Scene(tl.load_robot(CONTINUOUS), {"turn": 0.4})
+    np.testing.assert_allclose(scene.q, [np.cos(0.4), np.sin(0.4)])
+
+
+REFUSED = {
+    "name": ({"elbw": 0.1}, "q: robot 'two_link' has no joint 'elbw'; did you mean 'elbow'"),
+    "size": ({"elbow": [0.1, 0.2]}, "q.elbow: expected 1 numbers, got 2"),
+    "text": ({"elbow": "far"}, "q.elbow: expected numbers, got 'far'"),
+    "nan": ({"elbow": np.nan}, "expected finite numbers"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_starts_by_joint_that_are_refused(case: str) -> None:
+    values, part = REFUSED[case]
+    with pytest.raises(TwolinkError, match=re.escape(part)):
+        tl.Scene(tl.load_robot("two_link"), values)
+
+
+def test_starts_that_may_be_mistakes_are_remarked() -> None:
+    """In degrees, or beyond the URDF's limits: said by `explain`, not refused."""
+    limited = tl.load_robot(CONTINUOUS.replace("continuous", "revolute").replace("/></joint>", f"/>{LIMIT}</joint>"))
+    assert tl.Scene(limited, [0.9]).notes() == []
+    assert tl.Scene(limited, [-1.2]).notes() == ["turn starts at -1.2 rad, beyond the limits -1 to 1 rad of the URDF"]
+    assert "90 degrees are 1.571 rad" in str(tl.explain(tl.Scene(limited, {"turn": 90.0}), duration=0.1))
+    assert all(tl.load_scene(name).notes() == [] for name in ("arm-swing", "bouncing-ball"))
 
 
 def test_pickling_keeps_every_part_of_a_scene() -> None:

@@ -233,6 +233,31 @@ def test_a_bouncing_ball_has_the_closed_form() -> None:
     assert (np.abs(s.v["q"][:, 0, 0] - truth) <= s.error["q"] + 1e-12).all()
 
 
+def test_differences_through_impacts_are_within_the_bar() -> None:
+    """A ball by gravity, whose motion has no truncation: what remains are the roundings of differences at impacts.
+
+    z = u s - g s^2 / 2, s = t - t_n, with the speed u = e^n w after n impacts, w^2 = v^2 + 2 g h.
+    """
+    h, v, g, e, duration = 0.8125, -0.4375, 9.75, 0.6875, 1.684
+    effects = [tl.effects.Gravity((0.0, 0.0, -g)), tl.effects.PlaneContact("ball", restitution=e)]
+    scene = tl.Scene(tl.load_scene("bouncing-ball").base, [h], [v], effects)
+    found = tl.sensitivities(scene, ["gravity.z"], duration, 1.29e-9, samples=40 / duration)
+    w, t = np.sqrt(v * v + 2 * g * h), found.run.t
+    dw = h / w
+    for n in range(5):
+        flights = 2 * sum(e**j for j in range(1, n))  # in units of w / g, after the first impact
+        begin, later = ((v + w + flights * w) / g, (dw + flights * dw) / g) if n else (0.0, 0.0)
+        later -= begin / g
+        end = begin + 2 * e**n * w / g if n else (v + w) / g
+        now = (t > begin) & (t < end) if n else t < end
+        s, u, du = t[now] - begin, e**n * w if n else v, e**n * dw if n else 0.0
+        exact = np.array([du * s - u * later - s * s / 2 + g * s * later, du - s + g * later])
+        ours = np.array([found.q["gravity.z"][now, 0, 0], found.v["gravity.z"][now, 0, 0]])
+        assert (np.abs(ours + exact) <= found.error["gravity.z"][now] + 1e-15).all()  # gravity.z = -g
+        assert now.any()
+    assert found.error["gravity.z"][-1] < 1e-10
+
+
 def test_events_without_derivatives_are_named() -> None:
     """Two joints that hit their stops in one instant; a joint that is held at the start."""
     sliders = tl.load_scene(Path(tl.__file__).parent / "hard" / "scenes" / "two-stops.toml")

@@ -28,14 +28,14 @@ class Polynomial(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fi
 
 
 class Sine(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="sine"):
-    """mean + amplitude sin(frequency t + phase).
+    """mean + amplitude sin(frequency t + phase), with an angular frequency.
 
     Parameters
     ----------
     amplitude, mean : float
         In the unit of the input.
     frequency : float
-        rad/s.
+        Angular frequency, rad/s, not Hz: 2 pi times the oscillations a second.
     phase : float
         rad.
     """

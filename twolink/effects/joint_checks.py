@@ -43,13 +43,15 @@ def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> N
         check_name(joint, joints, field, what)
 
 
-def check_values_or_urdf(values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str) -> None:
-    """Require values by joint; or None, and values (nv,) in the URDF. Raises SceneError."""
+def check_values_or_urdf(
+    values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str, what: str = ""
+) -> None:
+    """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
     if values is not None:
         check_joints(values, robot, field)
     elif not urdf.any():
         remedy = "give it by joint, or leave the effect out"
-        raise SceneError(f"the URDF gives no joint {field}", where=field, remedy=remedy)
+        raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
 
 
 def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion) -> dict[int, float]:

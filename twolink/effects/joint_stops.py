@@ -9,9 +9,7 @@ from twolink.effects.effect import NotNegative
 from twolink.effects.joint_checks import check_joints
 from twolink.effects.switching import Stop, SwitchingEffect
 from twolink.errors import SceneError
-from twolink.robots.joint_layout import turns
-
-NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
+from twolink.robots.joint_layout import turns, urdf_limits
 
 
 class JointStops(SwitchingEffect, frozen=True):
@@ -62,10 +60,7 @@ class JointStops(SwitchingEffect, frozen=True):
         if self.limits != "urdf":
             lower, upper = self.limits.get(joint, (-math.inf, math.inf))
             return float(lower), float(upper)
-        model = robot.model
-        ends = (float(limits[entry]) for limits in (model.lowerPositionLimit, model.upperPositionLimit))
-        lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
-        return (lower, upper) if lower < upper else (-math.inf, math.inf)
+        return urdf_limits(robot.model, entry)
 
 
 def check_restitution(value: float) -> None:

@@ -1,12 +1,13 @@
 """Effects that users write: they are tried once on symbols, so that mistakes are named before anything is compiled.
 
 A formula of an effect is run by NumPy, counted, differentiated and compiled. What works in NumPy alone, such as `if`,
-`**` or np.sin, must not be in it. The trial also gives the formula's fingerprint: a class that is defined again under
-its name has other code.
+`**` or np.sin, must not be in it, nor what changes from call to call, such as noise. The trial also gives the formula's
+fingerprint: a class that is defined again under its name has other code.
 """
 
 import hashlib
 import inspect
+import itertools
 import operator
 import os
 import traceback
@@ -18,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Symbol, Tape
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, check_name
@@ -25,6 +27,8 @@ from twolink.effects.inputs import with_pieces
 from twolink.effects.motion import GROUND, Loads, Motion
 from twolink.errors import SceneError, TwolinkError
 
+Outputs = dict[str, list[str]]  # by joint
+_SERIAL = itertools.count()
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _ARITHMETIC = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
 _NAMESPACE = ("sin", "cos", "sqrt", "tanh", "less", "where")  # what xp has in every use
@@ -53,10 +57,11 @@ def check_own_methods(effect: Effect) -> None:
 
 
 def check_own_formula(effect: Effect, robot: Robot) -> None:
-    """Require a formula that can be compiled. Raises SceneError that names what to write instead."""
+    """Require a formula that can be compiled, the same each time. Raises SceneError that names what to write."""
     if not is_own(effect):
         return
-    tape = _trial(effect, robot.model)[0]
+    tape, formulas = _trial(effect, robot.model)
+    _require_repeatable(effect, robot, formulas)
     if effect.analytic and any(what in ("less", "where") for what, _ in tape.operands):
         raise SceneError("act chooses by motion.xp.where, so that the motion has kinks", where="analytic",
                          remedy="write analytic: ClassVar[bool] = False in the class")  # fmt: skip
@@ -66,21 +71,54 @@ def formula_fingerprint(effect: Effect, model: pin.Model) -> str:
     """A digest of what an effect of a user's own computes for a robot; "" of one of twolink's."""
     if not is_own(effect):
         return ""
-    tape, outputs = _trial(effect, model)
-    return hashlib.sha256(repr((list(tape.made), outputs)).encode()).hexdigest()
+    return hashlib.sha256(repr(_trial(effect, model)[1]).encode()).hexdigest()
 
 
-def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, list[Any]]:
-    """The operations of `act`, and the torques and wrenches that it adds. Raises SceneError."""
+def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, Outputs]:
+    """The operations of `act`, and what it adds as formulas. Raises SceneError."""
     tape = _StrictTape()
     q, v = ([tape.variable() for _ in range(count)] for count in (model.nq, model.nv))
     motion = _StrictMotion(model, mechanism(model), q, v, tape.variable(), tape)
-    loads = _StrictLoads(motion)
+    return tape, _outputs(effect, motion, tape.formula)
+
+
+def _require_repeatable(effect: Effect, robot: Robot, formulas: Outputs) -> None:
+    """Require that `act` adds the same when it is called again, by numbers and as formulas. Raises SceneError.
+
+    What it drew at random or kept from an earlier call would be constants of the compiled code.
+    """
+    model = robot.model
+
+    def values(shift: float) -> Outputs:
+        """What `act` adds at a state."""
+        q, v = robot.integrate(robot.neutral, np.full(model.nv, shift)), np.full(model.nv, -shift)
+        motion = Motion(model, mechanism(model), list(q), list(v), shift, Numbers)
+        with np.errstate(all="ignore"):
+            return _outputs(effect, motion, _number)
+
+    before, _, after = values(0.3), values(0.7), values(0.3)
+    _require_same(effect, before, after)
+    _require_same(effect, formulas, _trial(effect, model)[1])
+
+
+def _require_same(effect: Effect, first: Outputs, second: Outputs) -> None:
+    for joint in first:
+        if first[joint] != second[joint]:
+            what = f"act of {type(effect).__name__} gives another load on {joint} each time it is called"
+            remedy = ("let it depend on motion.q, motion.v, motion.t and the fields of the effect alone; "
+                      "noise is a table of samples, tl.effects.Sampled")  # fmt: skip
+            raise SceneError(what, where="act", remedy=remedy, code="not-repeatable")
+
+
+def _outputs(effect: Effect, motion: Motion, read: Callable[[Any], str]) -> Outputs:
+    """What `act` adds, read as text: by joint its torques, and the wrench on its body. Raises SceneError."""
+    model, loads = motion.model, _StrictLoads(motion)
     act: Callable[..., object] = with_pieces(effect, lambda _: 1.0).act
     try:
         returned = act(motion, loads)
-        outputs = [loads.tau, *(wrench for _, wrench in sorted(loads.wrenches.items()))]
-        keys = [[("operation", x.key) if isinstance(x, Symbol) else float(x) for x in output] for output in outputs]
+        added = [[*loads.tau[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]], *loads.wrenches.get(i, ())]
+                 for i in range(1, model.njoints)]  # fmt: skip
+        outputs = {name: [read(x) for x in own] for name, own in zip(list(model.names)[1:], added, strict=True)}
     except TwolinkError:
         raise
     except Exception as error:
@@ -92,7 +130,12 @@ def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, list[Any]]:
     if returned is not None:
         remedy = "add torques by loads.torque(dof, value)"
         raise SceneError("act returns a value", where="act", remedy=remedy, code="own-effect")
-    return tape, [sorted(loads.wrenches), keys]
+    return outputs
+
+
+def _number(x: Any) -> str:
+    """A number with all its digits. A symbol, kept from an earlier call, is unlike any other."""
+    return f"symbol {next(_SERIAL)}" if isinstance(x, Symbol) else repr(float(np.squeeze(x)))
 
 
 def _refusal(what: str, instead: str) -> SceneError:
@@ -138,6 +181,22 @@ class _StrictTape(Tape):
     """A tape whose symbols are strict."""
 
     symbol = _Strict
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._formulas: list[str] = []  # by the number of the symbol
+
+    def formula(self, x: Any) -> str:
+        """A digest of the operations that made a symbol, or a number with all its digits."""
+        if not isinstance(x, Symbol):
+            return repr(float(x))
+        if len(self._formulas) < len(self.operands):
+            made = {symbol.key: operation for operation, symbol in self.made.items()}
+            for key in range(len(self._formulas), len(self.operands)):  # operands have smaller numbers
+                what, *parts = made.get(key, ("variable", float(key)))
+                text = repr([what, *(part if isinstance(part, float) else self._formulas[part] for part in parts)])
+                self._formulas.append(hashlib.sha256(text.encode()).hexdigest())
+        return self._formulas[x.key]
 
     def __getattr__(self, name: str) -> Any:
         raise _refusal(f"motion.xp.{name}", f"motion.xp has {', '.join(_NAMESPACE)}")

@@ -53,4 +53,4 @@ def check_inner(effect: Any, robot: Robot, verb: str) -> None:
     try:
         check_effect(effect, robot)
     except SceneError as error:
-        raise SceneError(error.what, where=f"of.{error.where}", remedy=error.remedy) from None
+        raise error.at(f"of.{error.where}") from None

@@ -13,10 +13,12 @@ from pathlib import Path
 import msgspec
 
 from twolink.dynamics import cache
+from twolink.effects.effect import plain
 from twolink.errors import TwolinkError
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.io.atomic import write_atomic
+from twolink.io.fingerprints import kernel_key
 
 FILE = "studies.json"
 MAX_SCENES = 200
@@ -44,7 +46,7 @@ def cheapest(equations: Equations, duration: float, accuracy: float) -> Measured
         stamp = os.stat(cache.location(FILE)).st_mtime_ns  # mostly there is no file, and this is the quickest check
     except OSError:
         return None
-    study = _read(cache.folder(), stamp).get(_key(equations))
+    study = _read(cache.folder(), stamp).get(_key(equations) or "")
     if study is None or study.duration * SAME_DURATION < duration:
         return None
     good = [entry for entry in study.entries if entry.method in METHODS and entry.error * MARGIN <= accuracy]
@@ -53,10 +55,10 @@ def cheapest(equations: Equations, duration: float, accuracy: float) -> Measured
 
 def record(equations: Equations, duration: float, entries: Iterable[Measured]) -> None:
     """Keep what a study measured, in place of what an earlier one did."""
-    folder = cache.folder()
-    if folder is None:
+    folder, key = cache.folder(), _key(equations)
+    if folder is None or key is None:
         return
-    studies, key = dict(_read.__wrapped__(folder, 0)), _key(equations)
+    studies = dict(_read.__wrapped__(folder, 0))
     studies.pop(key, None)  # the newest last
     studies[key] = _Study(duration, list(entries))
     newest = dict(list(studies.items())[-MAX_SCENES:])
@@ -65,10 +67,25 @@ def record(equations: Equations, duration: float, entries: Iterable[Measured]) -
     _read.cache_clear()
 
 
-def _key(equations: Equations) -> str:
-    tables = repr([(table.times, getattr(table, "values", ())) for table in equations.layout.tables])
-    digest = hashlib.sha256(equations.start.tobytes() + tables.encode()).hexdigest()
-    return equations.key("study", digest)
+def _key(equations: Equations) -> str | None:
+    """A name for the motion: the equations, the start, and what happens at events.
+
+    None where it would not say all: a class or a function of the user's own takes part in events.
+    """
+    tables = [(table.times, getattr(table, "values", ())) for table in equations.layout.tables]
+    parts: list[object] = [equations.start.tolist(), tables]
+    if (switching := equations.switching) is not None:
+        if not all(type(effect).__module__.startswith("twolink.") for effect in switching.effects):
+            return None
+        try:
+            parts.append(msgspec.json.encode(switching.effects, enc_hook=plain))
+        except TypeError:
+            return None
+        touching = [contact.content for _, contact in switching.contacts] + [
+            pair.content for _, pair in switching.pairs
+        ]
+        parts += [kernel_key(switching.base.model, touching), switching.holds, switching.stops]
+    return equations.key("study", hashlib.sha256(repr(parts).encode()).hexdigest())
 
 
 @functools.lru_cache(1)

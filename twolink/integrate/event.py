@@ -9,7 +9,8 @@ class Event:
 
     kind: "impact", "rest", "leave", "edge" (a corner or an edge passes the end of what it touches), "stick", "slip",
     "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),
-    "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J.
+    "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J. effect: the
+    place among the scene's effects of what is watched, released or engaged; None of other events.
     """
 
     t: float
@@ -17,6 +18,7 @@ class Event:
     what: str
     detail: str = ""
     energy: float = 0.0
+    effect: int | None = None
 
     def __str__(self) -> str:
         lost = f", {self.energy:.6g} J lost" if self.energy else ""

@@ -20,9 +20,9 @@ from twolink.integrate.compiled_functions import is_at_hand
 from twolink.integrate.equations import Equations
 from twolink.integrate.first_steps import rate_name, spent
 from twolink.integrate.methods import METHODS, Method, method_named
+from twolink.integrate.pinocchio_rate import fastest
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.stiffness import fastest
 
 # How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low
 # order is that of the less accurate solution. On the arm, UR5 and Panda a run's error is below a third of the margin

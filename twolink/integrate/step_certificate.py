@@ -15,10 +15,10 @@ from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
 from twolink.integrate.methods import Method
+from twolink.integrate.pinocchio_rate import fastest
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
 from twolink.integrate.step_control import initial_state
-from twolink.integrate.stiffness import fastest
 
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared

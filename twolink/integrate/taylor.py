@@ -44,6 +44,7 @@ RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the e
 DIGITS = 256  # bits of the constants behind quadruple precision
 COMPANION = 16.0  # c
 ROUNDING_UNIT = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1.9e-34}
+OFTEN = 32  # disturbances of a solution that is solved by itself
 DISTURBANCES = 4  # of a solution, evenly: each as large as those of the steps up to the next one together
 CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: numbers, not seconds, as a look ends a step
 
@@ -275,7 +276,7 @@ def _propagate(
     out = np.empty((len(times), size), dtype=kind)
     out[0] = x0
     done, steps, taken, interrupted = 1, 0, 1, False
-    chunk = 1 if perturbation.rounding else CHUNK
+    chunk = -(-len(times) // OFTEN) if perturbation.rounding else CHUNK
     grid, longest = times.astype(kind), kind((times[-1] - times[0]) / MIN_STEPS)
     try:
         while done < len(times):

@@ -143,15 +143,11 @@ def _at_stored(t: Array, share: Array, stored: Array) -> Array:
     return out
 
 
-def halved(leg: Leg, solution: DenseOutput, number: int, times: Array) -> Leg:
-    """The leg of another solution with every step halved, at the times of the first (m,), of which the ends may differ.
-
-    Of order 8, half the step has a 256th of the error.
-    """
-    every = with_middles(times)
-    x = solution.states_of(number, every)
-    fine, _ = leg.steps.matrices(every[:-1], x[:, :-1], every[1:], np.inf)
-    return Leg(leg.steps, every, x, fine)
+def leg_at(steps: VariationalSteps, solution: DenseOutput, number: int, times: Array) -> Leg:
+    """The leg of a piece of another solution, at these times (m,)."""
+    x = solution.states_of(number, times)
+    found, _ = steps.matrices(times[:-1], x[:, :-1], times[1:], np.inf)
+    return Leg(steps, times, x, found)
 
 
 def with_middles(times: Array) -> Array:

@@ -1,11 +1,11 @@
-"""Fingerprints of a pin.Model: to nine digits for saved files, and bit for bit for compiled kernels."""
+"""Fingerprints: of a pin.Model, to nine digits for saved files, and bit for bit for compiled kernels; of our code."""
 
 import functools
 import hashlib
 import platform
 import sys
-from collections.abc import Iterator, Sequence
-from importlib.metadata import version
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,12 @@ import pinocchio as pin
 from twolink.io.model_trees import trees_of
 
 KERNEL_FORMAT = 1
-TRACED_ROOMS = (
-    "algorithms",
-    "contact",
-    "dynamics",
-    "effects",
-    "integrate",
-)  # whose code is in kernels
+PACKAGE = Path(__file__).parents[1]
+LIBRARIES = ("heyoka", "pin", "numpy", "scipy", "example-robot-data")  # which results depend on
+TRACED_ROOMS = ("algorithms", "contact", "dynamics", "effects", "integrate")  # whose code is in kernels
+# What a URDF says of joints beside their inertias: effects may act by it.
+OF_JOINTS = ("damping", "friction", "effortLimit", "velocityLimit", "lowerPositionLimit", "upperPositionLimit",
+             "rotorInertia", "rotorGearRatio")  # fmt: skip
 
 
 def model_digest(model: pin.Model) -> str:
@@ -54,7 +53,7 @@ def kernel_key(model: pin.Model, parts: Sequence[str]) -> str:
     Parameters
     ----------
     model : pin.Model
-        The model, gravity, damping, mimic joints and frames included.
+        The model; gravity, friction and limits of joints, mimic joints and frames included.
     parts : sequence of str
         What else the kernel depends on, such as the name of its function.
 
@@ -64,7 +63,7 @@ def kernel_key(model: pin.Model, parts: Sequence[str]) -> str:
         40 hexadecimal digits.
     """
     digest = hashlib.sha256(repr((_environment(), tuple(parts), _structure(model))).encode())
-    for values in (*_constants(model), model.damping, model.gravity.linear):
+    for values in (*_constants(model), *(getattr(model, name) for name in OF_JOINTS), model.gravity.linear):
         digest.update(np.ascontiguousarray(values).tobytes())
     mimics = [joint.extract() for joint in model.joints if "Mimic" in joint.shortname()]
     digest.update(repr([(repr(joint), joint.scaling, joint.offset) for joint in mimics]).encode())
@@ -93,16 +92,47 @@ def _neutral_jacobian(model: pin.Model) -> np.ndarray:
 
 
 @functools.cache
+def code_key(*rooms: str) -> str:
+    """A digest of the package's code and data, all of it or that of some rooms, and the versions of its libraries.
+
+    Parameters
+    ----------
+    *rooms : str
+        Folders of the package; all of them by default.
+
+    Returns
+    -------
+    str
+        40 hexadecimal digits.
+    """
+    folders = [PACKAGE / room for room in rooms] or [PACKAGE]
+    files = (path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".toml", ".csv"))
+    versions = [f"{name} {_version(name)}" for name in LIBRARIES]
+    return hashlib.sha256(repr((files_digest(files), versions, sys.version)).encode()).hexdigest()[:40]
+
+
+def files_digest(paths: Iterable[Path]) -> str:
+    """A digest of files: their names and what they hold."""
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _version(library: str) -> str:
+    """The version of an installed library; empty without it."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return ""
+
+
+@functools.cache
 def _environment() -> str:
-    """Our own code, the versions of the libraries it stands on, and the processor."""
-    code = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    for path in sorted(path for room in TRACED_ROOMS for path in (package / room).rglob("*.py")):
-        code.update(path.read_bytes())
-    versions = [f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy")]
+    """The code that kernels are made by, the libraries it stands on, and the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         processor = sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
     except OSError:
         processor = [platform.processor()]
-    return repr((KERNEL_FORMAT, code.hexdigest(), versions, sys.version, platform.machine(), processor))
+    return repr((KERNEL_FORMAT, code_key(*TRACED_ROOMS), platform.machine(), processor))

@@ -17,7 +17,8 @@ from twolink.optimization.sample_derivatives import Slopes, by_constants, by_sam
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.adjoint_runs import AdjointRun, with_states
-from twolink.simulation.error_bar import ROUNDING, SAFETY, SAFETY_OF_SEVERAL, SLACK
+from twolink.simulation.error_bar import ROUNDING, SLACK
+from twolink.simulation.nominal_solutions import bound
 from twolink.simulation.sampling import duration_for, sample_times
 from twolink.simulation.scene_run import MAX_SAMPLES
 from twolink.simulation.sensitivities import refined
@@ -121,7 +122,8 @@ def gradient(
     What the motion costs grows with the number of its degrees of freedom, not with that of the parameters; each event
     adds differences by every parameter. `sensitivities` costs less for few (scripts/bench_sensitivities.py).
 
-    The error bar comes from a second solution, as that of `sensitivities` does. The derivatives are those along it.
+    The error bar comes from second solutions, as that of `sensitivities`. The derivatives are those along the finer
+    one.
 
     References
     ----------
@@ -158,14 +160,13 @@ def _along(
         beside = with_states(run, nominal)
         results.append(adjoint.pulled_back(number, by_samples(beside, function, slopes, STEPS[1], here)[1]))
         values.append(value_of(function, beside))
-    distance = np.max([np.abs(result - results[0]) for result in results[1:]], axis=0)
     total = results[1] + constants
-    safety = SAFETY if len(results) == 2 else SAFETY_OF_SEVERAL
-    bar = safety * distance + ROUNDING * np.abs(total) + SLACK * accuracy * np.maximum(1.0, np.abs(total))
+    bar = bound([np.abs(result - results[0]) for result in results[1:]])
+    bar += ROUNDING * np.abs(total) + SLACK * accuracy * np.maximum(1.0, np.abs(total))
     if not np.isfinite(total).all():
         raise AccuracyError("the gradient is no finite number", where="objective", code="gradient-undefined",
                             remedy="ask for another number of the run")  # fmt: skip
     by = {name: total[columns] for name, columns in wanted.columns.items()}
     error = {name: bar[columns] for name, columns in wanted.columns.items()}
-    off = SAFETY * max(abs(value - values[0]) for value in values[1:])
+    off = float(bound([np.abs(np.asarray(value) - values[0]) for value in values[1:]]))
     return Gradient(run, values[0], off + float(np.spacing(abs(values[0]))), by, error, accuracy)

@@ -140,11 +140,9 @@ def beside(
 
 def watch_at_end(scene: Scene, run: Trajectory) -> int | None:
     """The place of the effect whose condition ends the run; None where none does."""
-    last = run.events[-1] if run.events else None
-    if last is None or last.t != run.t[-1]:
-        return None
-    return next((place for place, effect in enumerate(scene.effects) if isinstance(effect, Watch) and effect.stop
-                 and effect.at is None and effect.name == last.what), None)  # fmt: skip
+    last = {event.effect for event in run.events if event.t == run.t[-1]}
+    return next((place for place, effect in enumerate(scene.effects) if place in last and isinstance(effect, Watch)
+                 and effect.stop and effect.at is None), None)  # fmt: skip
 
 
 def fourth_order(value: Callable[[float], Any], step: float) -> Any:

@@ -59,7 +59,7 @@ def by_constants(run: Trajectory, wanted: Wanted, function: Objective) -> Array:
 
     Raises SceneError, code "gradient-objective", where constants that it uses change with a parameter indirectly.
     """
-    names, neighbours = wanted.parameters, wanted.neighbours
+    names, neighbours = wanted.neighbours.names, wanted.neighbours
     at_rest, own = np.zeros_like(run.v), value_of(function, run)
     pieces = run.solution.pieces if run.solution else ()
     others = {name: nominal_value(pieces[0].equations, name) for name in neighbours.constants if name not in names}

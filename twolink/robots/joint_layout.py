@@ -1,5 +1,6 @@
-"""The layout of q and v: which entries belong to which joint, and which have length 1."""
+"""The layout of q and v: which entries belong to which joint, and which have length 1; the limits of joints."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 JointKind = Literal["vector", "cos-sin", "planar", "quaternion", "free-flyer", "mimic"]
 
+NO_LIMIT = 1e30  # Pinocchio writes no limit as a number beyond this
 _UNIT_PART = {"cos-sin": slice(0, 2), "planar": slice(2, 4), "quaternion": slice(0, 4), "free-flyer": slice(3, 7)}
 
 
@@ -45,6 +47,13 @@ def _kind(joint: pin.JointModel) -> JointKind:
 def turns(model: pin.Model, joint: JointLayout) -> bool:
     """Whether the coordinate of a joint with one coordinate is an angle [rad], not a length [m]."""
     return str(model.joints[joint.index].shortname()).startswith("JointModelR")
+
+
+def urdf_limits(model: pin.Model, entry: int) -> tuple[float, float]:
+    """The limits (lower, upper) of q[entry] in the URDF; infinite where there is none."""
+    ends = (float(limits[entry]) for limits in (model.lowerPositionLimit, model.upperPositionLimit))
+    lower, upper = (end if abs(end) < NO_LIMIT else math.copysign(math.inf, end) for end in ends)
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
 
 def joint_layouts(model: pin.Model) -> tuple[JointLayout, ...]:

@@ -5,13 +5,12 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects import TYPES, Effect, effect_class
 from twolink.errors import SceneError, nearest, require_known
 from twolink.io.text import split_path
-from twolink.scenes.file_format import JointValues, RobotEntry, SceneFile
+from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.scenes.scene import Scene, at_effect
 
 
@@ -42,9 +41,7 @@ def scene_from_data(content: SceneFile, load: Callable[[RobotEntry], Robot]) -> 
         except SceneError as error:
             raise at_effect(error, i) from None
     robot = load(RobotEntry(content.robot) if isinstance(content.robot, str) else content.robot)
-    q = _state(robot, content.q, robot.neutral, "q")
-    v = _state(robot, content.v, np.zeros(robot.nv), "v")
-    return Scene(robot, q, v, effects, content.duration, content.title)
+    return Scene(robot, content.q, content.v, effects, content.duration, content.title)
 
 
 def scene_tables(content: Any) -> SceneFile:
@@ -80,21 +77,3 @@ def _schema_error(
         remedy = nearest(unknown.group(1), [field.name for field in msgspec.structs.fields(schemas[path])])
     where = ".".join(part for part in (inside, path) if part)
     return SceneError(what, where=where, remedy=remedy, code="schema")
-
-
-def _state(robot: Robot, values: JointValues, start: np.ndarray, name: str) -> np.ndarray:
-    """A state vector from values by joint name; a continuous joint's q may be an angle [rad]."""
-    state = np.array(start)
-    joints = {joint.name: joint for joint in robot.joints}
-    for joint_name, value in values.items():
-        if joint_name not in joints:
-            what, remedy = f"robot {robot.name!r} has no joint {joint_name!r}", nearest(joint_name, joints)
-            raise SceneError(what, where=name, remedy=remedy, code="unknown-joint")
-        joint = joints[joint_name]
-        part, numbers = (joint.q, joint.configuration(value)) if name == "q" else (joint.v, np.atleast_1d(value))
-        if numbers.size != part.stop - part.start:
-            what = f"expected {part.stop - part.start} numbers, got {numbers.size}"
-            remedy = "give the joint's configuration or velocity"
-            raise SceneError(what, where=f"{name}.{joint_name}", remedy=remedy, code="schema")
-        state[part] = numbers
-    return state

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from twolink.effects.field_checks import check_effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.listing import facts_html
 from twolink.scenes.save import save_scene
+from twolink.scenes.start import start_notes, state_by_joint
 
 _REMEDY = "such as [tl.effects.Gravity()]"
 _OWN = "one of your own is a class that derives from tl.effects.Effect"
@@ -42,8 +43,9 @@ class Scene:
     ----------
     robot : Robot
         From `tl.load_robot`. Its own gravity does not count: a `tl.effects.Gravity` among the effects does.
-    q, v : array_like, optional
-        Initial configuration (nq,) and velocity (nv,); neutral and at rest by default.
+    q, v : array_like or mapping of joint to array_like, optional
+        Initial configuration (nq,) and velocity (nv,), or values of some joints by name (a continuous joint's may be
+        its angle); rad, m, per second. Neutral and at rest by default.
     effects : sequence of Effect
         What acts on the robot, in order.
     duration : float
@@ -79,8 +81,8 @@ class Scene:
     def __init__(
         self,
         robot: Robot,
-        q: ArrayLike | None = None,
-        v: ArrayLike | None = None,
+        q: ArrayLike | Mapping[str, ArrayLike] | None = None,
+        v: ArrayLike | Mapping[str, ArrayLike] | None = None,
         effects: Sequence[Effect] = (),
         duration: float = 10.0,
         title: str = "",
@@ -95,8 +97,10 @@ class Scene:
             for effect in checked:
                 effect.change(model)
 
-        start = configuration("q", robot.neutral if q is None else q, robot.nq, robot.joints)
-        velocity = array("v", np.zeros(robot.nv) if v is None else v, robot.nv)
+        q, v = (state_by_joint(robot, {} if x is None else x, name) if x is None or isinstance(x, Mapping) else x
+                for name, x in (("q", q), ("v", v)))  # fmt: skip
+        start = configuration("q", q, robot.nq, robot.joints)
+        velocity = array("v", v, robot.nv)
         self.base, self.robot = robot, robot.changed(change)
         self.q, self.v = _one_state("q", start, robot.nq), _one_state("v", velocity, robot.nv)
         self.effects, self.duration = checked, duration_of(duration)
@@ -111,6 +115,11 @@ class Scene:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
+
+    def notes(self) -> list[str]:
+        """What may be a mistake in the start, and what the effects say of themselves, one line each."""
+        of_effects = [note for effect in self.effects for note in effect.notes(self.robot)]
+        return [*start_notes(self.base, self.q), *of_effects]
 
     def without(self, index: int) -> Scene:
         """The same scene without one of its effects."""

@@ -26,15 +26,20 @@ field = [0.0, 0.0, -9.81]  # m/s^2
 
 # What else may act: take the "# " away from what the scene calls for.
 """
-_PASSIVE = """
+_DAMPING = """
 [[effects]]
 type = "joint-damping"  # torque = -damping v
-damping = {{ {joint} = 0.1 }}  # N m s/rad or N s/m
-
+damping = {values}  # N m s/rad or N s/m{source}
+"""
+_FRICTION = """
 [[effects]]
-type = "dry-friction"
-kinetic = {{ {joint} = 0.2 }}  # N m or N, while the joint slips
-static = {{ {joint} = 0.3 }}  # N m or N, while it is at rest
+type = "dry-friction"  # torque = -kinetic sign(v); static = {{ ... }} is what a joint at rest can take, if it is more
+kinetic = {values}  # N m or N{source}
+"""
+_TORQUE = """
+[[effects]]
+type = "torque"
+inputs = {{ {joint} = {{ kind = "sine", amplitude = 1.0, frequency = 3.0 }} }}  # N m or N; rad/s, not Hz
 """
 _OF_POSITION = """
 [[effects]]
@@ -72,14 +77,19 @@ def scene_template(robot: Robot, entry: RobotEntry) -> str:
     head = msgspec.toml.encode({**scalars, "robot": named}).decode()
     q = "".join(_line(joint, starts[joint["name"]], _limits_of(joint)) for joint in joints if joint["name"] in starts)
     v = "".join(f"# {_line(joint, [0.0] * (joint['v'][1] - joint['v'][0]))}" for joint in joints)
-    return _HEAD + head + _STATE.format(q=q, v=v) + _commented(_effects(joints, starts))
+    return _HEAD + head + _STATE.format(q=q, v=v) + _commented(_effects(robot, joints, starts))
 
 
-def _effects(joints: list[dict[str, Any]], starts: dict[str, Any]) -> str:
-    """Effects that fit the robot: of its first joint with one velocity, and of its first with one coordinate."""
+def _effects(robot: Robot, joints: list[dict[str, Any]], starts: dict[str, Any]) -> str:
+    """Effects that fit the robot: damping and friction of the URDF, and what drives or stops its first joint."""
     text = ""
-    if single := [joint for joint in joints if joint["v"][1] - joint["v"][0] == 1]:
-        text += _PASSIVE.format(joint=_key(single[0]["name"]))
+    if single := [joint for joint in joints if joint["v"][1] - joint["v"][0] == 1 and joint["name"] in starts]:
+        for effect, urdf in ((_DAMPING, robot.model.damping), (_FRICTION, robot.model.friction)):
+            found = {joint["name"]: float(urdf[joint["v"][0]]) for joint in single if urdf[joint["v"][0]]}
+            source = ", by the URDF" if found else ": the URDF gives none"
+            values = ", ".join(f"{_key(name)} = {x}" for name, x in (found or {single[0]["name"]: 0.0}).items())
+            text += effect.format(values=f"{{ {values} }}", source=source)
+        text += _TORQUE.format(joint=_key(single[0]["name"]))
     if turning := [joint for joint in joints if joint["layout"] == "vector"]:
         lower, upper = _limits(turning[0]) or (-1.5, 1.5)
         start = starts[turning[0]["name"]][0]

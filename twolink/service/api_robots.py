@@ -11,12 +11,12 @@ from litestar import MediaType, Request, Response, delete, get, post
 from litestar.datastructures import MultiDict
 from litestar.params import FromPath
 
-from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
 from twolink.robots.catalogue import catalogue_entry
 from twolink.service.components import Service, Shared
 from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, accepts_gzip, body_limit, media_type, too_large
+from twolink.service.job_requests import version_key
 from twolink.service.json_keys import decode_unique
 from twolink.service.problems import Refusal
 from twolink.service.robot_pool import catalogue
@@ -148,7 +148,7 @@ async def visuals(request: Request[Any, Any, Any], service: Shared, robot: FromP
     """Shapes by link, as three.js objects in JSON; see `kinematics` for where the links are."""
     await service.robots.require(robot)
     store, limit = service.store, service.settings.quotas.disk_mb * 2**20
-    path = store.visuals(f"{__version__}-{robot}.json.gz")
+    path = store.visuals(f"{version_key()[:20]}-{robot}.json.gz")
     if robot not in catalogue():
         path = store.robot_folder(robot) / "visuals.json.gz"
     await service.make(path, "draw", key=robot)

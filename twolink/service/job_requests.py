@@ -1,11 +1,13 @@
 """The bodies of requests about scenes, and of requests for jobs."""
 
+import functools
 import hashlib
 from typing import Annotated, Literal
 
 import msgspec
 
-from twolink._version import __version__
+from twolink.io.fingerprints import code_key, files_digest
+from twolink.robots.catalogue import our_urdfs
 from twolink.scenes.file_format import SceneFile
 from twolink.service.json_keys import decode_unique
 
@@ -111,12 +113,18 @@ REQUESTS: dict[str, type[Request]] = {
 class JobRequest(msgspec.Struct, frozen=True):
     """A request for a job as the service keeps it. content: its JSON without `wait`, fields in order.
 
-    key: the id of the job, which depends on the content alone and on the version of twolink.
+    key: the id of the job, which depends on the content alone and on what computes its result (`version_key`).
     """
 
     key: str
     wait: float
     content: bytes
+
+
+@functools.cache
+def version_key() -> str:
+    """A digest of what computes results: our code, scenes and robots, and the versions of libraries."""
+    return code_key() + files_digest(our_urdfs().glob("*.urdf"))
 
 
 def prepare(*, kind: str, body: bytes) -> JobRequest:
@@ -125,5 +133,5 @@ def prepare(*, kind: str, body: bytes) -> JobRequest:
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")
-    digest = hashlib.sha256(__version__.encode() + content).hexdigest()
+    digest = hashlib.sha256(version_key().encode() + content).hexdigest()
     return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)

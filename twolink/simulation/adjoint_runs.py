@@ -32,31 +32,30 @@ class AdjointRun:
         self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float, samples: Array
     ) -> None:
         self._wanted, self._samples = wanted, samples
-        self._own = own = NominalSolutions(run, equations, wanted.neighbours, accuracy, tolerance, along_state=True)
+        self._own = own = NominalSolutions(run, equations, wanted, accuracy, along_state=True)
         times = np.union1d(own.times(own.first), run.t[samples])
         legs = [own.leg(own.first, number, times, tolerance) for number in range(len(own.first.edges))]
         begins = [begin for begin, _ in own.first.edges]
         piece = np.maximum(np.searchsorted(begins, run.t[samples], side="right") - 1, 0)
         self._places = [(np.searchsorted(leg.t, run.t[samples[piece == number]]), np.flatnonzero(piece == number))
                         for number, leg in enumerate(legs)]  # fmt: skip
-        choice, perturbations = own.second_ones()
-        self.nominals = [own.first, *(own.second(legs, choice, one, run.t) for one in perturbations)]
+        self.nominals = [own.first, *(own.second(legs, one, run.t) for one in own.second_ones())]
         for nominal in self.nominals[1:]:
             own.require_alike(nominal)
-        self._legs = [legs, *([own.halved(leg, nominal, number) for number, leg in enumerate(legs)]
+        self._legs = [legs, *([own.beside(leg, nominal, number) for number, leg in enumerate(legs)]
                               for nominal in self.nominals[1:])]  # fmt: skip
 
     def pulled_back(self, number: int, covectors: Array) -> Array:
         """dF (k,) by each column that is wanted, along a nominal solution, from covectors (m, 2 nv) at the samples."""
         nominal, legs, wanted = self.nominals[number], self._legs[number], self._wanted
-        states, stride = covectors.shape[1], 2 if number else 1
-        w, by_parameters = np.zeros(states), np.zeros(len(wanted.parameters))
+        states = covectors.shape[1]
+        w, by_parameters = np.zeros(states), np.zeros(len(wanted.neighbours.names))
         for piece in reversed(range(len(legs))):
             places, samples = self._places[piece]
             added = np.zeros((len(legs[piece].t), states))
-            added[stride * places] = covectors[samples]
+            added[nominal.second.parts * places] = covectors[samples]
             if piece + 1 < len(legs) and nominal.jumps:
-                through = self._own.saltation(nominal.jumps[piece], np.eye(states + len(by_parameters)))[:states]
+                through = self._own.after(nominal, piece, np.eye(states + len(by_parameters)))[:states]
                 by_parameters += w @ through[:, states:]
                 w = w @ through[:, :states]
             after = np.empty((len(added), states))
@@ -66,10 +65,7 @@ class AdjointRun:
             w = after[0]
             if len(by_parameters):
                 by_parameters += self._by_parameters(nominal, piece, legs[piece], after[1:].T)
-        start = wanted.start
-        if nominal.begun is not None:
-            start = self._own.saltation.start(nominal.begun, start)
-        return np.asarray(np.concatenate([w, by_parameters]) @ start)
+        return np.asarray(np.concatenate([w, by_parameters]) @ self._own.start(nominal))
 
     def _by_parameters(self, nominal: NominalSolution, piece: int, leg: Leg, covectors: Array) -> Array:
         """What the steps of a leg add, with covectors (2 nv, m - 1) at their ends."""

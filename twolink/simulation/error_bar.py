@@ -17,7 +17,6 @@ SAFETY = 2.5  # of the distance to a finer solution, which has an error of its o
 # hardly: with errors e and d of normal distributions, the disturbance being three times as large as rounding, a bar is
 # too small once in 4000 motions in which rounding is all of the error.
 DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0}
-SAFETY_OF_SEVERAL = 6.0
 # Of the accuracy, added to a bar: where the first error is small by chance, it is still below what is usual.
 SLACK = 4e-3
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in all solutions

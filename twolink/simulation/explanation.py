@@ -172,9 +172,8 @@ def explain(
 
 
 def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
-    """What the effects say of themselves, and how contacts are computed."""
-    own = [note for effect in scene.effects for note in effect.notes(scene.robot)]
-    return (*own, *([f"contacts are {way.way}: {way.why}"] if way.way else []))
+    """What is to be said of the start and of the effects, and how contacts are computed."""
+    return (*scene.notes(), *([f"contacts are {way.way}: {way.why}"] if way.way else []))
 
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:

@@ -15,17 +15,35 @@ from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.method_choice import MethodChoice, steps_ratio
+from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
-from twolink.integrate.neighbours import Neighbours
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, second_solution
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
 from twolink.integrate.scene_equations import with_parameters
-from twolink.integrate.solver import from_shifted_start, solve
+from twolink.integrate.solver import solve
 from twolink.integrate.state import Array
-from twolink.integrate.variational_legs import Leg, halved, leg_of
+from twolink.integrate.variational_legs import Leg, leg_at, leg_of, with_middles
 from twolink.integrate.variational_steps import VariationalSteps
-from twolink.simulation.refinement import finer, rounding_tolerance
+from twolink.simulation.error_bar import DISTURBED, SAFETY
+from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
+
+# Of the steps of differences through events, in those of the run: of the finer solution, and of each disturbed one.
+# What is moved by other steps is rounded otherwise, even from a state that is the same.
+FINER, OTHERS = 0.5, (0.7, 1.3)
+
+
+class Second(NamedTuple):
+    """How a second solution is computed beside the run's; plain, how the run's is.
+
+    The finer one shows truncation: it is not disturbed, and the steps of its derivatives are halved. The disturbed ones
+    show rounding: they have the run's own setting. differences: the steps of differences through
+    events, in those of the run's; their roundings are others.
+    """
+
+    choice: MethodChoice
+    perturbation: Perturbation
+    differences: float = 1.0
+    parts: int = 1  # of a step of the derivatives
 
 
 class NominalSolution(NamedTuple):
@@ -35,6 +53,7 @@ class NominalSolution(NamedTuple):
     edges: list[tuple[float, float]]
     jumps: list[Jump]
     begun: RunState | None
+    second: Second
 
 
 class NominalSolutions:
@@ -45,18 +64,18 @@ class NominalSolutions:
     """
 
     def __init__(
-        self, run: Trajectory, equations: Equations, neighbours: Neighbours, accuracy: float, tolerance: float, *,
-        along_state: bool = False,
-    ) -> None:  # fmt: skip
-        self.run, self.equations, self.neighbours = run, equations, neighbours
-        self.accuracy, self.tolerance, self.along_state = accuracy, tolerance, along_state
+        self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, *, along_state: bool = False
+    ) -> None:
+        self.run, self.equations, self.wanted, self.neighbours = run, equations, wanted, wanted.neighbours
+        self.accuracy, self.along_state = accuracy, along_state
         self._steps: dict[str, VariationalSteps] = {}
-        self.saltation = Saltation(neighbours)
+        self.saltation = Saltation(self.neighbours)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
-        self.first = _nominal_of(dense, float(run.t[-1]))
+        plain = Second(self._choice, NO_PERTURBATION)
+        self.first = _nominal_of(dense, float(run.t[-1]), plain)
         if equations.has_events:
-            self.first = self._solved(self._choice, dense.t, NO_PERTURBATION)
+            self.first = self._solved(plain, dense.t)
 
     def times(self, nominal: NominalSolution) -> Array:
         """Times along a nominal solution, about as many as the run has steps."""
@@ -69,13 +88,26 @@ class NominalSolutions:
         between = np.concatenate([[begin], inside, [end]])
         return leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
-    def halved(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
-        """The leg of a second solution beside one of the first, with every step halved."""
+    def beside(self, leg: Leg, nominal: NominalSolution, number: int) -> Leg:
+        """The leg of a second solution beside one of the first, with the same steps or with every step halved.
+
+        Of order 8, half the step has a 256th of the error.
+        """
         begin, end = nominal.edges[number]
         own = leg.t
         if (begin, end) != (own[0], own[-1]) and own[-1] > own[0]:  # between events, which differ a little
             own = np.append(begin + (leg.t - leg.t[0])[:-1] * ((end - begin) / (leg.t[-1] - leg.t[0])), end)
-        return halved(leg, nominal.dense, number, own)
+        return leg_at(leg.steps, nominal.dense, number, own if nominal.second.parts == 1 else with_middles(own))
+
+    def start(self, nominal: NominalSolution) -> Array:
+        """S at the start."""
+        return self.wanted.start if nominal.begun is None else self.saltation.start(nominal.begun, self.wanted.start)
+
+    def after(self, nominal: NominalSolution, number: int, s: Array) -> Array:
+        """S after the end of a piece."""
+        if not nominal.jumps or number + 1 == len(nominal.edges):
+            return s
+        return self.saltation(nominal.jumps[number], s, nominal.second.differences)
 
     def driven(self, nominal: NominalSolution, number: int) -> tuple[Equations, Array]:
         """The equations of a piece with the parameters, and the gains of what drives them."""
@@ -108,37 +140,32 @@ class NominalSolutions:
             self._steps[equations.content] = VariationalSteps(equations, gains)
         return self._steps[equations.content].starting(equations, gains)
 
-    def second_ones(self) -> tuple[MethodChoice, list[Perturbation]]:
-        """How second solutions are computed, and how each is perturbed: where rounding counts, there are two."""
+    def second_ones(self) -> list[Second]:
+        """The finer solution and the disturbed ones."""
         choice = self._choice
-        fine = finer(choice, self.equations, self.accuracy, self.run.cost.steps if self.run.cost else 0)
-        first = second_solution(steps_ratio(fine.method), choice.setting if choice.method.adaptive else 0.0)
-        if fine.precision == "double" and self.tolerance < rounding_tolerance(fine.method):
-            return fine, [first, first.opposite]
-        return fine, [first]
+        finer = finer_solution(choice.method, choice.setting if choice.method.adaptive else 0.0)
+        disturbed = zip(disturbed_solutions(len(OTHERS)), OTHERS, strict=True)
+        return [Second(choice, finer, FINER, 2), *(Second(choice, one, by) for one, by in disturbed)]
 
-    def second(
-        self, legs: Sequence[Leg], choice: MethodChoice, perturbation: Perturbation, others: Array | None = None
-    ) -> NominalSolution:
+    def second(self, legs: Sequence[Leg], second: Second, others: Array | None = None) -> NominalSolution:
         """A second solution, at the times of the legs, between them, and at other ones (n,)."""
         times = np.unique(np.concatenate([leg.t for leg in legs]))
         every = np.union1d(times, 0.5 * (times[:-1] + times[1:]))
-        return self._solved(choice, every if others is None else np.union1d(every, others), perturbation)
+        return self._solved(second, every if others is None else np.union1d(every, others))
 
-    def _solved(self, choice: MethodChoice, times: Array, perturbation: Perturbation) -> NominalSolution:
+    def _solved(self, second: Second, times: Array) -> NominalSolution:
         """A solution, with its jumps."""
         jumps: list[Jump] = []
-        begun = None
+        begun, choice, perturbation = None, second.choice, second.perturbation
         if self.equations.has_events:
-            equations = from_shifted_start(self.equations, perturbation)
-            engine = RecordingEngine(equations, choice.method, times, choice.setting, None, perturbation)
+            engine = RecordingEngine(self.equations, choice.method, times, choice.setting, None, perturbation)
             solution = engine.solution()
             jumps, begun = engine.jumps, engine.begun
         else:
             solution = solve(self.equations, choice.method, times, choice.setting, None, choice.precision, perturbation)
         dense = DenseOutput(solution.pieces, solution.t, solution.x[: self.equations.moving], choice.method.name,
                             choice.setting, choice.precision)  # fmt: skip
-        return _nominal_of(dense, float(solution.t[-1]), jumps, begun)
+        return _nominal_of(dense, float(solution.t[-1]), second, jumps, begun)
 
     def require_alike(self, nominal: NominalSolution) -> None:
         """Require that a second solution has the pieces of the first. Raises AccuracyError."""
@@ -170,6 +197,15 @@ class NominalSolutions:
         return len(self.first.edges) if paired == len(jumps[0]) == len(jumps[1]) else paired
 
 
+def bound(distances: Sequence[Array], share: float = 1.0) -> Array:
+    """What the distances to the second solutions say of errors: truncation by the finer one, rounding by the others.
+
+    share: of the distance to the finer solution, where the result is nearer to the truth than the run is.
+    """
+    rounding = np.max(distances[1:], axis=0) if len(distances) > 1 else 0.0
+    return np.asarray(SAFETY * share * distances[0] + DISTURBED[len(OTHERS)] * rounding)
+
+
 def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, float]]) -> int:
     """How many events at the begin of two sequences have the same guards."""
     alike = itertools.takewhile(lambda pair: pair[0][0] == pair[1][0], zip(ours, theirs, strict=False))
@@ -177,7 +213,7 @@ def _alike(ours: Sequence[tuple[object, float]], theirs: Sequence[tuple[object, 
 
 
 def _nominal_of(
-    dense: DenseOutput, end: float, jumps: Sequence[Jump] = (), begun: RunState | None = None
+    dense: DenseOutput, end: float, second: Second, jumps: Sequence[Jump] = (), begun: RunState | None = None
 ) -> NominalSolution:
     edges = [*(piece.begin for piece in dense.pieces), end]
-    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun)
+    return NominalSolution(dense, list(itertools.pairwise(edges)), list(jumps), begun, second)

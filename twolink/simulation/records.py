@@ -26,7 +26,7 @@ def run_record(run: Trajectory) -> dict[str, Any]:
         robot, joints (names); duration [s], samples (a count); error (the largest error bar, rad or m; None when the
         run is not verified), bound ("verified", "estimated" or ""), accuracy,
         trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
-        cost: the fields of `Cost`, or None; events: dictionaries with t, kind, what, detail, energy; interrupted.
+        cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
         contacts: of stepped contacts `Trajectory.contact_record`.
         q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
     """

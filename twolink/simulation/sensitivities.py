@@ -167,9 +167,9 @@ def sensitivities(
 
     Notes
     -----
-    Their error bar comes from a second solution, as that of the motion does: a more accurate motion, perturbed, with
-    half the steps of the variational equations. Without events the derivatives are those along that one, interpolated
-    between its steps; with events, those along the motion.
+    Their error bar comes from second solutions. A finer one, with half the steps of the variational equations, shows
+    truncation; two that start roundings away show rounding, also that of the differences through events. Without events
+    the derivatives are those along the finer one, interpolated between its steps; with events, those along the motion.
     """
     times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
     return sensitivities_at(scene, wrt, times, accuracy, progress)

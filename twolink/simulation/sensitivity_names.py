@@ -1,5 +1,6 @@
 """The names by which sensitivities are asked for, and the derivatives of the start by what they name."""
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
 from twolink.integrate.equations import Equations
-from twolink.integrate.neighbours import Neighbours
+from twolink.integrate.neighbours import Neighbours, derivative
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 
@@ -33,11 +34,6 @@ class Wanted:
     neighbours: Neighbours
     columns: dict[str, slice]
     start: np.ndarray
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """The parameters among it."""
-        return self.neighbours.names
 
     @property
     def values(self) -> dict[str, float]:
@@ -101,11 +97,11 @@ def _assembled_along(scene: Scene, equations: Equations, directions: np.ndarray)
         directions = directions.copy()
         directions[:nv] -= np.linalg.lstsq(rows, rows @ directions[:nv], rcond=RANK)[0]
 
-    def moved(direction: np.ndarray, step: float) -> np.ndarray:
+    def moved(direction: np.ndarray, k: float) -> np.ndarray:
+        step = k * STEP
         there = np.concatenate([robot.integrate(q, step * direction[:nv]), v + step * direction[nv:]])
         x = assembled(constraints, there)
         return np.concatenate([robot.difference(start[:nq], x[:nq]), x[nq:] - start[nq:]])
 
-    out = [(8.0 * (moved(d, STEP) - moved(d, -STEP)) - (moved(d, 2 * STEP) - moved(d, -2 * STEP))) / (12.0 * STEP)
-           for d in directions.T]  # fmt: skip
+    out = [derivative(functools.partial(moved, direction), STEP) for direction in directions.T]
     return np.array(out).T.reshape(directions.shape)

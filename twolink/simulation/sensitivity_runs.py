@@ -5,19 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.perturbation import Perturbation
 from twolink.integrate.variational_legs import Leg
-from twolink.simulation.error_bar import SAFETY, SAFETY_OF_SEVERAL
-from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions
+from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions, Second, bound
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory
 
 INTERPOLATED = 1 / 64  # of an interpolation's error, what is left of it with twice the nodes: 1 / 4096 by its order
-# Of the distance, where the derivatives are those along the second solution: their steps are halved, of order 8, and
-# its motion is 10 times or more as accurate, so that a tenth of the distance would do. Not so where the motions differ
-# by where the second one starts: then it is as far off as the distance says.
-OF_FINER, BY_START = 0.25, 0.1
+# Of the distance, where the derivatives are those along the finer solution: their steps are halved, of order 8, and
+# its motion is 10 times or more as accurate, so that a tenth of the distance would do.
+OF_FINER = 0.25
 SMALLER = 100.0  # tolerance of the steps along a second solution of other pieces
 
 
@@ -32,7 +28,7 @@ class SensitivityRun:
         self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float
     ) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, 2 * equations.space.nv
-        self._nominals = NominalSolutions(run, equations, wanted.neighbours, accuracy, tolerance)
+        self._nominals = NominalSolutions(run, equations, wanted, accuracy)
         self._nominal = nominal = self._nominals.first
         self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
         self.t = np.concatenate([leg.t for leg in legs])
@@ -41,22 +37,11 @@ class SensitivityRun:
         if not nominal.jumps:
             self.s = self._interpolated(run.t)
 
-    def _start(self, nominal: NominalSolution) -> np.ndarray:
-        """S at the start."""
-        start = self.wanted.start
-        return start if nominal.begun is None else self._nominals.saltation.start(nominal.begun, start)
-
-    def _after(self, nominal: NominalSolution, number: int, s: np.ndarray) -> np.ndarray:
-        """S after the end of a piece."""
-        if not nominal.jumps or number + 1 == len(nominal.edges):
-            return s
-        return self._nominals.saltation(nominal.jumps[number], s)
-
     def _along(
         self, nominal: NominalSolution, samples: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, list[Leg], list[np.ndarray]]:
         """S at sample times (n,), the legs, and S (., 2 nv + p, k) at their times."""
-        start, times = self._start(nominal), self._nominals.times(nominal)
+        start, times = self._nominals.start(nominal), self._nominals.times(nominal)
         legs, states, out = list[Leg](), list[np.ndarray](), np.empty((len(samples), self._rows, start.shape[1]))
         piece = np.maximum(np.searchsorted([begin for begin, _ in nominal.edges], samples, side="right") - 1, 0)
         for number in range(len(nominal.edges)):
@@ -66,56 +51,34 @@ class SensitivityRun:
             out[here] = leg.at(samples[here], s)
             legs.append(leg)
             states.append(s)
-            start = self._after(nominal, number, s[-1])
+            start = self._nominals.after(nominal, number, s[-1])
         return out, legs, states
 
     def _distance(self, legs: Sequence[Leg], states: Sequence[np.ndarray]) -> np.ndarray:
         """The largest distance to second solutions of each column at the times of all legs, (m, k), times a factor."""
-        choice, perturbations = self._nominals.second_ones()
-        distances = [self._distance_to(legs, states, choice, one) for one in perturbations]
-        safety: float | np.ndarray = SAFETY if len(distances) == 1 else SAFETY_OF_SEVERAL
-        if len(distances) == 1 and not self._nominal.jumps:
-            safety = SAFETY * np.where(self._differs_by_start(legs, perturbations[0]), 1.0, OF_FINER)[:, None]
-        return np.asarray(safety * np.max(distances, axis=0))
+        distances = [self._distance_to(legs, states, one) for one in self._nominals.second_ones()]
+        return bound(distances, 1.0 if self._nominal.jumps else OF_FINER)
 
-    def _differs_by_start(self, legs: Sequence[Leg], perturbation: Perturbation) -> np.ndarray:
-        """Whether the first of the second solutions differs from the run as its start does, at the times of all legs.
-
-        The shift of the start is followed along the run's own derivatives.
-        """
-        rows, out = self._rows, []
-        moved = (
-            np.eye(legs[0].matrices.shape[2], rows) * perturbation.start_shift * max(1.0, np.abs(legs[0].x[:, 0]).max())
-        )
-        for leg, (fine, _) in zip(legs, self._fine, strict=False):
-            along = leg.along(moved)
-            off = np.abs(fine.x[:, ::2] - leg.x).max(axis=0)
-            out.append(np.abs(along[:, :rows]).sum(axis=2).max(axis=1) > BY_START * off)
-            moved = along[-1]
-        return np.concatenate(out)
-
-    def _distance_to(
-        self, legs: Sequence[Leg], states: Sequence[np.ndarray], choice: MethodChoice, perturbation: Perturbation
-    ) -> np.ndarray:
+    def _distance_to(self, legs: Sequence[Leg], states: Sequence[np.ndarray], second: Second) -> np.ndarray:
         """The distance to one second solution."""
-        nominal = self._nominals.second(legs, choice, perturbation)
-        out, start, rows, paired = [], self._start(nominal), self._rows, self._nominals.paired(nominal)
+        nominal = self._nominals.second(legs, second)
+        out, start, rows, paired = [], self._nominals.start(nominal), self._rows, self._nominals.paired(nominal)
         for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
-            fine = self._nominals.halved(leg, nominal, number)
-            s = fine.along(start)
-            out.append(np.abs(s[::2, :rows] - coarse[:, :rows]).max(axis=1))
-            if not nominal.jumps:
-                between = np.abs(s[1::2, :rows] - leg.at(fine.t[1::2], coarse, interpolating=True)).max(axis=1)
+            other = self._nominals.beside(leg, nominal, number)
+            s = other.along(start)
+            out.append(np.abs(s[:: second.parts, :rows] - coarse[:, :rows]).max(axis=1))
+            if not nominal.jumps and second.parts > 1:
+                between = np.abs(s[1::2, :rows] - leg.at(other.t[1::2], coarse, interpolating=True)).max(axis=1)
                 out[-1][1:] = np.maximum(out[-1][1:], INTERPOLATED * between)
-                self._fine.append((fine, s))
-            start = self._after(nominal, number, s[-1])
+                self._fine.append((other, s))
+            start = self._nominals.after(nominal, number, s[-1])
         if paired < len(legs):
             out.append(self._distance_in_time(legs[paired:], states[paired:], nominal))
         return np.concatenate(out)
 
     def _interpolated(self, samples: np.ndarray) -> np.ndarray:
-        """S (n, 2 nv, k) at sample times, from that along the first of the second solutions, at twice as many times."""
-        fine = self._fine[: len(self._nominal.edges)]
+        """S (n, 2 nv, k) at sample times, from that along the finer solution, at twice as many times."""
+        fine = self._fine
         piece = np.maximum(np.searchsorted([leg.t[0] for leg, _ in fine], samples, side="right") - 1, 0)
         return np.concatenate([leg.at(samples[piece == number], s, interpolating=True)
                                for number, (leg, s) in enumerate(fine)])  # fmt: skip

@@ -21,9 +21,8 @@ from twolink.integrate.event import Event
 from twolink.io.listing import facts_html
 from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
-from twolink.simulation.contact_forces import ContactForces
 from twolink.simulation.cost import Cost
-from twolink.simulation.drawn_curves import drawn_curves
+from twolink.simulation.text import ContactForces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -314,7 +313,7 @@ class Trajectory:
 
         title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
         at = None if self.solution is None else self.at
-        curves, energy = drawn_curves(self._samples, at, self.robots)
+        curves, energy = tables.drawn_curves(self._samples, at, self.robots)
         return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error),
                                None if path is None else Path(path), estimated=self.estimated)  # fmt: skip
 

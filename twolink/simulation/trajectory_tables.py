@@ -1,6 +1,6 @@
-"""The samples of a trajectory as named columns; saved files; xarray and pandas."""
+"""The samples of a trajectory as named columns; saved files; xarray and pandas; the curves of figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.dynamics.named_queries import joint_columns
 from twolink.dynamics.saved_robot import find_robot, require_same
-from twolink.errors import SceneError, import_extra, require_known
+from twolink.errors import AccuracyError, SceneError, import_extra, require_known
 from twolink.integrate.event import Event
 from twolink.io.tables import read_table
 
@@ -18,6 +18,9 @@ EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.
 CONTACT, FORCE, EVENTS = "contact ", "force ", "events"
 Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajectory.contacts; also of forces on links
+SMOOTH = 400  # times that make a smooth curve
+Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
+At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error": "rad or m"}
 
 
@@ -168,3 +171,30 @@ def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
 def as_frame(samples: Samples) -> Any:
     """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
     return import_extra("pandas", EXTRA).DataFrame(columns(samples)).set_index("t")
+
+
+def drawn_curves(
+    samples: Samples, at: At | None, robots: Sequence[tuple[Robot, int]]
+) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
+    """(t, q, v), and times with energies.
+
+    at: the solution (q, v) at times, if it is kept. robots: those of the samples, in order; where they change, the
+    energies are those at the samples.
+    """
+    t, q, v = _states(samples, at)
+    if t is samples.t or len(robots) > 1:
+        return (t, q, v), (samples.t, samples.energy)
+    robot = robots[0][0] if robots else samples.robot
+    return (t, q, v), (t, np.sum(robot.energy(q, v), axis=0))
+
+
+def _states(samples: Samples, at: At | None) -> Curves:
+    """(t, q, v), between few samples by the solution itself."""
+    own = samples.t, samples.q, samples.v
+    if at is None or len(samples.t) >= SMOOTH:
+        return own
+    times = np.union1d(samples.t, np.linspace(samples.t[0], samples.t[-1], SMOOTH))
+    try:
+        return times, *at(times)
+    except AccuracyError:
+        return own

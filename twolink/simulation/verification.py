@@ -9,7 +9,6 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.beside import Beside
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import count, rate_name
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
 from twolink.integrate.solution import Progress, Solution
@@ -142,8 +141,6 @@ class Verification:
         solution = solve(self._equations, choice.method, times, choice.setting, self._progress, choice.precision,
                          perturbation, beside)  # fmt: skip
         seconds = time.perf_counter() - start - solution.compile_seconds
-        if choice.method.kind == "scipy":
-            count(rate_name(self._equations), seconds)
         return solution, seconds
 
     def _numbers(self, solution: Solution) -> Array:

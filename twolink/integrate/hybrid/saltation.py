@@ -31,8 +31,8 @@ from twolink.integrate.neighbours import Neighbours, derivative
 from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array
 
-STEP = 1e-4  # of differences by states and times, relative to the size of a direction
-SHARES = (1.0, 1e-2, 1e-4)  # of it, until the same happens beside an event: small bounces have small speeds
+STEP = 1e-3  # of differences by states and times, relative to the size of a direction; rounding is 1e-13 of the size
+SHARES = (1.0, 0.1, 1e-3, 1e-5)  # of it, until the same happens beside an event: small bounces have small speeds
 GRAZING = 1e-10  # relative to the speeds or the loads: a guard that passes 0 no faster only touches it
 UNCHANGED = 1e-9  # relative: an event that changes the state by less leaves it as it is
 JOINTS, CONTACTS = ("lock +1", "lock -1", "stick"), ("leave", "slide", "roll")  # guards: their event changes one only
@@ -87,8 +87,11 @@ class Saltation:
         self.equations, self.neighbours = neighbours.equations, neighbours
         self._systems: dict[tuple[int, float], System] = {}
 
-    def __call__(self, jump: Jump, s: Array) -> Array:
-        """S after a jump (2 nv + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined"."""
+    def __call__(self, jump: Jump, s: Array, share: float = 1.0) -> Array:
+        """S after a jump (2 nv + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined".
+
+        share: of the usual steps of differences.
+        """
         before, after, guard = jump.before, jump.after, jump.guard
         nv = self.equations.space.nv
         rates = [_rate(run) for run in (before, after)]
@@ -96,14 +99,14 @@ class Saltation:
         if not moved and np.array_equal(rates[0], rates[1]):
             return s
         _require_alone(jump)
-        late = self._delay_of_time(jump, s) if guard is None else self._delay(jump, guard, rates[0], s)
+        late = self._delay_of_time(jump, s) if guard is None else self._delay(jump, guard, rates[0], s, share)
         out = s.copy()
         out[: 2 * nv] += np.outer(rates[0], late)
         if moved:
             directions = out.copy()
             for k in before.mode.locked:  # what is held is held exactly
                 directions[nv + k] = 0.0
-            out[: 2 * nv] = np.array([self._derivative_after(jump, direction, delay)
+            out[: 2 * nv] = np.array([self._derivative_after(jump, direction, delay, share)
                                       for direction, delay in zip(directions.T, late, strict=True)]).T  # fmt: skip
         out[: 2 * nv] -= np.outer(rates[1], late)
         return out
@@ -139,7 +142,7 @@ class Saltation:
         return [hold.position for hold, own in zip(every, run.system.every_hold(k), strict=True)
                 if own.entry is not None and own.acts(run.x)]  # fmt: skip
 
-    def _delay(self, jump: Jump, guard: Guard, rate: Array, s: Array) -> Array:
+    def _delay(self, jump: Jump, guard: Guard, rate: Array, s: Array, share: float) -> Array:
         """How much later the event is, along each column."""
         before = jump.before
 
@@ -148,11 +151,11 @@ class Saltation:
             return np.atleast_1d(np.asarray(own.value(run.here.look()), dtype=float)).ravel()[:1]
 
         flow = np.concatenate([rate, np.zeros(len(self.neighbours.names))])
-        along_motion = self._derivative(before, value, flow, 1.0, bound=False)[0]
+        along_motion = self._derivative(before, value, flow, 1.0, bound=False, share=share)[0]
         load = before.here.own.largest_load(before.here.look()) if guard.is_force else np.abs(rate).max(initial=0.0)
         if not abs(along_motion) > GRAZING * (1.0 + load):
             raise _undefined(jump, "what causes it only touches its limit, so that another motion may miss it")
-        across = [self._derivative(before, value, column, 0.0, bound=False)[0] for column in s.T]
+        across = [self._derivative(before, value, column, 0.0, bound=False, share=share)[0] for column in s.T]
         return np.asarray(-np.array(across) / along_motion)
 
     def _delay_of_time(self, jump: Jump, s: Array) -> Array:
@@ -167,16 +170,16 @@ class Saltation:
                 raise _undefined(jump, "something else happens at the same given time")
         return late
 
-    def _derivative_after(self, jump: Jump, direction: Array, delay: float) -> Array:
+    def _derivative_after(self, jump: Jump, direction: Array, delay: float, share: float) -> Array:
         """The derivative of the state after a jump. Raises AccuracyError where other things happen beside it."""
-        for share in SHARES:
+        for smaller in SHARES:
             try:
                 return self._derivative(jump.before, lambda run: self._state_after(jump, run), direction, delay,
-                                        share=share)  # fmt: skip
+                                        share=share * smaller)  # fmt: skip
             except AccuracyError as error:
                 if error.code == "no-impact":
                     raise _undefined(jump, "beside it an impact would create energy") from None
-                if error.code != "sensitivity-undefined" or share == SHARES[-1]:
+                if error.code != "sensitivity-undefined" or smaller == SHARES[-1]:
                     raise
         raise AssertionError
 

@@ -53,9 +53,12 @@ class RunState:
         """The state in its mode."""
         return Situation(self.system, self.mode, self.x, self.t)
 
-    def note(self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None) -> None:
+    def note(
+        self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None,
+        effect: int | None = None,
+    ) -> None:  # fmt: skip
         """Add an event, now unless t is said."""
-        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy))
+        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect))
 
     def settle(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""

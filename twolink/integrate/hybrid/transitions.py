@@ -279,7 +279,7 @@ def _act(run: RunState, n: int) -> None:
         energy = run.stored_energy()
         run.mode = run.mode.without(place)
         energy -= run.stored_energy()  # a payload takes its own along
-    run.note(trigger.kind, trigger.name, energy=energy)
+    run.note(trigger.kind, trigger.name, energy=energy, effect=place)
     run.ended |= trigger.ends
     if trigger.state is not None:
         nq = run.system.nq
