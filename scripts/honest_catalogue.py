@@ -2,8 +2,9 @@
 
     python scripts/honest_catalogue.py [ROBOT ...] [--duration 2] [--starts 3] [--stops] [--limit 15]
 
-Each robot has a process and an empty kernel cache of its own, so that its first answer is as a user meets it. Starts are
-random states within the limits of the joints. All joints are damped by 0.1 N m s/rad or N s/m; a free root is not.
+Each robot has a process and an empty kernel cache of its own, so that its first answer is as a user meets it. Its root
+is free where the catalogue says so. Starts are random states within the limits of the joints. All joints are damped by
+0.1 N m s/rad or N s/m; a free root is not.
 --stops: with the stops of the URDF.
 
 Columns: seconds of the import, of the scene with its robot, and of the answer; the error bar at the end, rad or m; the
@@ -63,20 +64,25 @@ def answers(name: str, starts: int, duration: float, *, stops: bool) -> Iterator
     """The rows of a robot, computed in this process."""
     begin = time.perf_counter()
     import twolink as tl  # here, since its seconds count
+    from twolink.robots.catalogue import catalogue_entry
 
     row = Row(name, 0, import_seconds=time.perf_counter() - begin)
+    root = catalogue_entry(name).usual_root
     for start in range(starts):
         row, begin = replace(row, start=start), time.perf_counter()
         try:
-            robot = tl.load_robot(name)
-            damped = tl.effects.JointDamping({joint.name: DAMPING for joint in robot.joints})
+            robot = tl.load_robot(name, root=root)
+            effects = [tl.effects.Gravity()]
+            if robot.joints:
+                effects.append(tl.effects.JointDamping({joint.name: DAMPING for joint in robot.joints}))
+            if stops and tl.effects.JointStops().modes(robot):
+                effects.append(tl.effects.JointStops())
             q, v = robot.random_state(1, seed=start)
-            effects = [tl.effects.Gravity(), damped, *([tl.effects.JointStops()] if stops else [])]
             scene = tl.Scene(robot, q[0], v[0], effects=effects)
             row = replace(row, nv=robot.nv, scene_seconds=time.perf_counter() - begin)
             begin = time.perf_counter()
             run = tl.simulate(scene, duration, ACCURACY)
-        except Exception as error:  # noqa: BLE001 - an error that is not ours is a finding of its own
+        except Exception as error:  # one that is not ours is a finding of its own
             outcome = getattr(error, "code", "") or type(error).__name__
             yield replace(row, seconds=time.perf_counter() - begin, outcome=outcome, why=" ".join(str(error).split()))
         else:
