@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.mechanism import nominal, nominal_values
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled import Sampled
@@ -74,6 +74,12 @@ def nominal_value(equations: Equations, name: str) -> float:
         return 0.0
     i, path = found
     return number_at(acting_parts(equations)[i], path)
+
+
+def nominal_vector(equations: Equations) -> list[float]:
+    """The values that the parameters of the equations have in them, SI units."""
+    constants = nominal_values(equations.robot.model)
+    return [constants[name] if name in constants else nominal_value(equations, name) for name in equations.parameters]
 
 
 def number_at(value: Any, path: Sequence[str]) -> float:

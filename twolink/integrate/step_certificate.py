@@ -11,7 +11,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import nominal_value
+from twolink.integrate.effect_numbers import nominal_vector
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
 from twolink.integrate.methods import Method
@@ -130,7 +130,7 @@ def _smallest(constraints: Constraints, q: Array) -> float:
 
 def _parameters(equations: Equations) -> Array:
     """The robot's own values of the run-time parameters, (p, 1)."""
-    return np.array([[nominal_value(equations, name)] for name in equations.parameters]).reshape(-1, 1)
+    return np.array(nominal_vector(equations)).reshape(-1, 1)
 
 
 def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:

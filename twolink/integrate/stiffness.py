@@ -1,4 +1,4 @@
-"""Stiffness: the fastest rate of change of equations at a state, and whether that mode decays."""
+"""Stiffness: the fastest rate of change of equations at states, and whether that mode decays."""
 
 import numpy as np
 
@@ -9,6 +9,25 @@ from twolink.integrate.state import Array
 ITERATIONS = 4
 STEP = 1e-7  # relative, of differences
 DECAYING = -0.99  # the cosine between a direction and what the Jacobian makes of it: below, the mode only decays
+NEIGHBOURS, SPREAD = 4, 0.5  # states near the start, and their distance in q, rad or m
+
+
+def fastest_decay(equations: Equations) -> float:
+    """The rate of the fastest mode [1/s] where it decays, else 0: at the start, or near it by the median.
+
+    The median: beside a singular position a rate may be large that the motion never meets. Under constraints the start
+    alone counts, as states near it do not fulfil them.
+    """
+    space, start = equations.space, equations.start
+    if space.size == 0:
+        return 0.0
+    states, random = [start], np.random.default_rng(0)
+    for _ in range(NEIGHBOURS if equations.constraints is None else 0):
+        q = equations.robot.integrate(start[: space.nq], random.uniform(-SPREAD, SPREAD, space.nv))
+        states.append(np.concatenate([q, start[space.nq :]]))
+    rates, decays = fastest(equations, np.stack(states, axis=1))
+    rates = np.where(decays, rates, 0.0)
+    return float(max(rates[0], np.median(rates)))
 
 
 def fastest(equations: Equations, x: Array) -> tuple[Array, Array]:

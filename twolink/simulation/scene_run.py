@@ -13,7 +13,6 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.first_steps import count, rate_name
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
 from twolink.integrate.scene_equations import equations_of
@@ -184,8 +183,6 @@ def _solve(
     start = time.perf_counter()
     solution = solve(equations, choice.method, times, choice.setting, progress, choice.precision, perturbation)
     seconds = time.perf_counter() - start - solution.compile_seconds
-    if choice.method.kind == "scipy":
-        count(rate_name(equations), seconds)
     return Solved(choice, solution, seconds)
 
 
