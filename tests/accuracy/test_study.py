@@ -19,10 +19,10 @@ from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate.calibration import Measured, record
 from twolink.integrate.method_choice import choose
-from twolink.simulation import time_limit
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.tables import read_table
+from twolink.simulation import time_limit
 
 END = (-0.2229716591521448578, 0.74849218369550184904)  # arm-swing at 10 s, by an independent program
 TOLERANCES = (1e-3, 1e-6, 1e-9)

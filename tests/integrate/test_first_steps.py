@@ -6,8 +6,11 @@ import pytest
 import twolink as tl
 from tests.integrate.problems import arm, box
 from twolink.integrate import first_steps
+from twolink.integrate import step_map as step_map_module
+from twolink.integrate.compile_time import UNOPTIMIZED
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.step_building import compiled_rate
 from twolink.integrate.step_map import step_map
 from twolink.integrate.stepping import integrate
 
@@ -38,11 +41,11 @@ def test_the_motion_is_that_of_whole_steps(scene: tl.Scene, name: str) -> None:
     assert found.compiled == "parts"
 
 
-def test_whole_steps_take_over_when_they_pay(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_steps_take_over_when_they_pay() -> None:
     equations, method = equations_of(arm()), METHODS["rk4"]
     steps = step_map(equations, method)
     assert integrate(steps, TIMES, 1e-3).compiled == "parts"
-    monkeypatch.setattr(first_steps, "EVALUATION", 1e-3)
+    first_steps.count(equations.key("step", "rk4"), 1e3)
     found, expected = integrate(steps, TIMES, 1e-3), integrate(step_map(equations, method, whole=True), TIMES, 1e-3)
     assert found.compiled == "steps"  # the last blocks are
     assert found.compile_seconds > 0.0
@@ -62,15 +65,16 @@ def test_a_first_answer_says_how_it_came() -> None:
     assert "compiled in parts" in str(run.cost)
 
 
-def test_a_compiled_rate_takes_over_from_scipy_when_it_pays(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("method_choice", "step_map"):
+def test_optimized_parts_take_over_where_whole_steps_compile_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("method_choice", "step_map", "first_steps"):
         monkeypatch.setattr(f"twolink.integrate.{module}.in_parts", lambda *_: True)
-    scene = arm()
+    monkeypatch.setattr(first_steps, "QUICK", -1.0)
+    scene, built = arm(), []
+    monkeypatch.setattr(step_map_module, "compiled_rate", lambda *a, **k: (built.append(k), compiled_rate(*a, **k))[1])
     runs = [tl.simulate(scene, 0.5)]
-    first_steps.count(first_steps.rate_name(equations_of(scene)), 1e3)
+    first_steps.count(equations_of(scene).key("rate", "whole"), 1e3)
     runs += [tl.simulate(scene, 0.5), tl.simulate(arm(), 0.5)]
-    monkeypatch.setattr(first_steps, "_spent", {})
-    runs.append(tl.simulate(scene, 0.5))  # at hand now
+    assert built == [UNOPTIMIZED, {}]
     costs = [(run.cost.method, run.cost.compiled) for run in runs if run.cost is not None]
-    assert costs == [("scipy-dop853", ""), *[("dop853", "parts")] * 3]
-    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=0, atol=2e-6)
+    assert costs == [("dop853", "parts")] * 3
+    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=0, atol=1e-9)

@@ -125,14 +125,13 @@ def nominal(model: pin.Model, name: str) -> float:
 
 def with_nominal(model: pin.Model, name: str, value: float) -> None:
     """Give a model, which is changed, another value of a parameter."""
-    owner, _, what = name.partition(".")
+    owner, part, entry = split_name(name)
     bodies = {link: i for i, link in enumerate(body_names(model))}
-    if owner == "gravity" and what in _COORDINATES:
+    if part == "gravity":
         field = model.gravity.linear.copy()
-        field[_COORDINATES.index(what)] = value
+        field[_COORDINATES.index(entry)] = value
         model.gravity.linear = field
         return
-    part, _, entry = what.partition(".")
     if part in ("mass", "com", "inertia"):
         body = model.inertias[bodies[owner]].copy()
         lever, rotational = body.lever.copy(), body.inertia.copy()
@@ -153,6 +152,18 @@ def with_nominal(model: pin.Model, name: str, value: float) -> None:
     else:
         values = model.armature if part == "armature" else model.damping
         values[model.joints[joint].idx_v] = value
+
+
+def split_name(name: str) -> tuple[str, str, str]:
+    """(owner, part, entry) of a parameter, such as ("forearm", "com", "x"); the owner's name may have dots.
+
+    Gravity is a part that nothing owns; what has one entry has an empty name for it.
+    """
+    owner, _, last = name.rpartition(".")
+    if last in ("mass", "armature", "damping"):
+        return owner, last, ""
+    owner, _, part = owner.rpartition(".")
+    return owner, part, last
 
 
 def nominal_values(model: pin.Model) -> dict[str, float]:

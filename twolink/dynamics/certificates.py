@@ -107,14 +107,15 @@ def with_values(model: pin.Model, values: Mapping[str, float]) -> pin.Model:
             out.jointPlacements[out.getJointId(head.removesuffix(".origin"))].translation[axis] = value
         else:
             joint = links[head.removesuffix(".com").removesuffix(".inertia") if last != "mass" else head]
-            body = out.inertias[joint]
-            mass, com, rotational = body.mass, np.array(body.lever), np.array(body.inertia)
+            body = out.inertias[joint].copy()
             if last == "mass":
-                mass = float(value)
+                body.mass = float(value)
             elif head.endswith(".com"):
-                com[axis] = value
+                body.lever[axis] = value
             else:
                 i, j = map("xyz".find, last)
+                rotational = np.array(body.inertia)
                 rotational[i, j] = rotational[j, i] = value
-            out.inertias[joint] = pin.Inertia(mass, com, rotational)
+                body.inertia = rotational  # the constructor refuses what no body has, a key may have it
+            out.inertias[joint] = body
     return out

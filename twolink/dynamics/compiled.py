@@ -211,7 +211,7 @@ class Compiled:
                 raise QueryError(f"{name!r} is not kept as a parameter", argument="parameters", remedy=remedy)
         arrays = {}
         for name in self.parameters:
-            given = values.get(name, nominal(self.robot.model, name))
+            given = values[name] if name in values else nominal(self.robot.model, name)
             arrays[name] = array(f"parameters[{name!r}]", given, None)[..., None]
         return arrays
 

@@ -67,10 +67,10 @@ def _expand(parameters: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
 
 
 def _remedy(text: str, known: Sequence[str]) -> str:
-    link = text.partition(".com.")[0]
-    if link != text and f"{link}.mass" in known:
+    link = text.rpartition(".com.")[0]
+    if f"{link}.mass" in known:
         return f"look for {link}.mass and {link}.first_moment.*: the centre of mass is their ratio"
-    link = text.partition(".inertia.")[0]
-    if link != text and f"{link}.mass" in known:
+    link = text.rpartition(".inertia.")[0]
+    if f"{link}.mass" in known:
         return f"look for {link}.origin_inertia.*, the inertia about the joint's origin"
     return nearest(text, known)

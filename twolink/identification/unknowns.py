@@ -122,7 +122,7 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
     groups = []
     for name in found:
         if name in of_bodies:
-            by_link.setdefault(of_bodies[name], []).append(name.partition(".")[2])
+            by_link.setdefault(of_bodies[name], []).append(name.removeprefix(f"{of_bodies[name]}."))
         elif name in of_state:
             groups.append(_state(scene, name))
         else:

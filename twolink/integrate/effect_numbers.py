@@ -1,6 +1,7 @@
 """Numbers of effects by name, such as "effects.1.damping.elbow": looking them up, and putting others in their place.
 
-A name is the place of the effect in the scene and the fields, keys and positions that lead to the number. Those of what
+A name is the place of the effect in the scene and the fields, keys and positions that lead to the number. Keys are
+names of joints and links, which may have dots, so that a name is read along the effect (`path_of`). Numbers of what
 acts while the robot moves are parameters of the equations, as the robot's physical constants are.
 """
 
@@ -10,11 +11,12 @@ from typing import Any
 
 import msgspec
 
-from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.mechanism import nominal, nominal_values
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled import Sampled
 from twolink.effects.switching import Switching, SwitchingEffect
+from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.scenes import Scene
 
@@ -74,6 +76,12 @@ def nominal_value(equations: Equations, name: str) -> float:
     return number_at(acting_parts(equations)[i], path)
 
 
+def nominal_vector(equations: Equations) -> list[float]:
+    """The values that the parameters of the equations have in them, SI units."""
+    constants = nominal_values(equations.robot.model)
+    return [constants[name] if name in constants else nominal_value(equations, name) for name in equations.parameters]
+
+
 def number_at(value: Any, path: Sequence[str]) -> float:
     """The number at the end of a path in an effect."""
     for key in path:
@@ -81,21 +89,42 @@ def number_at(value: Any, path: Sequence[str]) -> float:
     return float(value)
 
 
-def _found(equations: Equations, name: str) -> tuple[int, list[str]] | None:
+def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | None:
     """Which of the equations' effects, then loops, has the number, and the path to it there; None where none does."""
-    _, place, *path = name.split(".")
+    _, place, rest = name.split(".", 2)
     parts = acting_parts(equations)
     if place == "contacts":
-        slot = contact_slots(int(path[0]))[0]
+        number, _, rest = rest.partition(".")
+        slot = contact_slots(int(number))[0]
         found = [i for i, part in enumerate(parts) if slot in getattr(part, "before", ())]
-        return (found[0], path[1:]) if found else None
-    if int(place) not in equations.places:
-        return None
-    i = equations.places.index(int(place))
-    part = parts[i]
-    if path[0] == "of" and not hasattr(part, "of"):
-        path = path[1:]
-    return (i, path) if path[0] in _parts(part) else None
+    else:
+        found = [i for i, other in enumerate(equations.places) if other == int(place)]
+    for i in found:
+        path = path_of(parts[i], rest if hasattr(parts[i], "of") else rest.removeprefix("of."))
+        return None if path is None else (i, path)
+    return None
+
+
+def path_of(value: Any, name: str) -> tuple[str, ...] | None:
+    """The fields, keys and positions to a number whose names, joined by dots, are `name`; None where there is none."""
+    for key, part in _parts(value, tables=True).items():
+        if key == name and not _parts(part, tables=True):
+            return (key,)
+        if name.startswith(f"{key}.") and (rest := path_of(part, name[len(key) + 1 :])) is not None:
+            return (key, *rest)
+    return None
+
+
+def with_effect_number(effects: Sequence[Effect], name: str, number: float) -> list[Effect]:
+    """A scene's effects with another value of the number of this name. Raises SceneError where there is none."""
+    _, place, rest = name.split(".", 2)
+    own = list(effects)
+    path = path_of(own[int(place)], rest)
+    if path is None:
+        raise SceneError(f"there is no number {name!r}", where=f"effects[{place}]", code="unknown-variable",
+                         remedy="`all_effect_numbers(scene)` lists them")  # fmt: skip
+    own[int(place)] = with_number(own[int(place)], path, number)
+    return own
 
 
 def contact_slots(i: int) -> tuple[Slot, Slot]:
@@ -114,9 +143,9 @@ def acting_parts(equations: Equations) -> list[Any]:
     return [*equations.effects, *(equations.constraints.loops if equations.constraints else ())]
 
 
-def _parts(value: Any) -> dict[str, Any]:
-    """What a value consists of, by name; nothing for a number, a text or a table."""
-    if isinstance(value, msgspec.Struct) and not isinstance(value, Sampled):
+def _parts(value: Any, *, tables: bool = False) -> dict[str, Any]:
+    """What a value consists of, by name; nothing for a number or a text, and for a table unless it is asked for."""
+    if isinstance(value, msgspec.Struct) and (tables or not isinstance(value, Sampled)):
         return {name: getattr(value, name) for name in value.__struct_fields__}
     if isinstance(value, Mapping):
         return {str(key): part for key, part in value.items()}

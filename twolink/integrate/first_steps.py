@@ -1,10 +1,11 @@
-"""The first steps of a scene: compiled in parts, until they have cost what compiling whole steps would.
+"""The first steps of a scene: by code that compiles soon, until they have lost what compiling better code takes.
 
-Parts compile in a tenth of the time, and steps of them take ten to fifty times as long as whole compiled ones. The two
-together cost at most twice what the better of them would have (the ski rental problem).
+Whole compiled steps take a tenth to a fiftieth of the time of steps in parts, and ten times as long to compile. Where
+that is too long, optimized parts are the better code. The two together cost at most twice what the better of them would
+have (the ski rental problem).
 """
 
-from twolink.integrate.compile_time import parts_seconds, step_seconds
+from twolink.integrate.compile_time import in_parts, parts_seconds, step_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import Method
 from twolink.integrate.state import Array
@@ -14,18 +15,20 @@ QUICK = 0.5  # s: whole steps that compile in less are compiled at once
 SHARE = 0.5  # of the time for whole steps, that parts may take
 # s of an evaluation within a step, and of each world in it, rounded from `scripts/bench_first_answer.py --parts`
 EVALUATION, WORLD = 2.5e-5, 6e-7
+LOSS = 2.5e-10  # s of an operation without optimization: in rates of 8,000 to 16,000, alone and in batches
 _spent: dict[str, float] = {}  # s, by the name of the steps, in this process
 
 
 def pays(equations: Equations, method: Method, name: str) -> bool:
-    """Whether steps in parts are the quicker way to an answer. name: of the whole steps."""
-    whole = step_seconds(equations, method)
-    return whole > max(QUICK, spent(name)) and parts_seconds(equations) < SHARE * whole
+    """Whether first steps are the quicker way to an answer. name: of the better code."""
+    better = _better_seconds(equations, method)
+    soon = in_parts(equations, method) or parts_seconds(equations) < SHARE * better
+    return better > max(QUICK, spent(name)) and soon
 
 
-def rate_name(equations: Equations) -> str:
-    """The name of the compiled rate, by which runs without it are counted."""
-    return equations.key("rate", "whole")
+def _better_seconds(equations: Equations, method: Method) -> float:
+    """Seconds to compile the better code: whole steps, or optimized parts where those take too long."""
+    return parts_seconds(equations) if in_parts(equations, method) else step_seconds(equations, method)
 
 
 def count(name: str, seconds: float) -> None:
@@ -39,18 +42,22 @@ def spent(name: str) -> float:
 
 
 class FirstSteps:
-    """A step map in parts that counts what its steps cost, under the name of the whole steps."""
+    """A step map in parts that counts what its steps lose, under the name of the better code."""
 
     def __init__(self, equations: Equations, method: Method, name: str, steps: Map) -> None:
-        self._name, self._steps, self._evaluations = name, steps, method.evaluations
-        self._limit = step_seconds(equations, method)
+        self._name, self._steps, evaluations = name, steps, method.evaluations
+        self._call, self._world = evaluations * EVALUATION, evaluations * WORLD
+        if in_parts(equations, method):
+            evaluations += 2 * equations.space.size * (method.kind == "implicit")  # those of the Jacobian
+            self._call, self._world = 0.0, LOSS * evaluations * equations.operations
+        self._limit = _better_seconds(equations, method)
 
     def __call__(self, state: Array, out: Array) -> None:
         """One attempted step of each world."""
-        count(self._name, self._evaluations * (EVALUATION + WORLD * state.shape[1]))
+        count(self._name, self._call + self._world * state.shape[1])
         self._steps(state, out)
 
     @property
     def used_up(self) -> bool:
-        """Whether these steps have taken as long as compiling whole ones."""
+        """Whether these steps have lost as much as compiling the better code takes."""
         return spent(self._name) > self._limit

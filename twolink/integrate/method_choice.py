@@ -1,8 +1,8 @@
 """Which method, at which setting, for an accuracy: from what studies measured here, else from a built-in calibration.
 
 The built-in figures were measured on the paper's arm over 10 s: attempted steps at a tolerance of 1e-3, the power of
-the tolerance by which they grow, and seconds a call and an operation. The duration of a scene multiplies them all
-alike, so that they say which method is cheapest, not how long a run takes.
+the tolerance by which they grow, and seconds a call and an operation. They say which method is cheapest, not how long a
+run takes. Where a mode decays fast, explicit steps are as short as their stability calls for, whatever the tolerance.
 """
 
 import functools
@@ -15,14 +15,20 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor
-from twolink.integrate.compile_time import MAX_COMPILING, MAX_IN_PARTS, in_parts, is_reproducible, parts_seconds
-from twolink.integrate.compiled_functions import is_at_hand
+from twolink.integrate.compile_time import (
+    MAX_COMPILING,
+    MAX_IN_PARTS,
+    in_parts,
+    is_reproducible,
+    parts_seconds,
+    step_seconds,
+)
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import rate_name, spent
+from twolink.integrate.first_steps import EVALUATION
 from twolink.integrate.methods import METHODS, Method, method_named
-from twolink.integrate.pinocchio_rate import fastest
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
+from twolink.integrate.stiffness import fastest_decay
 
 # How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low
 # order is that of the less accurate solution. On the arm, UR5 and Panda a run's error is below a third of the margin
@@ -32,9 +38,12 @@ MARGIN = 100.0
 MAX_TOLERANCE = 1e-4  # a larger one saves little, and does not predict a run's error
 CALL, OPERATION = 2.5e-6, 4e-10  # s: calling a step map, and an operation in it
 # Attempts for the arm's 10 s at tolerance 1e-3, and the growth of attempts with 1 / tolerance.
-ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105)}
-STIFF = 1e6  # decay times in a run: an explicit method takes a step in each
-TAYLOR_STEPS, TAYLOR_OPERATION = 370, 1.5e-10  # times the order squared, and twice that when compiled compactly
+ATTEMPTS = {"rk45": (87, 0.195), "dop853": (87, 0.105), "esdirk43": (146, 0.24), "taylor": (370, 0.0)}
+EXPLICIT = ("rk45", "dop853")
+MEASURED = 10.0  # s, of the arm's motion
+SOLUTIONS = 3  # behind an answer with its error bar, about
+STABLE = {"rk45": 3.3, "dop853": 6.1, "taylor": 4.0}  # decay times that a step can be long: the real stability interval
+TAYLOR_OPERATION = 1.5e-10  # s, times the order squared, and twice that when compiled compactly
 
 
 @dataclass(frozen=True)
@@ -74,9 +83,10 @@ def choose(
 
     Notes
     -----
-    "auto" takes ESDIRK43 for stiff scenes, the fastest method that a study of this scene measured, or else the
-    cheapest by the built-in calibration. Without heyoka, and where compiling would take long, it takes SciPy's DOP853;
-    for events, and under constraints whose rate can be compiled, ours.
+    "auto" takes the fastest method that a study of this scene measured, or else the cheapest by the built-in
+    calibration: ESDIRK43 where stability makes explicit steps too many. Where whole steps take long to compile it takes
+    DOP853 or ESDIRK43 in parts. Without heyoka, and where the rate takes long to compile, it takes SciPy's DOP853 or
+    Radau; for events ours.
     """
     if precision == "quad":
         if name not in ("auto", "taylor"):
@@ -87,102 +97,78 @@ def choose(
     if name != "auto":
         method = method_named(name)
         return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")
-    if heyoka() is None:
-        return _without_whole_steps(equations, accuracy, "heyoka is not installed")
-    decay = _decay(equations)
-    if decay * duration > STIFF:
-        method = METHODS["esdirk43"]
-        why = f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps would have to be as short"
-        return MethodChoice(method, first_setting(equations, method, accuracy), why)
-    entry = None if is_reproducible() else calibration.cheapest(equations, duration, accuracy)
+    entry = None if heyoka() is None or is_reproducible() else calibration.cheapest(equations, duration, accuracy)
     if entry is not None:
         return MethodChoice(METHODS[entry.method], entry.setting, "measured on this scene by an accuracy study")
-    if in_parts(equations, METHODS["dop853"]):
-        why = (
-            f"compiling steps of {equations.operations:,} operations an evaluation would take over {MAX_COMPILING:g} s"
-        )
-        return _without_whole_steps(equations, accuracy, why)
-    return _by_calibration(
-        equations.operations, equations.space.nv >= taylor.COMPACT_FROM, equations.analytic, accuracy
-    )
+    return _cheapest(equations, accuracy, duration)
 
 
-def _without_whole_steps(equations: Equations, accuracy: float, why: str) -> MethodChoice:
-    """DOP853 where whole steps are not compiled: ours in parts under constraints, if they can be, and for events.
-
-    Else SciPy's on Pinocchio's forward dynamics, which compiles nothing, until its runs have cost what compiling the
-    rate takes; it does not locate events.
-    """
-    seconds = math.inf if heyoka() is None else parts_seconds(equations)
-    ours = equations.has_events or (equations.constraints is not None and seconds <= MAX_IN_PARTS)
-    if not ours and seconds <= MAX_COMPILING:
-        name = rate_name(equations)
-        ours = is_reproducible() or is_at_hand(name) or spent(name) > seconds
-    method = METHODS["dop853" if ours else "scipy-dop853"]
-    if ours and seconds <= MAX_IN_PARTS:
-        why += f"; the rate alone takes about {seconds:.0f} s, once"
-    return MethodChoice(method, first_setting(equations, method, accuracy), why)
-
-
-@functools.lru_cache(1024)
-def _by_calibration(operations: int, compact: bool, analytic: bool, accuracy: float) -> MethodChoice:
-    """The cheapest method for equations of so many operations an evaluation."""
-    tolerances = {
-        name: first_tolerance(METHODS[name], accuracy) for name in ((*ATTEMPTS, "taylor") if analytic else ATTEMPTS)
-    }
-    costs = {name: expected_seconds(METHODS[name], t, operations, compact) for name, t in tolerances.items()}
+def _cheapest(equations: Equations, accuracy: float, duration: float) -> MethodChoice:
+    """The cheapest explicit method by the built-in calibration, or ESDIRK43 where its first answer comes sooner."""
+    portable = heyoka() is None or parts_seconds(equations) > (MAX_IN_PARTS if _is_bound(equations) else MAX_COMPILING)
+    whole = not (portable or in_parts(equations, METHODS["dop853"]))
+    names = [*EXPLICIT, *(["taylor"] if equations.analytic else [])] if whole else ["dop853"]
+    decay = _decay(equations)
+    costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration, decay) for name in names}
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
-    return MethodChoice(METHODS[best], tolerances[best], f"cheapest by the built-in calibration ({others})")
+    why = f"cheapest by the built-in calibration ({others})" if whole else "the cheapest explicit method in parts"
+    if decay > 0.0:
+        explicit, implicit = (_first_answer(equations, METHODS[name], accuracy, duration, decay)
+                              for name in (best, "esdirk43"))  # fmt: skip
+        if implicit < explicit:
+            cost = f"{best} {explicit / implicit:.1f}x"
+            best, why = "esdirk43", f"stiff: a mode decays at {decay:.1g} 1/s, and explicit steps are as short ({cost})"
+    if portable and not equations.has_events:
+        why = "heyoka is not installed" if heyoka() is None else "compiling its equations would take long"
+        best = {"dop853": "scipy-dop853", "esdirk43": "scipy-radau"}[best]
+    return MethodChoice(METHODS[best], first_tolerance(METHODS[best], accuracy), why)
+
+
+def _is_bound(equations: Equations) -> bool:
+    """Whether the equations have constraints or events, whose steps would take as long uncompiled."""
+    return equations.has_events or equations.constraints is not None
 
 
 _decays: WeakKeyDictionary[Equations, float] = WeakKeyDictionary()
 
 
 def _decay(equations: Equations) -> float:
-    """The fastest decay at the start, 1/s, kept as long as the equations; 0 where the fastest mode does not decay."""
-    if equations.space.size == 0:
-        return 0.0
+    """The fastest decay [1/s], kept as long as the equations."""
     if equations not in _decays:
-        rates, decays = fastest(equations, equations.start[:, None])
-        _decays[equations] = float(rates[0]) if decays[0] else 0.0
+        _decays[equations] = fastest_decay(equations)
     return _decays[equations]
 
 
-def expected_seconds(method: Method, tolerance: float, operations: int, compact: bool) -> float:
-    """Seconds for what takes the arm 10 s of simulated time, by the built-in calibration."""
+def _first_answer(equations: Equations, method: Method, accuracy: float, duration: float, decay: float) -> float:
+    """Seconds to a first answer, with compiling: by whole steps, or by steps in parts."""
+    run = functools.partial(_steps_seconds, equations, method, accuracy, duration, decay)
+    parts = parts_seconds(equations) + SOLUTIONS * run(parts=True)
+    if in_parts(equations, method):
+        return parts
+    return min(parts, step_seconds(equations, method) + SOLUTIONS * run())
+
+
+def _steps_seconds(
+    equations: Equations, method: Method, accuracy: float, duration: float, decay: float, *, parts: bool = False
+) -> float:
+    """Seconds of the steps of one solution by the built-in calibration. decay: of the fastest mode, 1/s."""
+    tolerance, (attempts, growth) = first_tolerance(method, accuracy), ATTEMPTS[method.name]
+    steps = attempts * (1e-3 / tolerance) ** growth * duration / MEASURED
+    steps = max(steps, decay * duration / STABLE.get(method.name, math.inf))
+    operations, size = max(1, equations.operations), equations.space.size
     if method.kind == "taylor":
-        order = taylor.order_of(tolerance)
-        return TAYLOR_STEPS * max(1, operations) * order**2 * TAYLOR_OPERATION * (2 if compact else 1)
-    attempts, growth = ATTEMPTS[method.name]
-    return float(attempts * (1e-3 / tolerance) ** growth * (CALL + operations * method.evaluations * OPERATION))
+        price = TAYLOR_OPERATION * (2 if equations.space.nv >= taylor.COMPACT_FROM else 1)
+        return float(steps * operations * taylor.order_of(tolerance) ** 2 * price)
+    work = operations * method.evaluations
+    if method.kind == "implicit":  # the Jacobian by central differences, and its factors
+        work += size * (2 * operations + size**2)
+    return float(steps * (work * OPERATION + (method.evaluations * EVALUATION if parts else CALL)))
 
 
 def first_tolerance(method: Method, accuracy: float) -> float:
     """The tolerance to try first."""
     return max(min(accuracy / MARGINS.get(method.name, MARGIN), MAX_TOLERANCE), smallest_tolerance(method))
-
-
-def second_tolerance(method: Method, first: float) -> float:
-    """The tolerance of the second solution behind an error bar.
-
-    Where the first error is small by chance, it must still be larger than the second one. Of 700 motions by DOP853 a
-    bar was too small in 20 with a tenth of the tolerance, in 2 with a 30th and in none with a 100th, which takes 1.8
-    times as many steps at order 8; at low order it would take too many. Taylor's order rises by 2 or 3.
-    """
-    return first / _second_ratio(method)
-
-
-def steps_ratio(method: Method) -> float:
-    """How many times as many of the longest steps the second solution takes: as many as of those by tolerance.
-
-    By Taylor's method their order is another one, and their number may be the same.
-    """
-    return 1.0 if method.kind == "taylor" else float(_second_ratio(method) ** (1 / method.order))
-
-
-def _second_ratio(method: Method) -> float:
-    return 100.0 if method.order >= 8 else 30.0
 
 
 def first_setting(equations: Equations, method: Method, accuracy: float) -> float:

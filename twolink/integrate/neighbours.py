@@ -23,8 +23,8 @@ from twolink.integrate.effect_numbers import (
     all_effect_numbers,
     contact_numbers,
     physical,
+    with_effect_number,
     with_effect_numbers,
-    with_number,
 )
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
@@ -101,8 +101,7 @@ class Neighbours:
             name, by, own = self.names[i], k * self.step(i), self._own
             effects = list(own.effects)
             if name.startswith(PREFIX):
-                _, place, *path = name.split(".")
-                effects[int(place)] = with_number(effects[int(place)], path, self.values[i] + by)
+                effects = with_effect_number(effects, name, self.values[i] + by)
             elif name.endswith(DAMPING):  # that of the model acts on nothing
                 effects.append(JointDamping({name.removesuffix(DAMPING): by}))
             else:
@@ -173,9 +172,9 @@ def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
 
 def _part(scene: Scene, name: str) -> Effect:
     """The effect that has a number, or the one that is released."""
-    _, place, *path = name.split(".")
+    _, place, field, *_ = name.split(".")
     effect = scene.effects[int(place)]
-    return effect.acting()[0] if path[0] == "of" and isinstance(effect, SwitchingEffect) else effect
+    return effect.acting()[0] if field == "of" and isinstance(effect, SwitchingEffect) else effect
 
 
 def _acts(scene: Scene, name: str) -> bool:

@@ -17,10 +17,6 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.state import Array
 
-ITERATIONS = 4  # of the power method
-STEP = 1e-7  # relative, of differences
-DECAYING = -0.99  # the cosine between a direction and what the Jacobian makes of it: below, the mode only decays
-
 
 def rate(equations: Equations, t: Any, x: Array) -> Array:
     """x' (size, n) of states x (size, n), at one time or a time each. NaN where a state is not finite."""
@@ -35,25 +31,6 @@ def rate(equations: Equations, t: Any, x: Array) -> Array:
         a[finite] = _accelerations(equations, at, q[finite], v[finite], numbers)
     constant = np.zeros((len(x) - space.moving, x.shape[1]))
     return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), a.T, constant])
-
-
-def fastest(equations: Equations, x: Array) -> tuple[Array, Array]:
-    """(rates [1/s] (n,), whether that mode decays (n,)) at states x (size, n), by the power method on differences."""
-    start = rate(equations, 0.0, x)
-    largest, cosine = np.zeros(x.shape[1]), np.zeros(x.shape[1])
-    direction = np.where(np.isfinite(start), start, 0.0) + 1e-3
-    with np.errstate(all="ignore"):
-        for _ in range(ITERATIONS):
-            size = np.sqrt((direction**2).sum(axis=0))
-            direction = direction / np.where(size > 0.0, size, 1.0)
-            step = STEP * (1.0 + np.abs(x).max(axis=0))
-            image = (rate(equations, 0.0, x + step * direction) - start) / step
-            image = np.where(np.isfinite(image), image, 0.0)
-            length = np.sqrt((image**2).sum(axis=0))
-            cosine = (image * direction).sum(axis=0) / np.where(length > 0.0, length, 1.0)
-            largest = np.fmax(largest, length)
-            direction = image
-    return largest, cosine < DECAYING
 
 
 _starts: WeakKeyDictionary[Equations, tuple[float, Array]] = WeakKeyDictionary()

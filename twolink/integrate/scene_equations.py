@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism, nominal, parameter_names
+from twolink.algorithms.mechanism import mechanism, nominal_values
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.dynamics import Robot
@@ -68,8 +68,7 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
     """
     if equations.content not in _structures:
         model, chosen = equations.robot.model, {}
-        for name in parameter_names(model):
-            value = nominal(model, name)
+        for name, value in nominal_values(model).items():
             if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
                 chosen[name] = value
         for place, effect in zip(equations.places, equations.effects, strict=False):

@@ -1,5 +1,6 @@
 """Solving a scene's equations by any method: one door to the solvers."""
 
+import functools
 import itertools
 import math
 from dataclasses import replace
@@ -117,8 +118,9 @@ def _solve(
         return taylor.solve(equations, times, setting, progress, precision=precision, perturbation=perturbation,
                             beside=beside)  # fmt: skip
     if method.kind == "scipy":
-        return in_pieces(equations, times, lambda piece, part: scipy_solver.solve(piece, method, part, setting, progress,
-                                                                                  perturbation))  # fmt: skip
+        by_scipy = functools.partial(scipy_solver.solve, method=method, tolerance=setting, progress=progress,
+                                     perturbation=perturbation)  # fmt: skip
+        return in_pieces(equations, times, lambda piece, part: by_scipy(piece, times=part))
     if not method.adaptive:
         _require_pieces(equations, times, setting)
 

@@ -22,6 +22,7 @@ from twolink.integrate.state import Array
 from twolink.integrate.step_control import ROWS, Problem, Step, adaptive_advance, fixed_advance
 from twolink.integrate.step_formulas import Rate, diagonally_implicit_step, explicit_step, semi_implicit_step
 
+MAX_NUMBERS = 200_000  # in the Jacobians of one call
 Map = Callable[..., None]  # (state, out)
 Solver = Callable[[float, Array], Array]
 
@@ -41,7 +42,7 @@ def portable_map(equations: Equations, method: Method) -> Map:
         with np.errstate(all="ignore"):
             out[:] = _advance(equations, method, step, project, state, Numbers)
 
-    return call
+    return _few_at_once(equations, method, call)
 
 
 def map_in_parts(
@@ -53,6 +54,14 @@ def map_in_parts(
     """
     size = equations.space.size
 
+    @functools.lru_cache(4)  # those of a step, and of its Jacobian: filling in the constants takes longer than the rate
+    def with_constants(width: int) -> Array:
+        rows = np.empty((1 + size + len(own), width))
+        rows[1 + size :] = own[:, None]
+        return rows
+
+    own = np.empty(0) if constants is None else constants
+
     def call(state: Array, out: Array, *, batch_parallel: bool = False) -> None:
         values, worlds = state[size + ROWS :], state.shape[1]
         if constants is not None:
@@ -60,9 +69,12 @@ def map_in_parts(
 
         def rate(t: Any, x: Array) -> Array:
             width = x.shape[1]
-            rows = np.empty((1 + size + len(values), width))
+            if constants is None:
+                rows = np.empty((1 + size + len(values), width))
+                rows[1 + size :] = values if width == worlds else np.tile(values, width // worlds)
+            else:
+                rows = with_constants(width)
             rows[0], rows[1 : 1 + size] = t, x
-            rows[1 + size :] = values if width == worlds else np.tile(values, width // worlds)
             return np.asarray(rate_code(rows, batch_parallel=batch_parallel))
 
         def project(x: Array) -> Array:
@@ -74,7 +86,21 @@ def map_in_parts(
             step = _numeric_step(equations, method, rate)
             out[:] = _advance(equations, method, step, project, state, Numbers)
 
-    return call
+    return _few_at_once(equations, method, call)
+
+
+def _few_at_once(equations: Equations, method: Method, call: Map) -> Map:
+    """The map for a few worlds at a time, where the Jacobians of all would take much memory."""
+    if method.kind != "implicit":
+        return call
+    each = max(1, MAX_NUMBERS // max(1, equations.space.size) ** 2)
+
+    def chunked(state: Array, out: Array, **options: Any) -> None:
+        for begin in range(0, state.shape[1], each):
+            part = slice(begin, begin + each)
+            call(state[:, part], out[:, part], **options)
+
+    return chunked
 
 
 def compiled_rate(equations: Equations, **options: Any) -> Any:
@@ -181,26 +207,62 @@ def _one_minus(h: Any, matrix: list[list[Any]]) -> list[list[Any]]:
 
 
 def _numeric_step(equations: Equations, method: Method, rate: Rate) -> Step:
-    """The step over numbers: the Jacobian by central differences, all of them in one call, and LAPACK."""
+    """The step over numbers, the matrices of its iterations by LAPACK."""
+    moving, nq = equations.space.moving, equations.space.nq
 
     def solver(t: Any, x: Array, h: Any) -> Solver:
-        size, worlds = x.shape
-        steps = 6e-6 * (1.0 + np.abs(x))
-        shifts = np.eye(size)[:, :, None] * steps  # (rows, which is shifted, worlds)
-        ahead, behind = ((x[:, None] + sign * shifts).reshape(size, size * worlds) for sign in (1.0, -1.0))
-        t = np.tile(np.broadcast_to(t, worlds), size)
-        matrix = (rate(t, ahead) - rate(t, behind)).reshape(size, size, worlds) / (2.0 * steps)
-        inverses: dict[float, Array] = {}
+        jacobian = _jacobian(rate, np.broadcast_to(t, x.shape[1]), x, moving)
+        scale = np.broadcast_to(h, x.shape[1])[:, None, None]
+        solvers: dict[float, Callable[[Array], Array]] = {}
 
         def solve(d: float, right: Array) -> Array:
-            if d not in inverses:
-                system = np.moveaxis(np.eye(size)[:, :, None] - h * d * matrix, -1, 0)
-                inverses[d] = _inverse(system)
-            return np.asarray(np.einsum("nij,jn->in", inverses[d], right))
+            if d not in solvers:
+                solvers[d] = _one_minus_solver(scale * d * jacobian, nq)
+            out = np.zeros_like(right)  # rows behind (q, v) are constant
+            out[:moving] = solvers[d](right[:moving].T[..., None])[..., 0].T
+            return out
 
         return solve
 
     return _step(equations, method, rate, solver)
+
+
+def _jacobian(rate: Rate, t: Array, x: Array, moving: int) -> Array:
+    """df/dx (n, moving, moving) of states x (size, n) at times t (n,), by central differences in one call."""
+    size, diagonal = len(x), np.arange(moving)
+    steps = 6e-6 * (1.0 + np.abs(x[:moving]))
+    moved = np.repeat(x[:, None], 2 * moving, axis=1)  # (rows, which is moved, worlds)
+    moved[diagonal, diagonal] += steps
+    moved[diagonal, moving + diagonal] -= steps
+    rates = rate(np.tile(t, 2 * moving), moved.reshape(size, -1))[:moving].reshape(moving, 2 * moving, -1)
+    return np.ascontiguousarray(((rates[:, :moving] - rates[:, moving:]) / (2.0 * steps)).transpose(2, 0, 1))
+
+
+def _one_minus_solver(a: Array, nq: int) -> Callable[[Array], Array]:
+    """r (n, size, 1) -> (1 - A)^-1 r of matrices A (n, size, size), by its Schur complement of the rows of q.
+
+    The rate of q hardly depends on q: 1 - A_qq is 1 but for the entries of quaternions, circles and free roots.
+    """
+    entries = (a[:, :nq, :nq] != 0.0).any(axis=0)
+    turning = np.flatnonzero(entries.any(axis=0) | entries.any(axis=1))
+    own = np.ix_(np.arange(len(a)), turning, turning)
+    block = _inverse(np.eye(len(turning)) - a[own])
+
+    def of_q(rows: Array) -> Array:
+        """(1 - A_qq)^-1 rows."""
+        out = rows.copy()
+        out[:, turning] = block @ rows[:, turning]
+        return out
+
+    from_v, from_q = of_q(a[:, :nq, nq:]), a[:, nq:, :nq]
+    inverse = _inverse(np.eye(a.shape[1] - nq) - a[:, nq:, nq:] - from_q @ from_v)
+
+    def solve(right: Array) -> Array:
+        q = of_q(right[:, :nq])
+        v = inverse @ (right[:, nq:] + from_q @ q)
+        return np.concatenate([q + from_v @ v, v], axis=1)
+
+    return solve
 
 
 def _inverse(matrices: Array) -> Array:

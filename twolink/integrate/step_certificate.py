@@ -11,14 +11,14 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import nominal_value
+from twolink.integrate.effect_numbers import nominal_vector
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
 from twolink.integrate.methods import Method
-from twolink.integrate.pinocchio_rate import fastest
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.state import Array
 from twolink.integrate.step_control import initial_state
+from twolink.integrate.stiffness import fastest
 
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared
@@ -130,7 +130,7 @@ def _smallest(constraints: Constraints, q: Array) -> float:
 
 def _parameters(equations: Equations) -> Array:
     """The robot's own values of the run-time parameters, (p, 1)."""
-    return np.array([[nominal_value(equations, name)] for name in equations.parameters]).reshape(-1, 1)
+    return np.array(nominal_vector(equations)).reshape(-1, 1)
 
 
 def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:

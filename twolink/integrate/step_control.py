@@ -162,7 +162,7 @@ def _error(errors: list[Array], change: Array | None, inverse: Array) -> Any:
     Norsett, Wanner: Solving Ordinary Differential Equations I, II.10). The last change of an iteration is an error too.
     """
     squares = [_mean_square(e, inverse) for e in errors]
-    square = squares[0]
+    square: Any = squares[0]
     if len(squares) == 2:
         high, low = squares
         square = high * high / (high + 0.01 * low + 1e-300)
@@ -190,7 +190,7 @@ def _resolved(problem: Problem, x: Array, new: Array, h: Any, resolution: Any, x
     """
     change = (new - x) * (new - x)
     largest = xp.where(xp.less(x * x, new * new), new * new, x * x)
-    inverse = np.zeros_like(change)
+    inverse: Array = np.zeros_like(change)
     for q, v in problem.joints:
         size = change[q].sum(axis=0) + change[v].sum(axis=0) * (h * h)
         rounding = (1.0 + resolution) * ROUNDING**2

@@ -138,8 +138,8 @@ def integrate(
             if reached > done:
                 out[:, done:reached] = _states_at(step_map, t, states[:, :size], times[done:reached])
             done = reached
-            accepted = t[1:] > t[:-1]
-            taken.append((t[1:][accepted], states[1:, : equations.moving][accepted]))
+            moved = t[1:] > t[:-1]  # not refused
+            taken.append((t[1:][moved], states[1:, : equations.moving][moved]))
             if hit is not None:
                 last = states[max(0, int(np.searchsorted(t, hit.t)) - 1)]
                 break
@@ -306,9 +306,7 @@ def advance(
         block_steps = min(2 * block_steps, BLOCK)
 
 
-def _attempt(
-    step_map: StepMap, state: Array, count: int, lanes: int, perturbations: tuple[Perturbation, ...]
-) -> Array:
+def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbations: tuple[Perturbation, ...]) -> Array:
     """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived.
 
     perturbations: of each world, whose states are disturbed before each call; none: no world is.

@@ -119,7 +119,9 @@ def solve(
             code.give_back()
         seconds = code.compile_seconds
         if beside is not None and not solution.interrupted:
-            lanes = _Code(equations, tolerance / beside.perturbations[0].finer, precision, loops, len(beside.perturbations))
+            lanes = _Code(
+                equations, tolerance / beside.perturbations[0].finer, precision, loops, len(beside.perturbations)
+            )
             try:
                 _propagate_beside(lanes, equations, times, progress, beside, solution.steps / DISTURBANCES)
             finally:

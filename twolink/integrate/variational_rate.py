@@ -18,7 +18,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.errors import CertificationError, MissingExtraError, SceneError
 from twolink.integrate.compile_time import announced, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.effect_numbers import nominal_value
+from twolink.integrate.effect_numbers import nominal_vector, physical
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
@@ -68,8 +68,9 @@ def variational_rate(equations: Equations, directions: int, numbers: int) -> Var
 
 def parameter_values(equations: Equations) -> Array:
     """The values (p, 1) of the parameters. A joint's damping is beside what damps it already."""
-    values = [0.0 if name.endswith(".damping") else nominal_value(equations, name) for name in equations.parameters]
-    return np.array(values).reshape(-1, 1)
+    damping = [name for name in physical(dict.fromkeys(equations.parameters)) if name.endswith(".damping")]
+    values = zip(equations.parameters, nominal_vector(equations), strict=True)
+    return np.array([0.0 if name in damping else value for name, value in values]).reshape(-1, 1)
 
 
 def constant_rows(equations: Equations) -> Array:

@@ -68,7 +68,7 @@ class Evaluator:
             self.by_runs = dict.fromkeys(self.variables.names, "asked for")
         for name in self.variables.names if not self.by_runs else ():
             try:
-                neighbours = wanted_of(self.variables.scene, [derivative_of(name)[0]]).neighbours
+                neighbours = wanted_of(self.variables.scene, [derivative_of(self.variables.scene, name)[0]]).neighbours
                 if set(neighbours.constants) - {name} or neighbours.has_friction:
                     self.by_runs[name] = "energy and torques change with it, besides the motion"
             except SceneError as error:
@@ -104,7 +104,7 @@ class Evaluator:
         finer: times as accurate, and with twice the samples above 1. Where derivatives need a more accurate run to
         tell its events apart, that is it. Raises TwolinkError where there are none.
         """
-        wrt, samples = list(dict.fromkeys(derivative_of(name)[0] for name in names)), self._samples(finer)
+        wrt, samples = list(dict.fromkeys(derivative_of(scene, name)[0] for name in names)), self._samples(finer)
         for accuracy in (self.accuracy / finer, self.accuracy / finer * SHARPER):
             self.simulations += 1
             try:

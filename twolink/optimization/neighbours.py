@@ -75,7 +75,7 @@ class Neighbours:
     """The runs beside the run of a scene, along one of its variables, to first order."""
 
     def __init__(self, s: Sensitivities, scene: Scene, name: str, width: float) -> None:
-        of, column = derivative_of(name)
+        of, column = derivative_of(scene, name)
         self.run, self.scene, self.name = s.run, scene, name
         self.dq, self.dv = s.q[of][:, :, column], s.v[of][:, :, column]
         self._constant = name in parameter_names(scene.robot.model) or name in effect_numbers(scene)

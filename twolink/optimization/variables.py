@@ -122,7 +122,8 @@ def scene_with(scene: Scene, values: Mapping[str, float]) -> Scene:
     return world_scene(moved, others) if others else moved
 
 
-def derivative_of(name: str) -> tuple[str, int]:
+def derivative_of(scene: Scene, name: str) -> tuple[str, int]:
     """The name and the column of sensitivities that belong to a variable: v.JOINT.2 is column 2 of v.JOINT."""
-    head, _, last = name.rpartition(".")
-    return (head, int(last)) if name.startswith("v.") and last.isdigit() and "." in head else (name, 0)
+    several = {f"v.{joint.name}" for joint in scene.robot.joints if joint.v.stop - joint.v.start > 1}
+    head, _, column = name.rpartition(".")
+    return (head, int(column)) if head in several else (name, 0)

@@ -11,7 +11,6 @@ from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import rate_name
 from twolink.integrate.method_choice import MethodChoice, choose
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
@@ -237,7 +236,7 @@ def _of_rate(equations: Equations) -> tuple[float, float] | None:
     """One evaluation of the compiled rate in a batch and alone, ns; None where that compiles too long."""
     if parts_seconds(equations) > MAX_IN_PARTS:
         return None
-    rate, _ = compiled_function(rate_name(equations), lambda: compiled_rate(equations))
+    rate, _ = compiled_function(equations.key("rate", "whole"), lambda: compiled_rate(equations))
 
     def call_with(worlds: int) -> Callable[[], object]:
         rows = np.repeat(np.concatenate([[0.0], equations.start])[:, None], worlds, axis=1)

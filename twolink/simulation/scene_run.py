@@ -179,24 +179,28 @@ def run_of(
     verification = Verification(equations, all_times, spread_out(len(all_times), MAX_LOOKS), progress)
     if not verify:
         return _trajectory(scene, equations, verification.unverified(choice), times, None)
-    search, following, spent = search or Search(equations, accuracy), choice, 0.0
+    search, spent, following = search or Search(equations, accuracy), 0.0, choice
     try:
-        while following is not None:
-            one, run = None, None
+        while True:
             try:
                 one = verification(following)
-                run = _trajectory(scene, equations, one, times, None if measured else accuracy, spent)
             except AccuracyError as error:
-                next_one = None if measured or error.code not in UNSOLVED else search.other(None)
-                if next_one is None and search.best is None:
+                if measured or error.code not in UNSOLVED:
                     raise
-                following, _ = next_one, search.seen(following, None)
-                continue
-            if run.error is None or measured or run.error[-1] <= accuracy:
-                return run
-            search.seen(following, run)
-            spent += one.seconds + one.verify_seconds
-            following = search.after(one)
+                search.seen(following, None)
+                other = search.other(None)
+                if other is None and search.best is None:
+                    raise
+            else:
+                run = _trajectory(scene, equations, one, times, None if measured else accuracy, spent)
+                if run.error is None or measured or run.error[-1] <= accuracy:
+                    return run
+                search.seen(following, run)
+                spent += one.seconds + one.verify_seconds
+                other = search.after(one)
+            if other is None:
+                break
+            following = other
     except OutOfTime as late:
         raise late.with_run(search.best) from None
     raise search.failure()

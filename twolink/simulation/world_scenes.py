@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from twolink.integrate.effect_numbers import PREFIX, physical, with_number
+from twolink.integrate.effect_numbers import PREFIX, physical, with_effect_number
 from twolink.scenes import Scene
 
 _DAMPING = ".damping"
@@ -14,8 +14,7 @@ def world_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
 
     effects = list(scene.effects)
     for name in (name for name in values if name.startswith(PREFIX)):
-        place, *path = name.removeprefix(PREFIX).split(".")
-        effects[int(place)] = with_number(effects[int(place)], path, values[name])
+        effects = with_effect_number(effects, name, values[name])
     constants = physical(values)
     damping = {name.removesuffix(_DAMPING): d for name, d in constants.items() if name.endswith(_DAMPING)}
     if damping:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twolink.algorithms.mechanism import parameter_names
+from twolink.algorithms.mechanism import parameter_names, split_name
 from twolink.dynamics import load_robot
 from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import SceneError, require_known
@@ -82,9 +82,9 @@ def _states(scene: Scene) -> dict[str, Quantity]:
 def _others(scene: Scene) -> dict[str, Quantity]:
     found = {}
     for name in parameter_names(scene.robot.model):
-        owner, _, what = name.partition(".")
-        units = _UNITS.get(owner if owner == "gravity" else what.partition(".")[0], "SI units")
-        found[name] = Quantity(name, "parameter", units, f"{what} of {owner}")
+        owner, part, entry = split_name(name)
+        what = f"{part}.{entry} of {owner}" if owner and entry else f"{entry or part} of {owner or part}"
+        found[name] = Quantity(name, "parameter", _UNITS.get(part, "SI units"), what)
     for name in all_effect_numbers(scene):
         place, _, path = name.removeprefix(PREFIX).partition(".")
         kind = kebab_case(type(scene.effects[int(place)]).__name__)
