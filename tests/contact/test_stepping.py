@@ -223,6 +223,9 @@ def test_what_cannot_be_stepped_is_refused() -> None:
     robot = planar()
     with pytest.raises(tl.errors.SceneError, match="no Contact effect"):
         tl.simulate(tl.Scene(robot, effects=[E.Gravity()]), 0.1, contact="stepped")
+    contact = E.Contact(("ground",), restitution=1.0, impacts="reflections", shapes=BLOCK)
+    with pytest.raises(tl.errors.SceneError, match=r'"reflections" is not stepped.*contact="located"'):
+        tl.simulate(tl.Scene(robot, [0, 1, 0], effects=[contact]), 0.1, contact="stepped")
     effects = [E.Detent("x", 1.0), E.Contact(("ground",), shapes=BLOCK)]
     with pytest.raises(tl.errors.SceneError, match="effects that switch"):
         tl.simulate(tl.Scene(robot, [0, 1, 0], effects=effects), 0.1, contact="stepped")

@@ -80,6 +80,10 @@ def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float
 def stepper_of(scene: Scene) -> Stepper:
     """What steps a scene. Raises SceneError for what cannot be stepped."""
     effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
+    if any(effect.impacts == "reflections" for effect in effects):
+        raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
+                         where="impacts", remedy='contact="located", or impacts="newton"',
+                         code="not-stepped")  # fmt: skip
     others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
     declared = [item for e in others if isinstance(e, SwitchingEffect) for item in e.modes(scene.robot)]
     stops = [item for item in declared if isinstance(item, Stop)]
