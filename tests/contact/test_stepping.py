@@ -1,6 +1,7 @@
 """Contacts that are stepped: closed forms, order, energy, what is reported and what is refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
 from twolink.contact import free_bodies as sparse_bodies
 from twolink.contact.hulls import touching
 from twolink.robots.hulls import hull_of
+from twolink.simulation.stepped_run import simulate_stepped
 
 E = tl.effects
 SPHERE = {"ball": (E.Sphere(0.1),)}
@@ -147,6 +149,40 @@ def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
     assert failure.value.run.bound == "estimated"
 
 
+def test_without_an_accuracy_the_best_effort_is_returned_with_its_estimate() -> None:
+    """A rod whose error is of first order: steps become smaller while there is time, and the estimate holds."""
+    times = np.linspace(0.0, END, 9)
+    run = simulate_stepped(rod(), times, None, None, None, verify=True, patience=1.5)
+    assert run.error is not None
+    assert (run.bound, run.accuracy) == ("estimated", None)
+    assert (np.abs(run.q[:, 2] - rod_angle(times)) <= run.error).all()
+    quick = simulate_stepped(rod(), times, None, None, None, verify=True, patience=1e-9)
+    assert quick.error is not None
+    assert run.error[-1] < 0.2 * quick.error[-1]
+
+
+def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:
+    with pytest.raises(tl.errors.AccuracyError) as failure:
+        simulate_stepped(rod(), np.linspace(0.0, END, 9), 1e-9, None, None, verify=True)
+    offered = re.search(r"accuracy=(\S+),", failure.value.remedy)
+    assert offered is not None
+    run = tl.simulate(rod(), END, float(offered[1]), contact="stepped", samples=20)
+    assert run.error is not None
+    assert run.error[-1] <= float(offered[1])
+
+
+@pytest.mark.parametrize(("stiff", "accuracy"), [(1e5, None), (1e5, 2e-2), (1e7, None)])
+def test_steps_too_long_for_a_stiff_spring_are_made_smaller(stiff: float, accuracy: float | None) -> None:
+    """x'' = -k x of a block that slides without friction: steps of 0.01 s grow without end for k > 4e4 / s^2."""
+    effects = [E.Gravity(), E.JointPD({"x": 0.0}, {"x": stiff}), E.Contact(("ground",), 0.0, shapes=BLOCK)]
+    scene = tl.Scene(planar(), [0.01, 0.1, 0], effects=effects)
+    times = np.linspace(0.0, 0.2, 9)
+    run = simulate_stepped(scene, times, accuracy, None, None, verify=True, patience=None if accuracy else 3.0)
+    assert run.error is not None
+    assert (np.abs(run.q[:, 0] - 0.01 * np.cos(math.sqrt(stiff) * times)) <= run.error + 1e-12).all()
+    assert run.error[-1] < 0.1
+
+
 def test_a_pile_of_balls_rests() -> None:
     """Four on the ground and one on top, held apart by friction: nothing moves in 2 s."""
     r, names = 0.1, ("a", "b", "c", "d", "top")
@@ -223,6 +259,9 @@ def test_what_cannot_be_stepped_is_refused() -> None:
     robot = planar()
     with pytest.raises(tl.errors.SceneError, match="no Contact effect"):
         tl.simulate(tl.Scene(robot, effects=[E.Gravity()]), 0.1, contact="stepped")
+    contact = E.Contact(("ground",), restitution=1.0, impacts="reflections", shapes=BLOCK)
+    with pytest.raises(tl.errors.SceneError, match=r'"reflections" is not stepped.*contact="located"'):
+        tl.simulate(tl.Scene(robot, [0, 1, 0], effects=[contact]), 0.1, contact="stepped")
     effects = [E.Detent("x", 1.0), E.Contact(("ground",), shapes=BLOCK)]
     with pytest.raises(tl.errors.SceneError, match="effects that switch"):
         tl.simulate(tl.Scene(robot, [0, 1, 0], effects=effects), 0.1, contact="stepped")

@@ -1,5 +1,8 @@
 """Compiled dynamics: the same answers as Pinocchio, certified before they are used, refused where they differ."""
 
+import os
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -308,6 +311,16 @@ def test_without_heyoka_pinocchio_answers(monkeypatch: pytest.MonkeyPatch) -> No
         robot.compiled()
     with pytest.raises(MissingExtraError):
         robot.bias(np.zeros((9, 2)), np.zeros(2), engine="compiled")
+
+
+def test_the_environment_turns_compiling_off() -> None:
+    """The remedy of code that disagrees with Pinocchio: every scene and query works without."""
+    code = ("import twolink as tl\nfrom twolink.dynamics.kernels import heyoka\nassert heyoka() is None\n"
+            "run = tl.simulate(tl.load_scene('bouncing-ball'), 0.6, 1e-4)\n"
+            "print(bool(run.cost.compiled), run.bound)")  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "TWOLINK_HEYOKA": "0"}, text=True,
+                          capture_output=True, check=False)  # fmt: skip
+    assert done.stdout.split() == ["False", "verified"], done.stderr
 
 
 def test_many_threads_at_once(robot: tl.Robot) -> None:

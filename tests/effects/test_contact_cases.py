@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.special import ellipk
 
 import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
@@ -39,6 +40,60 @@ def test_newtons_law_gives_balls_that_touch_one_velocity() -> None:
     run = cradle("newton")
     assert run.v[-1] == pytest.approx([-0.6, 0.4, 0.4, 0.4, 0.4], abs=1e-12)
     assert np.ptp(run.energy) < 1e-12
+
+
+def hinged_cradle(count: int, angle: float) -> tl.Scene:
+    """Balls of 1 kg on hinges 0.2 m apart, each 1 m below its own; the first one is raised, the others touch."""
+    links = "".join(
+        f'<link name="b{k}"><inertial><origin xyz="0 0 -1"/><mass value="1"/><inertia ixx="0.004" iyy="0.004" '
+        f'izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 -1"/><geometry><sphere '
+        f'radius="0.1"/></geometry></collision></link><joint name="j{k}" type="revolute"><origin xyz="{0.2 * k} 0 0"/>'
+        f'<parent link="ground"/><child link="b{k}"/><axis xyz="0 -1 0"/><limit lower="-1" upper="1" effort="1" '
+        f'velocity="9"/></joint>' for k in range(count))  # fmt: skip
+    robot = tl.load_robot(f'<robot name="cradle"><link name="ground"/>{links}</robot>')
+    contact = E.Contact("self", restitution=1.0, impacts="reflections")
+    return tl.Scene(robot, [-angle] + [0] * (count - 1), effects=[E.Gravity(), contact])
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_balls_that_touch_at_rest_pass_the_blow_on(count: int) -> None:
+    """I th'' = -m g l sin th of the first ball; from the bottom on it is the last ball's motion."""
+    angle, stiff = 0.5, G / 1.004
+    period = 4.0 * float(ellipk(math.sin(angle / 2) ** 2)) / math.sqrt(stiff)
+    run = tl.simulate(hinged_cradle(count, angle), 0.9 * period, 1e-9, samples=20)
+    swing = solve_ivp(lambda _, y: [y[1], -stiff * math.sin(y[0])], (0, run.t[-1]), [-angle, 0.0], "DOP853",
+                      t_eval=run.t, rtol=1e-12, atol=1e-13).y[0]  # fmt: skip
+    first = (run.t < period / 4) | (run.t > 3 * period / 4)
+    assert np.abs(run.q[:, 0] - np.where(first, swing, 0.0)).max() < 1e-8
+    assert np.abs(run.q[:, -1] - np.where(first, 0.0, swing)).max() < 1e-8
+    assert np.abs(run.q[:, 1:-1]).max(initial=0.0) < 1e-8
+    assert times(run, "impact")[0] == pytest.approx(period / 4, abs=1e-9)
+
+
+def test_a_rod_slides_although_it_could_not_at_other_angles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until its other end meets the ground; steps are compared where the rod's sliding is not singular (Painleve)."""
+    mu, inertia, start, speed = 1.4, 1.0 / 12.0, -0.395, 1.83
+    ends = {"body": (E.Sphere(0.0, (1.0, 0.0, 0.0)), E.Sphere(0.0, (-1.0, 0.0, 0.0)))}
+    effects = [E.Gravity(), E.Contact(("ground",), mu, 0.3, shapes=ends)]
+    scene = tl.Scene(planar(inertia), [0, -math.sin(start), start], [speed, 0, 0], effects)
+    monkeypatch.setenv("TWOLINK_REPRODUCIBLE", "1")  # so that whole steps are compiled from the first run on
+    run = tl.simulate(scene, 0.32, 1e-9, samples=50)
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        """z = -sin th, z'' = N - g, I th'' = N (cos th + mu sin th)."""
+        c, s = math.cos(y[0]), math.sin(y[0])
+        force = (G + s * y[1] ** 2) / (1.0 + c * (c + mu * s) / inertia)
+        return [y[1], force * (c + mu * s) / inertia, y[3], -mu * force]
+
+    def lands(_: float, y: np.ndarray) -> float:
+        return float(y[0])
+
+    lands.terminal = True
+    truth = solve_ivp(rate, (0, 1), [start, 0, 0, speed], "DOP853", rtol=1e-12, atol=1e-13, events=lands,
+                      dense_output=True)  # fmt: skip
+    assert times(run, "impact")[0] == pytest.approx(truth.t[-1], abs=1e-8)
+    before = run.t < truth.t[-1]
+    assert np.abs(run.q[before][:, [2, 0]] - truth.sol(run.t[before])[[0, 2]].T).max() < 1e-8
 
 
 def two_balls(far: float, speed: float) -> tl.Scene:

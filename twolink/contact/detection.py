@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -35,6 +36,7 @@ class Detector:
         for number, (pair, _) in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append((number, pair))
         self.groups = [kind(robot, items) for kind, items in kinds.items()]
+        self.sees_all = Hulls not in kinds  # whether what touches within a step is a point before
         self.extent = np.zeros(robot.model.njoints)  # of the shapes around their joint, m
         for solid in solids.values():
             joint, center = middle_of(robot, solid)
@@ -43,6 +45,10 @@ class Detector:
     def points(self, places: Places, reach: float) -> Points:
         """The points with gaps below the reach."""
         return joined(group.points(places, reach) for group in self.groups)
+
+    def overlap(self, places: Places) -> tuple[float, int]:
+        """The deepest overlap [m], and the number of its pair; 0 and -1 where there is none."""
+        return max(itertools.chain(((0.0, -1),), *(group.overlaps(places) for group in self.groups)))
 
 
 def _kind(pair: Pair) -> type[Group]:

@@ -1,93 +1,102 @@
 """Convex hulls that touch: the points of a face of one over a face of the other, or of two edges that cross.
 
-The pair's normal is the direction in which the hulls are farthest apart, or overlap least, among those of their faces
-and of the cross products of their edges (the theorem of separating axes). Where a face wins, the face of the other hull
-that looks at it most is cut to the prism over it, and each corner of what is left is a point with a gap of its own.
-Source: Ericson, Real-Time Collision Detection, 2005, sections 5.2.1 and 5.5.
+The pair's normal is the direction of the hulls' separation. Where a face has it, the face of the other hull that looks
+at it most is cut to the prism over it, and each corner of what is left is a point with a gap of its own. Source:
+Ericson, Real-Time Collision Detection, 2005, section 5.5.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from twolink.contact.multibody import cross
 from twolink.integrate.state import Array
-from twolink.robots.hulls import ALIKE, Hull
+from twolink.robots.hulls import Hull, Separation, separation_by_edges, separation_by_faces
 
-MOST_EDGES = 40  # directions of edges of a hull up to which their cross products are looked at
-FACE_FIRST = 1e-6  # m by which an edge must win, so that faces that lie on each other keep their points
+FACE_FIRST = 1e-6  # m by which edges must be farther apart, so that faces that lie on each other keep their points
 WITHIN = 1e-9  # m: a point so far outside of a prism is within
+Name = tuple[object, ...]
 
 
-def touching(a: Hull, b: Hull, reach: float) -> list[tuple[int, float, Array, Array]]:
-    """Of the points with gaps below the reach a number, the gap, the normal from b to a, and the middle point."""
-    offsets_a = np.einsum("ni,ni->n", a.normals, a.vertices[[face[0] for face in a.faces]])
-    offsets_b = np.einsum("ni,ni->n", b.normals, b.vertices[[face[0] for face in b.faces]])
-    over_a = (b.vertices @ a.normals.T).min(axis=0) - offsets_a
-    over_b = (a.vertices @ b.normals.T).min(axis=0) - offsets_b
-    i, k = int(over_a.argmax()), int(over_b.argmax())
-    apart = max(over_a[i], over_b[k])
-    if apart > reach:
+class Touch(NamedTuple):
+    """A point at which hulls touch: its name, the gap [m], the normal from b to a, and the middle point."""
+
+    name: Name
+    gap: float
+    normal: Array
+    middle: Array
+
+
+def touching(a: Hull, b: Hull, reach: float) -> list[Touch]:
+    """The points with gaps below the reach. Names stay the same while features do.
+
+    Where edges cross, corners over the best face count too: a body that turns a little may land on them.
+    """
+    face = separation_by_faces(a, b, FACE_FIRST)
+    edges = separation_by_edges(a, b, face.gap + FACE_FIRST)
+    if (edges or face).gap > reach:
         return []
-    crossing = _crossing_edges(a, b, apart + FACE_FIRST)
-    if crossing is not None:
-        return [crossing] if crossing[1] < reach else []
-    # The lower hull's face where both are as good: it does not change from step to step.
-    if over_b[k] >= over_a[i] - FACE_FIRST:
-        return [(number, gap, b.normals[k], x) for number, gap, x in _over_face(b, k, a, reach)]
-    return [(number + (1 << 12), gap, -a.normals[i], x) for number, gap, x in _over_face(a, i, b, reach)]
+    found = [] if edges is None else [_crossing(a, b, edges)]
+    hulls, sign = ((a, b), -1.0) if face.kind == "first" else ((b, a), 1.0)
+    for name, gap, x in _over_face(*hulls, face.feature[0], face.kind == "second"):
+        if gap < reach and not (found and set(name) == set(found[0].name)):
+            found.append(Touch((face.kind, *name), gap, face.normal, x - 0.5 * sign * gap * face.normal))
+    return found
 
 
-def _over_face(base: Hull, number: int, other: Hull, reach: float) -> list[tuple[int, float, Array]]:
-    """The corners of the other hull's face within the prism over a face: number, gap and middle point."""
-    normal, loop = base.normals[number], base.vertices[base.faces[number]]
-    facing = other.faces[int((other.normals @ normal).argmin())]
-    polygon = [(int(k), other.vertices[k]) for k in facing]
-    for side, (p, q) in enumerate(zip(loop, np.roll(loop, -1, axis=0), strict=True)):
-        inward = np.cross(normal, q - p)
-        inward /= np.linalg.norm(inward)
-        polygon = _cut(polygon, inward, float(inward @ p) - WITHIN, 64 * (side + 1))
-    found = [(label, float(normal @ (x - loop[0])), x) for label, x in polygon]
-    return [(label % (1 << 12), gap, x - 0.5 * gap * normal) for label, gap, x in found if gap < reach]
+def _over_face(base: Hull, other: Hull, number: int, second: bool) -> list[tuple[Name, float, Array]]:
+    """The corners of the other hull's face within the prism over a face: name, gap and point.
+
+    Of the other hull the face counts that looks at the base's most, of those at its lowest corner. second: the base is
+    the second hull.
+    """
+    normal, loop = base.normals[number], base.faces[number].tolist()
+    lowest = int((other.vertices @ normal).argmin())
+    at_it = np.unique(other.sides[(other.edges == lowest).any(axis=1)])
+    corners = other.faces[int(at_it[(other.normals[at_it] @ normal).argmin()])].tolist()
+    # Of the polygon the corners, and the name of the side after each.
+    x, names = other.vertices[corners], [_edge(not second, *ends) for ends in zip(corners, _next(corners), strict=True)]
+    ends = base.vertices[loop]
+    inward = cross(normal, base.vertices[_next(loop)] - ends)
+    inward /= np.sqrt(np.einsum("ni,ni->n", inward, inward))[:, None]
+    depths = np.einsum("ni,ni->n", inward, ends) - WITHIN
+    for side in np.flatnonzero((x @ inward.T < depths).any(axis=0)).tolist():
+        x, names = _cut(x, names, x @ inward[side] - depths[side], _edge(second, loop[side], _next(loop)[side]))
+    gaps = ((x - ends[0]) @ normal).tolist()
+    return [((names[k - 1], names[k]), gap, x[k]) for k, gap in enumerate(gaps)]
 
 
-def _cut(polygon: list[tuple[int, Array]], inward: Array, offset: float, label: int) -> list[tuple[int, Array]]:
-    """The part of a polygon on one side of a plane; new corners have numbers of their own."""
-    out = []
-    depths = [float(inward @ x) - offset for _, x in polygon]
-    for k, (number, x) in enumerate(polygon):
-        (before, last), depth, d = polygon[k - 1], depths[k], depths[k - 1]
-        if (d < 0.0) != (depth < 0.0):
-            out.append((label + (before if d < 0.0 else number) % 64, last + (x - last) * (d / (d - depth))))
-        if depth >= 0.0:
-            out.append((number, x))
-    return out
+def _cut(x: Array, names: list[Name], depths: Array, side: Name) -> tuple[Array, list[Name]]:
+    """The part of a polygon with depths that are not negative. side: the name of the side that this makes."""
+    kept, after, inside = list[Array](), list[Name](), (depths >= 0.0).tolist()
+    for k, name in enumerate(names):
+        m = (k + 1) % len(names)
+        if inside[k]:
+            kept.append(x[k])
+            after.append(name)
+        if inside[k] != inside[m]:
+            kept.append(x[k] + (x[m] - x[k]) * (depths[k] / (depths[k] - depths[m])))
+            after.append(side if inside[k] else name)
+    return np.array(kept).reshape(-1, 3), after
 
 
-def _crossing_edges(a: Hull, b: Hull, least: float) -> tuple[int, float, Array, Array] | None:
-    """The nearest points of two edges, where the hulls are farther apart across them than by `least`."""
-    if len(a.directions) > MOST_EDGES or len(b.directions) > MOST_EDGES:
-        return None
-    axes = np.cross(a.directions[:, None], b.directions[None]).reshape(-1, 3)
-    length = np.linalg.norm(axes, axis=1)
-    axes = axes[length > ALIKE] / length[length > ALIKE, None]
-    axes = np.concatenate([axes, -axes])
-    if not len(axes):
-        return None
-    apart = (a.vertices @ axes.T).min(axis=0) - (b.vertices @ axes.T).max(axis=0)
-    best = int(apart.argmax())
-    if not apart[best] > least:
-        return None
-    normal, gap = axes[best], float(apart[best])
-    e, f = _edge(a, -normal), _edge(b, normal)
-    (p, u), (q, w) = ((hull.vertices[edge[0]], hull.vertices[edge[1]] - hull.vertices[edge[0]])
-                      for hull, edge in ((a, e), (b, f)))  # fmt: skip
-    # p + s u - q - t w = gap n
-    s, t, _ = np.linalg.lstsq(np.stack([u, -w, -normal], axis=1), q - p, rcond=None)[0]
+def _crossing(a: Hull, b: Hull, apart: Separation) -> Touch:
+    """The nearest points of two edges: p + s u - q - t w = gap n."""
+    ends = [hull.edges[number].tolist() for hull, number in zip((a, b), apart.feature, strict=True)]
+    (p, p_end), (q, q_end) = a.vertices[ends[0]], b.vertices[ends[1]]
+    u, w = p_end - p, q_end - q
+    s, t, _ = np.linalg.solve(np.stack([u, -w, -apart.normal], axis=1), q - p)
     x, y = p + np.clip(s, 0.0, 1.0) * u, q + np.clip(t, 0.0, 1.0) * w
-    return (1 << 13) + int(e[0]) % 64 * 64 + int(f[0]) % 64, gap, normal, 0.5 * (x + y)
+    return Touch((_edge(False, *ends[0]), _edge(True, *ends[1])), apart.gap, apart.normal, 0.5 * (x + y))
 
 
-def _edge(hull: Hull, along: Array) -> Array:
-    """The edge that is farthest along a direction."""
-    heights = hull.vertices @ along
-    return np.asarray(hull.edges[int((heights[hull.edges[:, 0]] + heights[hull.edges[:, 1]]).argmax())])
+def _edge(second: bool, i: int, k: int) -> Name:
+    """The name of an edge. second: of the second hull."""
+    return second, min(i, k), max(i, k)
+
+
+def _next(loop: list[int]) -> list[int]:
+    """The corner after each of a face."""
+    return loop[1:] + loop[:1]

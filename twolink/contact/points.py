@@ -8,7 +8,7 @@ x_a, x_b: the nearest points of the two bodies; n: the unit normal there, from b
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
@@ -22,6 +22,7 @@ from twolink.robots.collisions import Solid
 from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
 
 CLOSED = 1e-10  # m: what counts as no gap
+TOUCHING = 1e-6  # m: points of two bodies that are so near move as one
 STILL = 1e-9  # m/s: a slip that counts as none
 
 
@@ -59,8 +60,12 @@ class Points:
 
     @property
     def ends(self) -> tuple[tuple[Array, Array, float], ...]:
-        """The nearest points (n, 3) of the two bodies, the joints that carry them, and their signs in the gap."""
-        half = 0.5 * self.gap[:, None] * self.normal
+        """The nearest points (n, 3) of the two bodies, the joints that carry them, and their signs in the gap.
+
+        They are one where the bodies touch: with gaps of a face's corners that differ by 1e-9 m the slips of all could
+        not be 0.
+        """
+        half = 0.5 * np.where(np.abs(self.gap) < TOUCHING, 0.0, self.gap)[:, None] * self.normal
         return (self.position + half, self.first, 1.0), (self.position - half, self.second, -1.0)
 
     def taken(self, numbers: Array) -> Points:
@@ -86,10 +91,15 @@ class Group:
         """The points with gaps below the reach."""
         raise NotImplementedError
 
+    def overlaps(self, places: Places) -> Iterator[tuple[float, int]]:
+        """How deep bodies overlap [m], and the numbers of the pairs."""
+        found = self.points(places, 0.0)
+        return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
+
 
 def key_of(pair: Array, feature: Array | int) -> Array:
     """A number of each point from those of its pair and of the feature of the bodies that it is."""
-    return np.asarray(pair * (1 << 16) + feature, dtype=np.int64)
+    return np.asarray(pair * (1 << 32) + feature, dtype=np.int64)
 
 
 def placement(robot: Robot, solid: Solid) -> Any:

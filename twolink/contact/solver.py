@@ -41,7 +41,7 @@ class SteppedSolution:
     overlap : float
         The largest overlap of bodies at a sample, m.
     step : float
-        The longest step asked for, s.
+        The longest step, but for halved ones, s.
     interrupted : bool
         Ctrl-C ended it.
     """
@@ -144,4 +144,4 @@ def solve_stepped(
     qs, vs, accelerations, held = (np.array(column) for column in zip(*states, strict=True))
     n = len(qs)
     return SteppedSolution((Piece(equations, float(times[0]), n),), times[:n], qs, vs, accelerations, held,
-                           pressing[:n], record, overlap, step, interrupted)  # fmt: skip
+                           pressing[:n], record, overlap, float(plan.h.max()), interrupted)  # fmt: skip

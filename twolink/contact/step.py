@@ -15,7 +15,7 @@ class Memory:
     """What a step passes on: keys of the contacts that pressed or stayed closed, their forces (n, 3).
 
     stuck, still (n,): those that had no slip at the end, and no velocity along the normal. change (2, nv): w' of the
-    last two steps, 0 where it was not smooth.
+    last two steps, 0 where it was not smooth. overlap: of hulls at the end, m.
     """
 
     keys: Array
@@ -23,6 +23,7 @@ class Memory:
     stuck: Array
     still: Array
     change: Array
+    overlap: float = 0.0
 
     def changes(self, mean: Array, *, smooth: bool = True) -> Array:
         """What the next step passes on of w'."""

@@ -23,6 +23,7 @@ A step whose impulses do not obey the laws is taken as two halves, and refused w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ from twolink.integrate.state import Array
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through
 HALVINGS = 10
+UNSEEN, UNSEEN_HALVINGS = 0.01, 6  # of the reach of a step: one after which hulls overlap by so much more is halved
 ROUNDS = 20  # of adding contacts that the others push together
 FIRST, MOST = 8, 64  # compiled steps that are looked at together
 
@@ -85,12 +87,12 @@ class Stepper:
 
     def overlap(self, q: Array) -> tuple[float, str]:
         """The largest overlap of bodies, m, or of joints with their stops, rad or m, and the pair; or gap of a loop."""
-        points = self._points(self.bodies.places(q, np.zeros(self.model.nv))[0], CLOSED, q)
+        deepest, pair = self.detector.overlap(self.bodies.places(q, np.zeros(self.model.nv))[0])
+        joints = self.joints.points(q)
+        if joints.gap.min(initial=0.0) < -deepest:
+            deepest, pair = -float(joints.gap.min()), int(joints.pair[joints.gap.argmin()])
         open_ = 0.0 if self.loops is None else float(np.abs(self.loops.at(q)[0]).max())
-        if points.gap.min(initial=0.0) >= -open_:
-            return open_, "loops"
-        deepest = int(points.gap.argmin())
-        return -float(points.gap[deepest]), self.laws.names[points.pair[deepest]]
+        return (open_, "loops") if open_ >= deepest else (deepest, self.laws.names[pair])
 
     def notes(self) -> list[str]:
         """What is in the contact problem besides pairs of bodies."""
@@ -128,21 +130,40 @@ class Stepper:
         step = self.step(t, h, q, v, numbers, memory)
         if step is not None:
             _require_finite(step.v, t, h)
+            step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
+        if step is not None:
             self.record.add(step.worth)
             return step
         if depth == HALVINGS:
-            raise AccuracyError("no impulses obey the laws of contact and friction within a step",
-                                where=f"t = {t:.6g} s", remedy="less friction, or shapes that do not start overlapping",
-                                code="contact-not-solved", t=t)  # fmt: skip
+            raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
+                                f"{np.abs(v).max():.3g}", where=f"t = {t:.6g} s", code="contact-not-solved", t=t,
+                                remedy="smaller steps, for forces may be too stiff for these; less friction; or shapes "
+                                       "that do not start overlapping")  # fmt: skip
         self.record.halved += 1
         half = self.advance(t, h / 2, q, v, numbers, memory, depth + 1)
         return self.advance(t + h / 2, h / 2, half.q, half.v, numbers, half.memory, depth + 1)
+
+    def _checked(self, step: Step, memory: Memory, *, halve: bool) -> Step | None:
+        """The step with what hulls overlap at its end; None where it is to be halved for a contact that it has missed.
+
+        A corner that comes in from beside a face is no point of the contact problem until it is over the face.
+        """
+        if self.detector.sees_all:
+            return step
+        places, speeds = self.bodies.places(step.q, self.bodies.own(step.q, step.v))
+        overlap = self.detector.overlap(places)[0]
+        if halve and overlap - memory.overlap > UNSEEN * self._reach(step.h, speeds):
+            return None
+        return replace(step, memory=replace(step.memory, overlap=overlap))
+
+    def _reach(self, h: float, speeds: Array) -> float:
+        """How near points must be to count in a step, m: more than bodies move. speeds: of the joints (joints, 2)."""
+        return 3.0 * h * float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0)) + 100.0 * h * h
 
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
         places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
-        fastest = float((speeds[:, 0] + speeds[:, 1] * self.detector.extent).max(initial=0.0))
         # By the mean of two steps: with that of the last alone, damping d is stable up to h d = 1 only, now up to 2.
         change = 0.5 * h * memory.change.mean(axis=0)
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers)
@@ -152,7 +173,7 @@ class Stepper:
         if self.loops is not None:
             kept = self.loops.keep(self.bodies, q, middle, v, free)
             free, a = kept.free, (kept.free - v) / h
-        points = self._points(places, 3.0 * h * fastest + 100.0 * h * h, middle)
+        points = self._points(places, self._reach(h, speeds), middle)
         if not len(points.gap):
             none = Memory.empty(memory.changes(a, smooth=not len(memory.keys)))
             end = self.bodies.moved(middle, 0.5 * h * free + kept.closing)

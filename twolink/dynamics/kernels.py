@@ -8,6 +8,7 @@ pairs have length 1. A batch whose guard is not finite is answered by Pinocchio,
 import functools
 import itertools
 import math
+import os
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -42,7 +43,7 @@ _import_lock = threading.Lock()
 
 
 def heyoka() -> Any:
-    """The heyoka module, or None where it is not installed (there are wheels for Linux only)."""
+    """The heyoka module, or None where it is not installed (there are wheels for Linux only) or TWOLINK_HEYOKA is 0."""
     with _import_lock:
         return _imported()
 
@@ -55,6 +56,8 @@ def _imported() -> Any:
     code in the user's cache folder, up to 20 GB, which each process checks from end to end before it compiles anything,
     and up to 2 GB of code in memory after its functions are gone. Our own cache has what is compiled here.
     """
+    if os.environ.get("TWOLINK_HEYOKA") == "0":
+        return None
     hidden = "sympy" not in sys.modules
     if hidden:
         sys.modules["sympy"] = None  # type: ignore[assignment]  # makes its import fail

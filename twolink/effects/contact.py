@@ -35,7 +35,7 @@ class Contact(SwitchingEffect, frozen=True):
                        (Smith, Kaufman, Vouga, Tamstorf, Grinspun: Reflections on simultaneous impact, 2012)
 
     Both agree for one contact. Rigid bodies do not decide between them: "newton" suits bodies of which the blow
-    reaches all at once, "reflections" stiff bodies that pass it on one after the other.
+    reaches all at once, "reflections" stiff bodies that pass it on one after the other. Stepped contacts obey "newton".
 
     Parameters
     ----------

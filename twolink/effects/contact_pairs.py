@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from twolink.dynamics import Robot
 
 SELF, GROUND = "self", "ground"
+TOUCHING = 1e-9  # m: what counts as no distance
 
 
 class Plane(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="plane"):
@@ -137,13 +138,13 @@ def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[li
 
 
 def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i: int, k: int, margin: float) -> bool:
+    """Whether shapes are nearer than a margin, m. Those that touch, such as Newton's cradle, have the distance 0."""
     import coal
 
     placed = [(item, poses[item.parentJoint] * item.placement) for item in (geometry[i], geometry[k])]
     (a, p), (b, q) = [(item.geometry, coal.Transform3s(at.rotation, at.translation)) for item, at in placed]
-    request = coal.CollisionRequest()
-    request.security_margin = margin
-    return bool(coal.collide(a, p, b, q, request, coal.CollisionResult()))
+    distance = float(coal.distance(a, p, b, q, coal.DistanceRequest(), coal.DistanceResult()))
+    return distance < margin - TOUCHING
 
 
 def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:

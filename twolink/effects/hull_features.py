@@ -4,8 +4,7 @@ The distance of two convex polyhedra that are apart is that of a corner from a f
 lies at an end of these. The first two are smooth, and a pair touches at the others only where one of the first two
 touches too. So the gaps of all corners over faces, while their feet lie on these, and of all edges that cross show when
 the pair touches, and which features do. NumPy evaluates all at once; the formulas of those that touch are `FaceGap` and
-`EdgeGap`. Source of the conditions of edges: Gottschalk, Lin, Manocha: OBBTree, SIGGRAPH 1996; Gregorius: The
-Separating Axis Test between Convex Polyhedra, GDC 2013.
+`EdgeGap`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from twolink.effects.gaps import Ball
 from twolink.effects.motion import Motion
 from twolink.effects.switching import Feature
 from twolink.robots.collisions import Solid
-from twolink.robots.hulls import hull_of
+from twolink.robots.hulls import edge_sides, hull_of, separation
 from twolink.robots.shapes import Box, Convex
 
 Array = np.ndarray
@@ -65,14 +64,9 @@ class HullFeatures:
         return out
 
     def separation(self, motion: Motion) -> float:
-        """How far the hulls of one state are apart along the direction that shows it best, m; below 0: they overlap.
-
-        Source: Ericson, Real-Time Collision Detection, 2005, section 5.2.1.
-        """
+        """How far the hulls of one state are apart along the direction that shows it best, m; below 0: they overlap."""
         r, p = self._relative(motion)
-        a, b = self.bodies
-        heights = b.over_faces(_moved(a.corners, r, p)), a.over_faces(_back(b.corners, r, p))
-        return float(_apart(*heights, _Crossings(a, b, r, p).supports(FLAT)).item())
+        return separation(self.bodies[0].hull.placed(r[0], p[0]), self.bodies[1].hull).gap
 
     def touching(self, motion: Motion, reach: float = CLOSED) -> list[list[Feature]]:
         """The features of one state with gaps up to the reach, those together that are at one place with one normal."""
@@ -141,29 +135,25 @@ class _Body:
     """A hull in its link's axes.
 
     corners (V, 3), of each the directions to its neighbours. normals (F, 3), heights (F,) of faces; inward (S, 3),
-    depths (S,) of all their sides, which begin at starts (F,). middles, halves (E, 3), lengths (E,) of edges, and the
-    directions from them into their two faces (E, 2, 3).
+    depths (S,) of all their sides, which begin at starts (F,). middles, halves (E, 3), lengths (E,) of edges.
     """
 
     def __init__(self, solid: Solid) -> None:
         place = solid.shape.placement
         hull = hull_of(cast("Box | Convex", solid.shape)).placed(np.array(place.rotation), np.array(place.translation))
-        self.link, x = solid.link, hull.vertices
+        self.link, self.hull, x = solid.link, hull, hull.vertices
         used = np.unique(hull.edges)
-        self.corners, self.normals = x[used], hull.normals
-        self.heights = np.einsum("ni,ni->n", hull.normals, x[[face[0] for face in hull.faces]])
-        inward, into = [], dict[tuple[int, int], list[Array]]()
+        self.corners, self.normals, self.heights = x[used], hull.normals, hull.heights
+        inward = []
         for face, normal in zip(hull.faces, hull.normals, strict=True):
             for i, k in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
                 way = np.cross(normal, x[k] - x[i])
                 inward.append((way := way / np.linalg.norm(way), way @ x[i]))
-                into.setdefault((min(i, k), max(i, k)), []).append(way)
         self.inward, self.depths = np.array([way for way, _ in inward]), np.array([depth for _, depth in inward])
         self.starts = np.cumsum([0, *(len(face) for face in hull.faces[:-1])])
         ends = x[hull.edges]
         self.middles, self.halves = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         self.lengths = np.linalg.norm(self.halves, axis=1)
-        self.into = np.array([into[i, k] for i, k in hull.edges.tolist()])
         ways = [x[hull.edges[hull.edges[:, side] == i][:, 1 - side]] - x[i] for i in used for side in (0, 1)]
         self.ways = [_units(np.concatenate(pair)) for pair in zip(ways[::2], ways[1::2], strict=True)]
         self.middle = self.corners.mean(axis=0)
@@ -206,12 +196,10 @@ class _Crossings:
         length = np.linalg.norm(across, axis=-1)
         self.crosses = length / (a.lengths[:, None] * b.lengths) > FLAT
         across = across / np.maximum(length, 1e-300)[..., None]
-        into_a = np.einsum("nij,efj->nefi", r, a.into)
-        own, other = np.einsum("nefi,nexi->nexf", into_a, across), np.einsum("xfi,nexi->nexf", b.into, across)
-        self.side = np.where(own.sum(axis=-1) < other.sum(axis=-1), -1.0, 1.0)
+        turned = a.hull.normals @ r.transpose(0, 2, 1), a.hull.ways @ r.transpose(0, 2, 1)
+        self.side, outward = edge_sides(turned[1], turned[0], a.hull.sides, b.hull.ways, b.normals, b.hull.sides)
+        self.outward = outward * a.lengths[:, None] * b.lengths / np.maximum(length, 1e-300)
         self.gap = self.side * np.einsum("nexi,nexi->nex", across, apart)
-        own, other = self.side[..., None] * own, self.side[..., None] * other
-        self.outward = np.maximum(-own.min(axis=-1), other.max(axis=-1))
         uu, uw, ww = np.einsum("nei,nei->ne", u, u)[..., None], u @ w.T, np.einsum("xi,xi->x", w, w)
         d, e = np.einsum("nei,nexi->nex", u, apart), np.einsum("xi,nexi->nex", w, apart)
         size = np.maximum(length**2, 1e-300)

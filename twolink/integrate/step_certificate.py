@@ -10,7 +10,6 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.assembly import assembled
-from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import nominal_vector
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import projected
@@ -22,24 +21,10 @@ from twolink.integrate.stiffness import fastest
 
 AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
 STATES = 8  # on which they are compared
-AROUND = 0.1  # rad, m, and per second: of states beside closed loops
-NEARER = (0.1, 0.01, 0.0)  # of it, where constraint rows are much nearer to singular than at the start
-LEAST = 0.1  # of their smallest singular value at the start
+AROUND, BESIDE = 1.0, 0.1  # rad, m, and per second: of states with closed loops, and beside these
+NEARER = (1.0, 0.1, 0.01, 0.0)  # of it: the first that is not much nearer to singular than the start
+LEAST = 0.1  # of the smallest pivot of the constraints at the start
 Map = Callable[[Array, Array], None]
-
-
-def _on_manifold(equations: Equations, x: Array) -> Array:
-    """States (size, n) with unit lengths and closed loops; the start where a loop cannot be closed."""
-    x = equations.space.normalized(x, Numbers)
-    if equations.constraints is None:
-        return x
-    moving = equations.moving
-    for column in range(x.shape[1]):
-        try:
-            x[:moving, column] = assembled(equations.constraints, x[:moving, column])
-        except SceneError:
-            x[:, column] = equations.start
-    return x
 
 
 def _lock_some(equations: Equations, x: Array) -> None:
@@ -63,11 +48,7 @@ def certify(equations: Equations, method: Method, portable: Map, compiled: Map) 
 
     Raises CertificationError with the worst state.
     """
-    size = equations.space.size
-    x = np.repeat(equations.start[:, None], STATES, axis=1)
-    x[:, 1:] += np.random.default_rng(1).uniform(-1, 1, (size, STATES - 1))
-    x = _on_manifold(equations, x)
-    _lock_some(equations, x)
+    size, x = equations.space.size, _states(equations, AROUND, closed=True)
     change = np.abs(rate_by_pinocchio(equations, 0.0, x)).max(axis=0, initial=0.0)
     h = 0.05 / (1.0 + np.maximum(change, fastest(equations, x)[0]))
     values = _parameters(equations)
@@ -84,7 +65,7 @@ def certify_rate(equations: Equations, compiled: Any) -> None:
 
     Solving for accelerations multiplies rounding by the condition number of the mass matrix, in both.
     """
-    x = _around(equations)
+    x = _states(equations, BESIDE)
     values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
     ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
     theirs = rate_by_pinocchio(equations, 0.0, x)
@@ -96,7 +77,7 @@ def certify_rate(equations: Equations, compiled: Any) -> None:
 
 def certify_projection(equations: Equations, compiled: Any) -> None:
     """Compare a compiled projection with NumPy's."""
-    x = _around(equations)
+    x = _states(equations, BESIDE)
     values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
     with np.errstate(all="ignore"):
         theirs = projected(equations, x, Numbers)
@@ -104,28 +85,49 @@ def certify_projection(equations: Equations, compiled: Any) -> None:
     _require_agreement(equations, "projection", x, compiled(np.concatenate([x, values])), theirs, scale)
 
 
-def _around(equations: Equations) -> Array:
-    """The start, and random states around it, (size, STATES)."""
+def _states(equations: Equations, reach: float, *, closed: bool = False) -> Array:
+    """The start, and random states up to a reach around it, (size, STATES). closed: with closed loops.
+
+    Where constraints are nearly singular, such as where bodies overlap or at Painleve's angle of a rod that slides,
+    compiled steps are refused; states there are taken nearer to the start.
+    """
     x = np.repeat(equations.start[:, None], STATES, axis=1)
-    shift = np.random.default_rng(1).uniform(-AROUND, AROUND, (equations.moving, STATES - 1))
-    x[: equations.moving, 1:] += shift
-    x = equations.space.normalized(x, Numbers)
-    constraints, nq = equations.constraints, equations.space.nq
-    if constraints is not None:
-        least = LEAST * _smallest(constraints, x[:nq, 0])
-        for column, nearer in itertools.product(range(1, STATES), NEARER):
-            if not _smallest(constraints, x[:nq, column]) >= least:  # such as where bodies overlap, with other normals
-                x[: equations.moving, column] = equations.start[: equations.moving] + nearer * shift[:, column - 1]
-        x = equations.space.normalized(x, Numbers)
+    shift = np.random.default_rng(1).uniform(-reach, reach, (equations.space.size, STATES))
+    least = LEAST * _smallest_pivot(equations, equations.start)
+    for column, nearer in itertools.product(range(1, STATES), NEARER):
+        if nearer == NEARER[0] or not _smallest_pivot(equations, x[:, column]) >= least:
+            x[:, column] = _placed(equations, nearer * shift[:, column], closed=closed)
     _lock_some(equations, x)
     return x
 
 
+def _placed(equations: Equations, shift: Array, *, closed: bool) -> Array:
+    """The start, shifted, with unit lengths; the start itself where loops are to be closed and cannot be."""
+    x, moving = equations.space.normalized(equations.start + shift, Numbers), equations.moving
+    if closed and equations.constraints is not None:
+        try:
+            x[:moving] = assembled(equations.constraints, x[:moving])
+        except SceneError:
+            return equations.start
+    return x
+
+
 @np.errstate(all="ignore")
-def _smallest(constraints: Constraints, q: Array) -> float:
-    """The smallest singular value of constraint rows at q; NaN where there are none."""
-    rows = constraints.jacobian_at(q, constraints.kept)
-    return float(np.linalg.svd(rows, compute_uv=False)[-1]) if np.isfinite(rows).all() else math.nan
+def _smallest_pivot(equations: Equations, x: Array) -> float:
+    """The smallest pivot of the constraints' A = J M^-1 B of one state, scaled; NaN where it is not finite."""
+    constraints, space = equations.constraints, equations.space
+    if constraints is None:
+        return math.inf
+    q, v = x[: space.nq], x[space.nq : space.moving]
+    jacobian = constraints.jacobian_at(q, constraints.kept)
+    loops = equations.layout.with_numbers(constraints.loops, list(x[space.moving :]))
+    forces = np.array(constraints.force_rows(constraints.mech, q, v, Numbers, jacobian.tolist(), loops), dtype=float)
+    matrix = jacobian @ np.linalg.solve(equations.robot.mass_matrix(q), forces.T)
+    if not np.isfinite(matrix).all():
+        return math.nan
+    matrix *= np.outer(constraints.scales, constraints.scales)
+    minors = np.array([np.linalg.det(matrix[:k, :k]) for k in range(len(matrix) + 1)])
+    return float((minors[1:] / minors[:-1]).min())
 
 
 def _parameters(equations: Equations) -> Array:
@@ -143,5 +145,5 @@ def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, t
         raise CertificationError(
             f"the compiled {what} differs from Pinocchio's by {error[worst]:.1e}",
             where=f"x = {x[:, worst].tolist()}",
-            remedy='report it with the URDF; method="scipy-dop853" does without compiled steps',
+            remedy="report it with the URDF; TWOLINK_HEYOKA=0 in the environment does without compiled code",
         )

@@ -177,8 +177,9 @@ def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
     """How a scene with stepped contacts is computed."""
-    from twolink.contact.solver import solve_stepped  # which other scenes do not load
-    from twolink.simulation.stepped_run import FIRST, stepper_of
+    from twolink.contact.scene_stepper import stepper_of  # which other scenes do not load
+    from twolink.contact.solver import solve_stepped
+    from twolink.simulation.stepped_run import FIRST
 
     stepper = stepper_of(scene)
     step = min(FIRST, length / 4)

@@ -29,6 +29,7 @@ from twolink.simulation.verification import Verification, Verified
 MAX_SAMPLES = 20_000_000
 LOOKS, MAX_LOOKS = 41, 100  # times at which errors are looked at, at least and about at most
 ACCURACY = 1e-6  # rad or m, where none is asked for
+PATIENCE = 600.0  # s of wall clock
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
@@ -51,7 +52,7 @@ def simulate(
     step: float | None = None,
     progress: Progress | None = None,
     contact: str | None = None,
-    patience: float = 600.0,
+    patience: float | None = None,
 ) -> Trajectory:
     """Simulate a scene.
 
@@ -80,8 +81,9 @@ def simulate(
     contact : {"located", "stepped"}, optional
         How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
         estimated (run.bound). By default as `explain` says.
-    patience : float
-        Wall clock that solving may take, s.
+    patience : float, optional
+        Wall clock that solving may take, s; by default 600, and 60 for smaller steps of contacts where no accuracy is
+        asked for.
 
     Returns
     -------
@@ -98,10 +100,12 @@ def simulate(
     """
     end, asked = duration_for(scene, duration), None if accuracy is None else accuracy_of(accuracy)
     times = sample_times(end, samples, MAX_SAMPLES)
-    limit = TimeLimit(positive(patience, "patience", AccuracyError, "such as 600"), progress=progress, from_now=True)
+    if patience is not None:
+        patience = positive(patience, "patience", AccuracyError, "such as 600")
     way = choose_way(scene, contact)
     if way.way == "stepped":
-        return _stepped(scene, times, asked, method, tolerance, step, precision, progress, verify=verify)
+        return _stepped(scene, times, asked, method, tolerance, step, precision, progress, patience, verify=verify)
+    limit = TimeLimit(patience or PATIENCE, progress=progress, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
     free = method == "auto" and tolerance is None and step is None
     more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
@@ -113,7 +117,8 @@ def simulate(
     try:
         return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
     except AccuracyError as error:
-        if way.way == "located" and error.code in NOT_LOCATED:
+        reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
+        if way.way == "located" and error.code in NOT_LOCATED and not reflects:
             parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
             remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
             raise AccuracyError(error.what, remedy=remedy, **parts) from None
@@ -143,6 +148,7 @@ def _stepped(
     step: float | None,
     precision: Precision | Literal["auto"],
     progress: Progress | None,
+    patience: float | None,
     *,
     verify: bool,
 ) -> Trajectory:
@@ -155,7 +161,7 @@ def _stepped(
             raise SceneError("stepped contacts have a method of their own, in double precision", argument=argument,
                              remedy="leave it out, or give step=")  # fmt: skip
     h = None if step is None else positive(step, "step", AccuracyError, "such as 1e-3")
-    return simulate_stepped(scene, times, ACCURACY if accuracy is None else accuracy, h, progress, verify=verify)
+    return simulate_stepped(scene, times, accuracy, h, progress, verify=verify, patience=patience)
 
 
 def run_of(

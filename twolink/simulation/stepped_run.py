@@ -1,18 +1,18 @@
 """simulate, where contacts are stepped: runs of smaller steps, until their distance is below the accuracy."""
 
+import functools
+import math
 import time
-import weakref
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from twolink.contact.loops import LoopRows
+from twolink.contact.scene_stepper import stepper_of
 from twolink.contact.solver import SteppedSolution, solve_stepped
 from twolink.contact.stepping import Stepper
-from twolink.effects.contact import Contact
-from twolink.effects.loop import Loop
-from twolink.effects.switching import Hold, Stop, SwitchingEffect
-from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.scene_equations import equations_of
+from twolink.errors import AccuracyError
+from twolink.integrate.failures import failure
 from twolink.integrate.solution import Progress
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost
@@ -24,84 +24,149 @@ FIRST = 1e-2  # s: the first step
 STEPS = 200_000  # of a run that an accuracy may call for
 SAFETY = 4.0  # of the distance to half the step: where in a step an impact falls changes its error by chance
 STRIDE = 32.0  # by which the step is made smaller at most before the error is looked at again
-OVERLAP = 1e-9  # m, at the start
-_smooth: weakref.WeakKeyDictionary[Scene, tuple[Scene, Scene]] = weakref.WeakKeyDictionary()
+SMALLER = 4.0  # by which it is where a run has failed
+ENOUGH = 1e-6  # rad, m: an estimate that is good enough where no accuracy is asked for
+PATIENCE = 60.0  # s of wall clock for a smaller one
+HELPS = 0.9  # of the last estimate: smaller steps help below it
+TRIES = 2  # of smaller steps that do not help: chaotic motions have no smaller estimates
+BLOWN_UP = 1e3  # rad, m: distances above tell of steps that are too long for stiff forces
+WORTH = 0.1  # rad, m: accuracies above say nothing
+TOO_LONG = ("step-too-large", "contact-not-solved")  # codes of runs that smaller steps may save
+Solved = tuple[SteppedSolution, float]  # and the seconds it took
 
 
 def simulate_stepped(
-    scene: Scene, times: np.ndarray, accuracy: float, step: float | None, progress: Progress | None, *, verify: bool
+    scene: Scene,
+    times: np.ndarray,
+    accuracy: float | None,
+    step: float | None,
+    progress: Progress | None,
+    *,
+    verify: bool,
+    patience: float | None = None,
 ) -> Trajectory:
     """The run of a scene whose contacts are stepped, with samples at the times (n,).
 
     step: the caller's own [s], whose error is estimated and reported; None: smaller ones until the estimate is below
-    the accuracy. Raises AccuracyError where that takes too many, with the best run.
+    the accuracy. Without an accuracy steps become smaller while that helps, for up to a patience [s of wall clock, by
+    default 60], and the best run is returned. Raises AccuracyError, with the best run, where an accuracy takes too many
+    steps, or more time than a patience that is given.
     """
-    stepper = stepper_of(scene)
-    began, end = time.perf_counter(), float(times[-1])
-    h, halvings = min(FIRST, end / 4) if step is None else step, 0
+    solve = functools.partial(_solved, stepper_of(scene), times, progress)
+    if step is None:
+        limit = patience or (PATIENCE if accuracy is None else math.inf)
+        return _Search(scene, solve, float(times[-1]), accuracy, limit).run(verify=verify)
+    coarse, seconds = solve(step, 0)
+    if not verify or coarse.interrupted:
+        return _trajectory(scene, coarse, seconds)
+    fine, more = solve(step, 1)
+    off = None if fine.interrupted else 2.0 * _distance(coarse, fine)  # of first order: half the step has half of it
+    return _trajectory(scene, coarse, seconds, more, off)
 
-    def solved() -> tuple[SteppedSolution, float]:
-        start = time.perf_counter()
-        solution = solve_stepped(stepper, times, h, progress, halvings)
-        return solution, time.perf_counter() - start
 
-    coarse, seconds = solved()
-    while verify and not coarse.interrupted:
-        halvings += 1
-        fine, taken = solved()
-        total = time.perf_counter() - began
-        if fine.interrupted:
-            break
-        off = stepper.equations.space.distance(coarse.q, fine.q)
-        if step is not None:  # of first order: half the step has half the error
-            return _trajectory(scene, coarse, seconds, total - seconds, 2.0 * off)
-        run = _trajectory(scene, fine, taken, total - taken, off, accuracy)
+def _solved(stepper: Stepper, times: np.ndarray, progress: Progress | None, step: float, halvings: int) -> Solved:
+    start = time.perf_counter()
+    solution = solve_stepped(stepper, times, step, progress, halvings)
+    return solution, time.perf_counter() - start
+
+
+def _distance(coarse: SteppedSolution, fine: SteppedSolution) -> np.ndarray:
+    """Of two solutions at each sample (n,), rad or m."""
+    return np.asarray(coarse.pieces[0].equations.space.distance(coarse.q, fine.q))
+
+
+@dataclass
+class _Search:
+    """Runs of smaller and smaller steps up to the time `end`, s. best: the one with the smallest estimate so far.
+
+    least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help.
+    """
+
+    scene: Scene
+    solve: Callable[[float, int], Solved]
+    end: float
+    accuracy: float | None
+    patience: float
+    best: Trajectory | None = None
+    least: float = math.inf
+    last: float = math.inf
+    tries: int = 0
+    began: float = field(default_factory=time.perf_counter)
+
+    def run(self, *, verify: bool) -> Trajectory:
+        """The run whose estimate is below the accuracy, or the best."""
+        step, halvings = min(FIRST, self.end / 4), 0
+        coarse: Solved | None = None
+        while True:
+            now = step / 2**halvings
+            try:
+                coarse = coarse or self.solve(step, halvings)
+                if not verify or coarse[0].interrupted:
+                    return _trajectory(self.scene, *coarse)
+                fine = self.solve(step, halvings + 1)
+                if fine[0].interrupted:
+                    return _trajectory(self.scene, *coarse)
+                run = self._estimated(coarse[0], *fine)
+            except AccuracyError as error:
+                if error.code not in TOO_LONG or now / SMALLER < self._smallest(now, 0.0):
+                    return self._ended(now, error)
+                step, halvings, coarse = now / SMALLER, 0, None
+                continue
+            if self.last <= (self.accuracy or ENOUGH):
+                return run
+            wanted = self._wanted(now / 2, fine[1])
+            if wanted is None:
+                return self._ended(now / 2)
+            coarse, halvings = fine, halvings + 1
+            if wanted < now / 8:
+                step, halvings, coarse = max(wanted, now / 2 / STRIDE), 0, None
+
+    def _estimated(self, coarse: SteppedSolution, fine: SteppedSolution, seconds: float) -> Trajectory:
+        """The run of the smaller steps, with its estimate."""
+        others, off = time.perf_counter() - self.began - seconds, _distance(coarse, fine)
+        if off.max() > BLOWN_UP:
+            raise failure("step-too-large", self.end, step=fine.step)
+        run = _trajectory(self.scene, fine, seconds, others, off, self.accuracy)
         error = float(run.error[-1]) if run.error is not None else 0.0
-        if error <= accuracy:
-            return run
-        now = h / 2**halvings
-        needed = 0.7 * now * accuracy / error
-        if end / needed > STEPS:
-            raise _too_many_steps(accuracy, end / needed, run, error)
-        coarse, seconds = fine, taken
-        if needed < now / 4:
-            h, halvings = max(needed, now / STRIDE), 0
-            coarse, seconds = solved()
-    return _trajectory(scene, coarse, seconds)
+        self.tries += error > HELPS * self.last
+        if error < self.least:
+            self.best, self.least = run, error
+        self.last = error
+        return run
 
+    def _smallest(self, now: float, seconds: float) -> float:
+        """The smallest step that there are steps and time for. seconds: of a run with steps now."""
+        left = self.patience - (time.perf_counter() - self.began)
+        return max(self.end / STEPS, seconds * now / left) if left > 0.0 else math.inf
 
-def _too_many_steps(accuracy: float, steps: float, run: Trajectory, error: float) -> AccuracyError:
-    return AccuracyError(f"{accuracy:g} would take about {steps:.0e} steps, for stepping is of first order",
-                         where=f"t = {run.trusted_until or 0.0:.6g} s", argument="accuracy", code="too-many-steps",
-                         remedy=f"ask for less accuracy, such as {2 * error:.0e}, or give step= and read the error",
-                         run=run)  # fmt: skip
+    def _wanted(self, now: float, seconds: float) -> float | None:
+        """The step that the accuracy calls for; None where it is too small, or smaller ones do not help."""
+        wanted, smallest = 0.7 * now * (self.accuracy or ENOUGH) / self.last, self._smallest(now, seconds)
+        if self.accuracy is not None:
+            return None if wanted < smallest else wanted
+        return None if self.tries >= TRIES or now / 2 < smallest else max(wanted, 3.0 * smallest)
 
+    def _ended(self, now: float, error: AccuracyError | None = None) -> Trajectory:
+        """The best run; raises AccuracyError where there is none, or not of the accuracy. now: the smallest step, s."""
+        if self.accuracy is None and self.best is not None:
+            return self.best
+        if error is None:
+            raise self._too_many_steps(now, self.accuracy or ENOUGH)
+        if error.code not in TOO_LONG:
+            raise error
+        raise AccuracyError(f"{error.what}, with steps of {now:.1g} s too", where=error.where, code=error.code,
+                            remedy='give softer springs and controllers, or contact="located"',
+                            **{**error.data, "run": self.best}) from None  # fmt: skip
 
-def stepper_of(scene: Scene) -> Stepper:
-    """What steps a scene. Raises SceneError for what cannot be stepped."""
-    effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
-    others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
-    declared = [item for e in others if isinstance(e, SwitchingEffect) for item in e.modes(scene.robot)]
-    stops = [item for item in declared if isinstance(item, Stop)]
-    holds = [item for item in declared if isinstance(item, Hold) and item.entry is None]
-    if len(stops) + len(holds) < len(declared):
-        raise SceneError("effects that switch, other than joint stops and dry friction, cannot be stepped",
-                         argument="contact", remedy='contact="located", or leave them out',
-                         code="not-stepped")  # fmt: skip
-    if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
-        smooth = [effect for effect in others if not isinstance(effect, SwitchingEffect)]
-        looped = Scene(scene.base, scene.q, scene.v, smooth, scene.duration, scene.title)
-        free = [effect for effect in smooth if not isinstance(effect, Loop)]
-        q, v = equations_of(looped).space.rows(equations_of(looped).start)
-        _smooth[scene] = looped, Scene(scene.base, q, v, free, scene.duration, scene.title)
-    with_loops, equations = (equations_of(one) for one in _smooth[scene])
-    loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
-    stepper = Stepper(equations, effects, stops, holds, loops)
-    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
-    if overlap > OVERLAP:
-        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
-                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
-    return stepper
+    def _too_many_steps(self, now: float, accuracy: float) -> AccuracyError:
+        steps = self.end * self.last / (now * accuracy)
+        smaller = f"accuracy={2.0 * self.least:.0e}, or " if 2.0 * self.least <= WORTH else ""
+        until = 0.0 if self.best is None else self.best.trusted_until or 0.0
+        longer = f" and more than {self.patience:g} s" if math.isfinite(self.patience) else ""
+        return AccuracyError(f"{accuracy:g} would take about {steps:.0e} steps{longer}, for stepping is of first order",
+                             where=f"t = {until:.6g} s", argument="accuracy", code="too-many-steps", run=self.best,
+                             remedy=f"give {smaller}no accuracy for the best effort (error.run, with the estimate "
+                                    f"{self.least:.1g}), or step={now:.1g}")  # fmt: skip
 
 
 def _trajectory(
@@ -117,16 +182,5 @@ def _trajectory(
     cost = Cost(METHOD, None, record.steps, record.steps, seconds, verifying, rejected=record.halved,
                 why="many contacts", step=solution.step)  # fmt: skip
     error = None if distance is None else error_bar(distance, np.zeros_like(distance), SAFETY)
-    return Trajectory(
-        scene.robot,
-        solution.t,
-        solution.q,
-        solution.v,
-        error,
-        cost,
-        interrupted=solution.interrupted,
-        accuracy=accuracy,
-        solution=solution,
-        title=scene.title,
-        estimated=True,
-    )
+    return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, interrupted=solution.interrupted,
+                      accuracy=accuracy, solution=solution, title=scene.title, estimated=True)  # fmt: skip

@@ -1,0 +1,115 @@
+"""Convex hulls that touch when stepped: their separation is Coal's, and what they overlap is of second order."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from twolink.contact.hulls import touching
+from twolink.robots.hulls import hull_of, separation
+from twolink.robots.shapes import Box, Convex
+
+E = tl.effects
+SIDE, STEP = 0.1, 2e-3  # m, s
+Placed = tuple[np.ndarray, np.ndarray]
+
+
+def stone(count: int, seed: int) -> Convex:
+    """The hull of points on a sphere of 0.05 m."""
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    return Convex(tuple(map(tuple, (0.05 * points / np.linalg.norm(points, axis=1)[:, None]).tolist())))
+
+
+SHAPES: dict[str, Box | Convex] = {"box": Box((0.1, 0.06, 0.02)), "stone": stone(9, 1), "ball": stone(60, 2)}
+
+
+def depth(shapes: list[Box | Convex], places: list[Placed]) -> float:
+    """Coal's distance, below 0 the depth of overlap, m."""
+    request = coal.DistanceRequest()
+    request.gjk_tolerance = request.epa_tolerance = 1e-12
+    request.gjk_max_iterations = request.epa_max_iterations = 1000
+    (a, p), (b, q) = ((shape.coal(), coal.Transform3s(*place)) for shape, place in zip(shapes, places, strict=True))
+    return float(coal.distance(a, p, b, q, request, coal.DistanceResult()))
+
+
+def overlapping(shapes: list[Box | Convex], deep: float, random: np.random.Generator) -> list[Placed]:
+    """Places at random rotations and in a random direction at which shapes overlap by so much, m."""
+    turned, way = [pin.exp3(random.uniform(-2, 2, 3)) for _ in shapes], random.normal(size=3)
+    near, far = 0.0, 0.3
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        places = [(turned[0], middle * way / np.linalg.norm(way)), (turned[1], np.zeros(3))]
+        near, far = (middle, far) if depth(shapes, places) < -deep else (near, middle)
+    return places
+
+
+@pytest.mark.parametrize("kinds", [(a, b) for a in SHAPES for b in SHAPES], ids="-".join)
+@pytest.mark.parametrize("deep", [1e-5, 1e-3])
+def test_the_separation_of_hulls_that_overlap_is_coals(kinds: tuple[str, str], deep: float) -> None:
+    """And what touches shows it, each point with a name of its own."""
+    random, shapes = np.random.default_rng(3), [SHAPES[kind] for kind in kinds]
+    for _ in range(12):
+        places = overlapping(shapes, deep, random)
+        a, b = (hull_of(shape).placed(*place) for shape, place in zip(shapes, places, strict=True))
+        found = separation(a, b)
+        assert found.gap == pytest.approx(depth(shapes, places), abs=1e-10)
+        moved = [(places[0][0], places[0][1] - found.gap * found.normal), places[1]]
+        assert abs(depth(shapes, moved)) < 1e-9  # the normal is the way out
+        points = touching(a, b, 1e-4)
+        assert min(point.gap for point in points) < -0.99 * deep
+        assert len({point.name for point in points}) == len(points)
+
+
+def boxes(count: int) -> tl.Robot:
+    """Free cubes of 0.2 kg."""
+    inertia = 0.2 * SIDE**2 / 6
+    text = "".join(
+        f'<link name="b{k}"><inertial><mass value="0.2"/><inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" '
+        f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j{k}" type="floating"><parent link="ground"/>'
+        f'<child link="b{k}"/></joint>' for k in range(count))  # fmt: skip
+    return tl.load_robot(f'<robot name="boxes"><link name="ground"/>{text}</robot>')
+
+
+def thrown(seed: int) -> tl.Scene:
+    """Two cubes that fly and turn towards each other at 3 m/s, at a random offset."""
+    random = np.random.default_rng(seed)
+    turned = random.normal(size=(2, 4))
+    turned /= np.linalg.norm(turned, axis=1)[:, None]
+    y, z = random.uniform(-0.1, 0.1, 2)
+    q, v = [-0.15, y, z, *turned[0], 0.15, 0, 0, *turned[1]], []
+    for speed, (qx, qy, qz, qw) in zip((2.0, -1.0), turned, strict=True):
+        v += [*(pin.Quaternion(qw, qx, qy, qz).toRotationMatrix().T @ [speed, 0, 0]), *random.uniform(-10, 10, 3)]
+    contact = E.Contact(("self",), 0.4, 0.5, shapes={name: (E.Box((SIDE,) * 3),) for name in ("b0", "b1")})
+    return tl.Scene(boxes(2), q, v, [contact])
+
+
+def deepest(run: tl.Trajectory) -> float:
+    """Coal's deepest overlap of cubes at the samples of a run, m."""
+    cube, deep = Box((SIDE,) * 3), 0.0
+    for q in run.q:
+        places = [run.robot.frame_pose(q, f"b{k}") for k in range(len(q) // 7)]
+        deep = min([deep, *(depth([cube] * 2, [places[i], places[k]]) for i in range(len(places)) for k in range(i))])
+    return -deep
+
+
+@pytest.mark.parametrize("seed", [70, 107, 142])
+def test_cubes_that_hit_with_corners_and_edges_do_not_overlap(seed: int) -> None:
+    """A corner that comes from beside a face is seen when it is over it: steps in which it does so are halved."""
+    run = tl.simulate(thrown(seed), 0.25, contact="stepped", step=STEP, verify=False, samples=500)
+    assert run.contact_record is not None
+    assert deepest(run) == pytest.approx(run.contact_record["overlap"], abs=1e-9)
+    assert run.contact_record["overlap"] < 1e-4
+    assert np.diff(run.energy).max() < 1e-9
+
+
+def test_cubes_that_tumble_onto_each_other_do_not_overlap() -> None:
+    """Where edges cross, corners over faces are looked at too: a cube that turns lands on them."""
+    random = np.random.default_rng(1)
+    q = np.concatenate([[*random.uniform(-0.06, 0.06, 2), 0.15 + 0.17 * k, *random.normal(size=4)] for k in range(4)])
+    shapes = {f"b{k}": (E.Box((SIDE,) * 3),) for k in range(4)}
+    scene = tl.Scene(boxes(4), boxes(4).normalize(q), effects=[E.Gravity(), E.Contact(shapes=shapes, friction=0.4)])
+    run = tl.simulate(scene, 0.35, contact="stepped", step=STEP, verify=False, samples=500)
+    assert run.contact_record is not None
+    assert run.contact_record["overlap"] < 5e-5
+    assert deepest(run) < 5e-5
