@@ -322,8 +322,7 @@ def start_state(
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
-        t = float(np.min(start))
-        raise failure("acceleration-not-finite", t, cause(equations, t, x[:, 0]))
+        raise failure("acceleration-not-finite", at := float(np.min(start)), cause(equations, at, x[:, 0]))
     if not method.adaptive:
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
         largest = float(steps.max(initial=0.0))
@@ -353,8 +352,7 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     left = t < end
     if tried.max() > min(PACE_FROM, limit):
         slow = is_hopeless(tried, limit, t, start, end) | (end - t > STUCK * limit * state[rows.step])
-        slow &= tried > PACE_FROM
-        outcome[left & (slow | (tried > limit))] = TOO_MANY
+        outcome[left & ((slow & (tried > PACE_FROM)) | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
         outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
