@@ -73,8 +73,9 @@ def answers(name: str, starts: int, duration: float, *, stops: bool) -> Iterator
         try:
             robot = tl.load_robot(name, root=root)
             effects = [tl.effects.Gravity()]
-            if robot.joints:
-                effects.append(tl.effects.JointDamping({joint.name: DAMPING for joint in robot.joints}))
+            damped = {joint.name: DAMPING for joint in robot.joints if joint.kind != "free-flyer"}
+            if damped:
+                effects.append(tl.effects.JointDamping(damped))
             if stops and tl.effects.JointStops().modes(robot):
                 effects.append(tl.effects.JointStops())
             q, v = robot.random_state(1, seed=start)

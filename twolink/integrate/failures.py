@@ -21,9 +21,10 @@ TEXTS = {  # by code: what, remedy
 }  # fmt: skip
 
 
-def failure(code: str, t: float, **data: float) -> AccuracyError:
-    """The error of a code at a time t [s]; its data has t and the numbers of the message."""
+def failure(code: str, t: float, cause: str = "", **data: float) -> AccuracyError:
+    """The error of a code at a time t [s], and what causes it; its data has t and the numbers of the message."""
     what, remedy = (text.format(**data) for text in TEXTS[code])
+    what = f"{what}: {cause}" if cause else what
     return AccuracyError(what, where=f"t = {t:.6g} s", remedy=remedy, code=code, t=t, **data)
 
 

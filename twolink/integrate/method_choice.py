@@ -112,7 +112,10 @@ def _cheapest(equations: Equations, accuracy: float, duration: float) -> MethodC
     costs = {name: _steps_seconds(equations, METHODS[name], accuracy, duration, decay) for name in names}
     best = min(costs, key=lambda name: costs[name])
     others = ", ".join(f"{name} {cost / costs[best]:.1f}x" for name, cost in costs.items() if name != best)
-    why = f"cheapest by the built-in calibration ({others})" if whole else "the cheapest explicit method in parts"
+    why = f"cheapest by the built-in calibration ({others})"
+    if not whole:
+        why = f"whole steps would compile for over {MAX_COMPILING:g} s; "
+        why += f"the rate alone takes about {parts_seconds(equations):.0f} s, once"
     if decay > 0.0:
         explicit, implicit = (_first_answer(equations, METHODS[name], accuracy, duration, decay)
                               for name in (best, "esdirk43"))  # fmt: skip

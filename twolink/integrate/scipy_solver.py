@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from twolink.integrate.causes import cause
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.methods import Method
@@ -21,6 +22,7 @@ from twolink.integrate.stiffness import fastest
 
 LOOK = 4  # steps of an explicit method between two looks at how fast the motion changes
 PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
+EXPLICIT = ("RK45", "DOP853")
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
 
 
@@ -42,13 +44,13 @@ def solve(
         return _disturbed(equations, method, times, tolerance, progress, perturbation)
     tolerance = max(tolerance / perturbation.finer, SMALLEST_TOLERANCE)
     kind = getattr(importlib.import_module("scipy.integrate"), method.solver)
-    rate, x0 = single_rate(equations), equations.start[: equations.moving]
+    rate, x0 = single_rate(equations, trials=method.solver in EXPLICIT), equations.start[: equations.moving]
     start, end = float(times[0]), float(times[-1])
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
     longest = (end - start) / perturbation.min_steps(method)
     solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=longest, **first)
-    explicit = method.solver in ("RK23", "RK45", "DOP853")
+    explicit = method.solver in EXPLICIT
     out = np.empty((len(x0), len(times)))
     out[:, 0] = x0
     done, steps = 1, 0
@@ -58,7 +60,7 @@ def solve(
                 solver.max_step = _longest(equations, solver.y, longest, perturbation.min_steps(method))
             solver.step()
             steps += 1
-            _require_progress(solver, steps, start)
+            _require_progress(equations, solver, steps, start)
             reached = int(np.searchsorted(times, solver.t, side="right"))
             if reached > done:
                 out[:, done:reached] = solver.dense_output()(times[done:reached])
@@ -103,11 +105,13 @@ def _disturbed(
     return Solution(times, np.stack([equations.start[:moving], *parts], axis=1), steps, evaluations)
 
 
-def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarray]:
+def single_rate(equations: Equations, *, trials: bool = False) -> Callable[[float, np.ndarray], np.ndarray]:
     """x' of one state (size,), straight from Pinocchio and without checks, since SciPy asks for it thousands of times.
 
-    A rate that is not finite is an error: from NaN a solver would shorten its step without end.
+    A rate that is not finite is an error: from NaN a solver would shorten its step without end. trials: but behind the
+    start, where an explicit method tries a step that is too long and shortens it.
     """
+    begin = equations.start[: equations.moving]
     space, model, robot = equations.space, equations.robot.model, equations.robot
     data, nq, tau, rows = model.createData(), space.nq, np.zeros(space.nv), equations.start[equations.moving :]
     bare = not equations.effects and equations.constraints is None
@@ -118,17 +122,17 @@ def single_rate(equations: Equations) -> Callable[[float, np.ndarray], np.ndarra
             out = np.concatenate([space.rate(x[:nq], x[nq:]), pin.aba(model, data, q, x[nq:], tau)])
         else:
             out = rate_by_pinocchio(equations, t, np.append(x, rows)[:, None])[: len(x), 0]
-        if not math.isfinite(sum(out.tolist())):
-            raise failure("acceleration-not-finite", t)
+        if not math.isfinite(sum(out.tolist())) and not (trials and (x != begin).any()):
+            raise failure("acceleration-not-finite", t, cause(equations, t, np.append(x, rows)))
         return out
 
     return rate
 
 
-def _require_progress(solver: Any, steps: int, start: float) -> None:
+def _require_progress(equations: Equations, solver: Any, steps: int, start: float) -> None:
     t = float(solver.t)
     if solver.status == "failed":
-        raise failure("steps-collapsed", t)
+        raise failure("steps-collapsed", t, cause(equations, t, np.append(solver.y, equations.start[len(solver.y) :])))
     if not np.isfinite(solver.y).all():
         raise failure("not-finite", t)
     slow = steps >= PACE_FROM and is_hopeless(steps, MAX_STEPS, t, start, solver.t_bound)

@@ -208,18 +208,18 @@ def _one_minus(h: Any, matrix: list[list[Any]]) -> list[list[Any]]:
 
 def _numeric_step(equations: Equations, method: Method, rate: Rate) -> Step:
     """The step over numbers, the matrices of its iterations by LAPACK."""
-    moving, nq = equations.space.moving, equations.space.nq
+    moving = equations.space.moving
 
     def solver(t: Any, x: Array, h: Any) -> Solver:
         jacobian = _jacobian(rate, np.broadcast_to(t, x.shape[1]), x, moving)
         scale = np.broadcast_to(h, x.shape[1])[:, None, None]
-        solvers: dict[float, Callable[[Array], Array]] = {}
+        inverses: dict[float, Array] = {}
 
         def solve(d: float, right: Array) -> Array:
-            if d not in solvers:
-                solvers[d] = _one_minus_solver(scale * d * jacobian, nq)
+            if d not in inverses:
+                inverses[d] = _inverse(np.eye(moving) - scale * d * jacobian)
             out = np.zeros_like(right)  # rows behind (q, v) are constant
-            out[:moving] = solvers[d](right[:moving].T[..., None])[..., 0].T
+            out[:moving] = (inverses[d] @ right[:moving].T[..., None])[..., 0].T
             return out
 
         return solve
@@ -236,33 +236,6 @@ def _jacobian(rate: Rate, t: Array, x: Array, moving: int) -> Array:
     moved[diagonal, moving + diagonal] -= steps
     rates = rate(np.tile(t, 2 * moving), moved.reshape(size, -1))[:moving].reshape(moving, 2 * moving, -1)
     return np.ascontiguousarray(((rates[:, :moving] - rates[:, moving:]) / (2.0 * steps)).transpose(2, 0, 1))
-
-
-def _one_minus_solver(a: Array, nq: int) -> Callable[[Array], Array]:
-    """r (n, size, 1) -> (1 - A)^-1 r of matrices A (n, size, size), by its Schur complement of the rows of q.
-
-    The rate of q hardly depends on q: 1 - A_qq is 1 but for the entries of quaternions, circles and free roots.
-    """
-    entries = (a[:, :nq, :nq] != 0.0).any(axis=0)
-    turning = np.flatnonzero(entries.any(axis=0) | entries.any(axis=1))
-    own = np.ix_(np.arange(len(a)), turning, turning)
-    block = _inverse(np.eye(len(turning)) - a[own])
-
-    def of_q(rows: Array) -> Array:
-        """(1 - A_qq)^-1 rows."""
-        out = rows.copy()
-        out[:, turning] = block @ rows[:, turning]
-        return out
-
-    from_v, from_q = of_q(a[:, :nq, nq:]), a[:, nq:, :nq]
-    inverse = _inverse(np.eye(a.shape[1] - nq) - a[:, nq:, nq:] - from_q @ from_v)
-
-    def solve(right: Array) -> Array:
-        q = of_q(right[:, :nq])
-        v = inverse @ (right[:, nq:] + from_q @ q)
-        return np.concatenate([q + from_v @ v, v], axis=1)
-
-    return solve
 
 
 def _inverse(matrices: Array) -> Array:

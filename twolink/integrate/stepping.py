@@ -18,6 +18,7 @@ from twolink.algorithms import sincos
 from twolink.dynamics.threads import is_forked_child, share, thread_count
 from twolink.errors import AccuracyError
 from twolink.integrate.beside import Beside
+from twolink.integrate.causes import cause
 from twolink.integrate.chain import take_steps
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
@@ -30,6 +31,7 @@ from twolink.integrate.step_map import LANES, StepMap
 
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
 PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
+STUCK = 10  # limits of steps as short as the last one that would be left
 BLOCK = 256  # steps between two looks at what they gave
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
 CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one
@@ -400,7 +402,7 @@ def start_state(
     duration = np.asarray(end - start, dtype=float)
     finite = np.isfinite(rate).all(axis=0)
     if x.shape[1] and not finite.any():
-        raise failure("acceleration-not-finite", float(np.min(start)))
+        raise failure("acceleration-not-finite", at := float(np.min(start)), cause(equations, at, x[:, 0]))
     if not method.adaptive:
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
         largest = float(steps.max(initial=0.0))
@@ -430,8 +432,8 @@ def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array
     outcome = np.full(len(t), FINE)
     left = t < end
     if tried.max() > min(PACE_FROM, limit):
-        slow = (tried > PACE_FROM) & is_hopeless(tried, limit, t, start, end)
-        outcome[left & (slow | (tried > limit))] = TOO_MANY
+        slow = is_hopeless(tried, limit, t, start, end) | (end - t > STUCK * limit * state[rows.step])
+        outcome[left & ((slow & (tried > PACE_FROM)) | (tried > limit))] = TOO_MANY
     outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
     if step_map.method.kind != "implicit":
         outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
@@ -446,7 +448,8 @@ def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
         finite = np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
         last = float(t[max(0, int(np.argmin(finite)) - 1)])
         if step_map.method.adaptive:
-            return failure("not-finite", last)
+            state = block.states[int(np.argmin(finite)), : step_map.equations.space.size, 0]
+            return failure("not-finite", last, cause(step_map.equations, last, state))
         return failure("step-too-large", last, step=float(block.states[0, step_map.rows.step, 0]))
     constraints, space = step_map.equations.constraints, step_map.equations.space
     if outcome == COLLAPSED and constraints is not None:
@@ -454,5 +457,7 @@ def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
         sizes = np.linalg.svd(rows * np.array(constraints.scales)[:, None], compute_uv=False)
         if sizes[-1] < SINGULAR * sizes[0]:
             return failure("loops-singular", float(t[-1]))
-    limits = {} if outcome == COLLAPSED else {"limit": sincos.LIMIT if outcome == OUT_OF_REACH else limit}
-    return failure(CODES[outcome], float(t[-1]), **limits)
+    if outcome == OUT_OF_REACH:
+        return failure(CODES[outcome], float(t[-1]), limit=sincos.LIMIT)
+    why = cause(step_map.equations, float(t[-1]), block.states[-1, : space.size, 0])
+    return failure(CODES[outcome], float(t[-1]), why, **({"limit": limit} if outcome == TOO_MANY else {}))
