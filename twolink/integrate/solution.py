@@ -24,11 +24,14 @@ class Piece:
         When it begins, s.
     samples : int
         The number of its samples.
+    last : ndarray (nq + nv,) or None
+        The state at its end, before the event there; None where no event ends it.
     """
 
     equations: Any
     begin: float
     samples: int
+    last: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from twolink.integrate.solver import solve
 from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK, bar_of_run
 from twolink.simulation.refinement import limit_of_loops, refined
@@ -267,7 +268,7 @@ def _trajectory(
         events = (Event(0.0, "assembled", "loops", moved), *events)
     dense = DenseOutput(solution.pieces, solution.t, solution.x[: equations.moving], choice.method.name,
                         choice.setting, choice.precision)  # fmt: skip
-    return Trajectory(
+    run = Trajectory(
         scene.robot,
         solution.t[kept],
         q,
@@ -281,7 +282,11 @@ def _trajectory(
         robots=_robots(solution, kept),
         solution=dense,
         title=scene.title,
+        certificate=None if equations.switching is None else certificate(equations.switching, solution),
     )
+    if run.certificate is not None:
+        run.certificate.require(run)
+    return run
 
 
 def _robots(solution: Solution, kept: np.ndarray) -> list[tuple[Robot, int]]:
