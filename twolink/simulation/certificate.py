@@ -34,6 +34,7 @@ from twolink.simulation.text import ShownAsText
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
 RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
 TOUCHES = 1e-12  # m or rad: at the start of a mode
+SMALL_LOAD = 1e-3  # of the largest load of a run: less, where loads cancel, is no scale
 CHUNK = 4096  # states that are looked at together
 UNITS = {"stops": "rad or m", "gaps": "m", "constraints": "rad or m"}  # of the others: relative
 Broken = Iterator[tuple[str, Array]]  # laws, and by how much states (n,) break them; below 0: they keep them
@@ -128,8 +129,7 @@ def _take(worst: dict[str, tuple[float, float]], law: str, broken: Array, t: Arr
     """Note the largest of values; one that is no number is the largest of all."""
     sizes = np.maximum(np.asarray(broken, dtype=float), 0.0)
     sizes[np.isnan(sizes)] = math.inf
-    size, when = worst.setdefault(law, (0.0, 0.0))
-    if sizes.size and sizes.max() > size:
+    if sizes.size and sizes.max() > worst.setdefault(law, (0.0, 0.0))[0]:
         i = int(np.argmax(sizes))
         worst[law] = float(sizes[i]), float(t[i])
 
@@ -168,9 +168,11 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     states = states.chosen(forced | (states.equations.constraints is not None))
     if not len(states.t):
         return
-    look = Evaluator(states.equations, [contact for _, contact in states.switching.contacts]).by_numpy(states.t, states.x)
-    loads = np.concatenate([look.tau, look.bias, states.holds[1], np.full((1, len(states.t)), 1e-300)])
-    load = np.abs(loads).max(axis=0)
+    look = Evaluator(states.equations, [contact for _, contact in states.switching.contacts]).by_numpy(
+        states.t, states.x
+    )
+    load = np.abs(np.concatenate([look.tau, look.bias, states.holds[1]])).max(axis=0)
+    load = np.maximum(load, SMALL_LOAD * load.max() + 1e-300)
     for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
         yield law, broken, states.t
     starts = states.chosen(states.starts)
@@ -195,7 +197,7 @@ def _positions(states: _States) -> Broken:
     constraints = equations.constraints
     if constraints is not None:
         q = x[: equations.space.nq]
-        for row in constraints.residuals(equations.mechanism, q, Numbers):
+        for row in constraints.residuals(equations.mechanism, list(q), Numbers):
             yield "constraints", every + np.abs(row)
         for row in constraints.velocities(equations.mechanism, q, states.v, Numbers):
             yield "constraints", every + np.abs(row) / states.speed
@@ -240,7 +242,7 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
 
 def _with_static(switching: Switching, loop: Any) -> Any:
     """A closed contact's loop; one that rolls with the friction of rest."""
-    every = [(contact.name, contact.static) for _, contact in switching.contacts]
+    every: list[tuple[str, float | None]] = [(contact.name, contact.static) for _, contact in switching.contacts]
     every += [(pair.name, getattr(switching.effects[place], "static", None)) for place, pair in switching.pairs]
     static = next((size for name, size in every if name == loop.pair and size is not None), loop.friction)
     return msgspec.structs.replace(loop, friction=float(static)) if loop.rolling else loop
@@ -266,10 +268,10 @@ def _impacts(switching: Switching, pieces: Sequence[Piece]) -> Iterator[tuple[st
     if any(trigger.state is not None for _, trigger in switching.triggers):
         return
     for robot in {id(piece.equations.robot): piece.equations.robot for piece in pieces}.values():
-        pairs = [(one, two) for one, two in itertools.pairwise(pieces)
+        pairs = [(one.last, two) for one, two in itertools.pairwise(pieces)
                  if one.equations.robot is robot and two.equations.robot is robot and one.last is not None]  # fmt: skip
         if pairs:
-            x = np.array([np.stack([one.last, two.equations.start[: len(one.last)]]) for one, two in pairs])
+            x = np.array([np.stack([last, two.equations.start[: len(last)]]) for last, two in pairs])
             before, after = (robot.energy(x[:, i, : robot.nq], x[:, i, robot.nq :])[0] for i in (0, 1))
             least = 1e-300 + RELATIVE * float(before.max())
             yield "impacts", (after - before) / np.maximum(before, least), np.array([two.begin for _, two in pairs])

@@ -1,24 +1,27 @@
-"""The contact problem: accelerations and forces of all contacts that touch at rest against each other, at once.
+"""The contact problem: accelerations and forces of all that touches or rests, at once.
 
     a = a_0 + W J^T p,   c' = J a + J' v
     normal:   p_n >= 0,  c'_n >= 0,  p_n c'_n = 0
     tangent, without slip:   |p_t| <= mu p_n,   c'_t = 0, or |p_t| = mu p_n against c'_t
     tangent, with slip:      p_t = -mu p_n c_t / |c_t|
+    joint at rest:           least <= p <= greatest,   c' = 0, or p at its limit against c'
 
-a_0: without these contacts. W: the inverse of M for what is not held by locks and loops. J: rows of the gaps' rates
-and slips c. Solved by sweeps over the contacts (projected Gauss-Seidel), which end when the laws hold. Which contacts
-press, slide or stick is read from the accelerations: they are determined where the forces of several contacts are not.
+a_0: without these forces. W: the inverse of M for what loops allow. J: rows of the gaps' rates and slips c, and units
+of joints that stops and dry friction hold. Solved by sweeps over them (projected Gauss-Seidel), which end when the laws
+hold, or by Newton's method from there. Which press, slide or stick is read from the accelerations: they are determined where the forces are not.
 Source: Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from twolink.integrate.state import Array
 
-SWEEPS = 20_000
+FIRST, SWEEPS = 32, 10_000
 NEWTON = 50  # steps
 RANK = 1e-10  # relative: a gain below it is 0
 UNCHANGED = 1e-13  # relative: what a last sweep may still change
@@ -39,35 +42,149 @@ class Rows:
     static: float
     slip: Array | None
 
+    def settled(self, force: Array, small: float, rates: Array) -> bool:
+        """Whether the friction is not that of rest where it slides."""
+        del force
+        moves = len(rates) > 1 and self.slip is None and rates[0] <= small and math.hypot(*rates[1:]) > small
+        return not moves or self.static == self.friction
+
 
 @dataclass(frozen=True)
-class Solved:
-    """What a contact does: whether it opens, and the direction in which it slides or begins to; None: it sticks."""
+class Held:
+    """A joint at rest. rows: J (1, nv). least, greatest: of torques that hold it; kinetic: of friction in motion."""
 
-    opens: bool
-    slides: tuple[float, float] | None
+    rows: Array
+    least: float
+    greatest: float
+    kinetic: float
+    bias: Array = field(default_factory=lambda: np.zeros(1))
+
+    def settled(self, force: Array, small: float, rates: Array) -> bool:
+        """Whether the friction is not that of rest where it moves."""
+        return abs(float(rates[0])) <= small or abs(float(force[0])) == self.kinetic
 
 
-def solve_contacts(free: Array, inverse: Array, contacts: list[Rows]) -> tuple[Array, list[Solved]] | None:
-    """(a, what each contact does) from a_0 (nv,) and W (nv, nv); None where no forces fulfil the laws."""
-    forces = [np.zeros(len(contact.rows)) for contact in contacts]
-    a, scale = np.array(free), 1.0 + float(np.abs(free).max(initial=0.0))
+class Outcome(NamedTuple):
+    """The accelerations a (nv,), the force on each, and the accelerations of its rows, 0 where they are small."""
+
+    a: Array
+    forces: list[Array]
+    rates: list[Array]
+
+
+def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> Outcome | None:
+    """The motion of a_0 (nv,) and W (nv, nv) under the forces of contacts and joints at rest; None without any."""
+    forces, a = [np.zeros(len(contact.rows)) for contact in contacts], np.array(free)
+    scale, sweeps = 1.0 + float(np.abs(free).max(initial=0.0)), FIRST
     gains = [contact.rows @ inverse @ contact.rows.T for contact in contacts]
-    for _ in range(SWEEPS):
+    while True:
+        moved = _sweeps(contacts, inverse, gains, forces, a, sweeps)
+        if moved is None or sweeps > SWEEPS:
+            return None
+        if moved <= UNCHANGED * scale:
+            break
+        exact = by_newton(free, inverse, contacts, forces, scale)
+        if exact is not None:
+            forces, a = exact
+            break
+        sweeps *= 2
+    rates = [contact.rows @ a + contact.bias for contact in contacts]
+    return Outcome(a, forces, [np.where(np.abs(rate) > MOVES * scale, rate, 0.0) for rate in rates])
+
+
+def _sweeps(
+    contacts: Sequence[Rows | Held], inverse: Array, gains: list[Array], forces: list[Array], a: Array, count: int
+) -> float | None:
+    """Better forces and accelerations, in place, and how much the last sweep changed these; None: see `_force`."""
+    moved = 0.0
+    for _ in range(count):
         moved = 0.0
         for contact, gain, force in zip(contacts, gains, forces, strict=True):
-            better = _force(contact, gain, contact.rows @ a + contact.bias, force)
+            rates = contact.rows @ a + contact.bias
+            better = _torque(contact, gain, rates, force) if isinstance(contact, Held) else _force(
+                contact, gain, rates, force)  # fmt: skip
             if better is None:
                 return None
             change = inverse @ contact.rows.T @ (better - force)
             force[:] = better
             a += change
             moved = max(moved, float(np.abs(change).max(initial=0.0)))
-        if moved <= UNCHANGED * scale:
+        if moved == 0.0:
             break
-    else:
-        return None
-    return a, [_read(contact, contact.rows @ a + contact.bias, MOVES * scale) for contact in contacts]
+    return moved
+
+
+def by_newton(
+    free: Array, inverse: Array, contacts: Sequence[Rows | Held], forces: Sequence[Array], scale: float
+) -> tuple[list[Array], Array] | None:
+    """Forces and accelerations from forces near them; None where Newton's method does not find them.
+
+    p = proj(p - r c'), with the projection on the cone of friction of radius mu p_n, or between the limits of a joint.
+    Where sweeps creep, for forces that undo each other or are at the edge of their cone, a few steps suffice.
+    Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
+    """
+    ends = np.cumsum([len(contact.rows) for contact in contacts])
+    places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
+    rows, bias = np.concatenate([c.rows for c in contacts]), np.concatenate([c.bias for c in contacts])
+    gain, at_rest = rows @ inverse @ rows.T, rows @ free + bias
+    r, p = 1.0 / np.maximum(np.diag(gain), 1e-300), np.concatenate(forces)
+
+    def residual(p: Array) -> tuple[Array, Array]:
+        """p - proj(p - r c') and its derivative by p."""
+        rates, out, slopes = gain @ p + at_rest, np.empty_like(p), np.zeros_like(gain)
+        for contact, place in zip(contacts, places, strict=True):
+            target, by_p, by_rates = _projection(contact, p[place], rates[place], float(r[place.start]))
+            out[place] = p[place] - target
+            slopes[place, place] += np.eye(len(target)) - by_p
+            slopes[place] -= by_rates @ gain[place]
+        return out, slopes
+
+    left, slopes = residual(p)
+    for _ in range(NEWTON):
+        size = np.abs(left / r).max()
+        if size <= UNCHANGED * scale:
+            settled = all(contact.settled(p[place], MOVES * scale, gain[place] @ p + at_rest[place])
+                          for contact, place in zip(contacts, places, strict=True))  # fmt: skip
+            return ([p[place] for place in places], free + inverse @ rows.T @ p) if settled else None
+        step, share = np.linalg.lstsq(slopes, -left, rcond=RANK)[0], 1.0
+        while share > 1e-3:
+            trial, their = residual(p + share * step)
+            if np.abs(trial / r).max() < (1.0 - 0.1 * share) * size:
+                break
+            share *= 0.5
+        else:
+            return None
+        p, left, slopes = p + share * step, trial, their
+    return None
+
+
+def _projection(contact: Rows | Held, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
+    """proj(p - r c'), and its derivatives by p and by c'."""
+    z, size = p - r * rates, len(p)
+    by_z, by_p = np.zeros((size, size)), np.zeros((size, size))
+    least, greatest = (contact.least, contact.greatest) if isinstance(contact, Held) else (0.0, math.inf)
+    target = np.zeros(size)
+    target[0], by_z[0, 0] = min(max(z[0], least), greatest), float(least < z[0] < greatest)
+    if size > 1 and isinstance(contact, Rows):
+        if contact.slip is not None:
+            target[1:], by_p[1:, 0] = -contact.friction * p[0] * contact.slip, -contact.friction * contact.slip
+        else:
+            radius, across = contact.static * max(0.0, p[0]), math.hypot(*z[1:])
+            if across <= radius:
+                target[1:], by_z[1:, 1:] = z[1:], np.eye(2)
+            else:
+                way = z[1:] / across
+                target[1:], by_z[1:, 1:] = radius * way, radius / across * (np.eye(2) - np.outer(way, way))
+                by_p[1:, 0] = contact.static * way * (p[0] > 0.0)
+    return target, by_z + by_p, -r * by_z
+
+
+def _torque(held: Held, gain: Array, rates: Array, before: Array) -> Array:
+    """The torque on a joint at rest, the others as they are; that of kinetic friction where it begins to move."""
+    wanted = before - rates / gain[0] if gain[0, 0] > 0.0 else before
+    if wanted[0] < held.least:
+        return np.array([-held.kinetic])
+    return np.array([held.kinetic]) if wanted[0] > held.greatest else np.asarray(wanted)
 
 
 def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | None:
@@ -118,13 +235,10 @@ def friction_force(gain: Array, wanted: Array, greatest: float) -> Array:
     return np.asarray(axes @ p * (greatest / math.hypot(*p)))
 
 
-def _read(contact: Rows, rates: Array, small: float) -> Solved:
-    """What a contact does, from its acceleration."""
-    if rates[0] > small:
-        return Solved(True, None)
-    if not contact.friction:
-        return Solved(False, (0.0, 0.0))
-    direction = contact.slip if contact.slip is not None else rates[1:]
+def sliding_of(friction: float, slip: Array | None, rates: Array) -> tuple[float, float] | None:
+    """The direction in which a contact that presses slides or begins to, from its accelerations; None: it sticks."""
+    if not friction:
+        return 0.0, 0.0
+    direction = rates[1:] if slip is None else slip
     size = math.hypot(*direction)
-    still = contact.slip is None and size <= small
-    return Solved(False, None if still else (float(direction[0] / size), float(direction[1] / size)))
+    return (float(direction[0] / size), float(direction[1] / size)) if size > 0.0 else None

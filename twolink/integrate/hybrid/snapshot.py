@@ -26,7 +26,6 @@ from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.constraints import locked_columns
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
@@ -137,9 +136,8 @@ class Evaluator:
         if constraints is None or not self._columns:
             return []
         every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
-        rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)[-self._columns :]
-        free = equations.layout.free(list(x[equations.moving :]))
-        return list(itertools.chain.from_iterable(locked_columns(rows, free)))
+        rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)
+        return list(itertools.chain.from_iterable(rows[-self._columns :]))
 
     def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
