@@ -34,7 +34,7 @@ from twolink.simulation.text import ShownAsText
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
 RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
 TOUCHES = 1e-12  # m or rad: at the start of a mode
-SMALL_LOAD = 1e-3  # of the largest load of a run: less, where loads cancel, is no scale
+LEAST_LOAD = 1e-3  # N or N m by kg of the robot: less, where loads cancel, is no scale
 CHUNK = 4096  # states that are looked at together
 UNITS = {"stops": "rad or m", "gaps": "m", "constraints": "rad or m"}  # of the others: relative
 Broken = Iterator[tuple[str, Array]]  # laws, and by how much states (n,) break them; below 0: they keep them
@@ -81,17 +81,20 @@ class Certificate(ShownAsText):
 
 @dataclass(frozen=True)
 class _States:
-    """States x (size, n) at times t (n,) of pieces with the same equations but for numbers. starts: those of modes."""
+    """States x (size, n) at times t (n,) of pieces with the same equations but for numbers.
+
+    lasts: how long a mode lasts that starts there, s; 0 elsewhere.
+    """
 
     switching: Switching
     equations: Equations
     t: Array
     x: Array
-    starts: Array
+    lasts: Array
 
     def chosen(self, which: Array) -> "_States":
         """Some of them."""
-        return _States(self.switching, self.equations, self.t[which], self.x[:, which], self.starts[which])
+        return _States(self.switching, self.equations, self.t[which], self.x[:, which], self.lasts[which])
 
     @property
     def v(self) -> Array:
@@ -145,17 +148,17 @@ def _states(switching: Switching, solution: Solution) -> Iterator[_States]:
         first += piece.samples
         x = np.repeat(np.asarray(own.start, dtype=float)[:, None], 1 + piece.samples, axis=1)
         x[:moving, 1:] = solution.x[:moving, inside]
-        starts = np.zeros(1 + piece.samples, dtype=bool)
-        starts[0] = end > piece.begin  # else the next event is at once
+        lasts = np.zeros(1 + piece.samples)
+        lasts[0] = end - piece.begin
         key = id(own.robot), id(own.effects), id(own.constraints)
         every = forms.setdefault(key, [])
-        every.append(_States(switching, own, np.append(piece.begin, solution.t[inside]), x, starts))
+        every.append(_States(switching, own, np.append(piece.begin, solution.t[inside]), x, lasts))
     for every in forms.values():
-        t, starts = np.concatenate([s.t for s in every]), np.concatenate([s.starts for s in every])
+        t, lasts = np.concatenate([s.t for s in every]), np.concatenate([s.lasts for s in every])
         x = np.concatenate([s.x for s in every], axis=1)
         for k in range(0, len(t), CHUNK):
             part = slice(k, k + CHUNK)
-            yield _States(switching, every[0].equations, t[part], x[:, part], starts[part])
+            yield _States(switching, every[0].equations, t[part], x[:, part], lasts[part])
 
 
 @np.errstate(all="ignore")
@@ -164,7 +167,7 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
     for law, broken in _positions(states):
         yield law, broken, states.t
     locked, friction = states.holds
-    forced = locked.any(axis=0) | (friction != 0.0).any(axis=0) | states.starts
+    forced = locked.any(axis=0) | (friction != 0.0).any(axis=0) | (states.lasts > 0.0)
     states = states.chosen(forced | (states.equations.constraints is not None))
     if not len(states.t):
         return
@@ -172,11 +175,12 @@ def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
         states.t, states.x
     )
     load = np.abs(np.concatenate([look.tau, look.bias, states.holds[1]])).max(axis=0)
-    load = np.maximum(load, SMALL_LOAD * load.max() + 1e-300)
+    load = np.maximum(load, LEAST_LOAD * sum(inertia.mass for inertia in states.equations.robot.model.inertias))
     for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
         yield law, broken, states.t
-    starts = states.chosen(states.starts)
-    for law, broken in _starts(starts, look.a[:, states.starts], look.contacts[..., states.starts]):
+    begin = states.lasts > 0.0
+    starts = states.chosen(begin)
+    for law, broken in _starts(starts, look.a[:, begin], look.contacts[..., begin]):
         yield law, broken, starts.t
 
 
@@ -249,15 +253,21 @@ def _with_static(switching: Switching, loop: Any) -> Any:
 
 
 def _starts(states: _States, a: Array, contacts: Array) -> Broken:
-    """What touches and does not part does not begin to approach; a joint begins to slip against its friction."""
+    """What touches and does not part does not begin to approach; a joint begins to slip against its friction.
+
+    The acceleration counts where it would break the law of positions while the mode lasts.
+    """
     small, largest = POSITION * states.speed, 1.0 + np.abs(a).max(axis=0, initial=0.0)
+
+    def approach(gap: Array, rate: Array, acceleration: Array) -> Array:
+        comes = (np.abs(rate) <= small) & (gap + 0.5 * acceleration * states.lasts**2 < -POSITION)
+        return np.where((gap <= TOUCHES) & comes, -acceleration / largest, 0.0)
+
     for stop in states.switching.stops:
-        room, rate = stop.side * (states.x[stop.entry] - stop.position), stop.side * states.v[stop.dof]
-        touches = (room <= TOUCHES) & (np.abs(rate) <= small)
-        yield "mode starts", np.where(touches, -stop.side * a[stop.dof] / largest, 0.0)
+        room = stop.side * (states.x[stop.entry] - stop.position)
+        yield "mode starts", approach(room, stop.side * states.v[stop.dof], stop.side * a[stop.dof])
     for gap, rate, *_, acceleration in contacts:
-        touches = (gap <= TOUCHES) & (np.abs(rate) <= small)
-        yield "mode starts", np.where(touches, -acceleration / largest, 0.0)
+        yield "mode starts", approach(gap, rate, acceleration)
     for k, friction in zip(states.equations.layout.lockable, states.holds[1], strict=True):
         rests = np.abs(states.v[k]) <= small
         yield "mode starts", np.where(rests, np.sign(friction) * a[k] / largest, 0.0)

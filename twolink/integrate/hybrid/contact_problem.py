@@ -7,8 +7,9 @@
     joint at rest:           least <= p <= greatest,   c' = 0, or p at its limit against c'
 
 a_0: without these forces. W: the inverse of M for what loops allow. J: rows of the gaps' rates and slips c, and units
-of joints that stops and dry friction hold. Solved by sweeps over them (projected Gauss-Seidel), which end when the laws
-hold, or by Newton's method from there. Which press, slide or stick is read from the accelerations: they are determined where the forces are not.
+of joints that stops and dry friction hold. Solved by sweeps over them (projected Gauss-Seidel) until the laws hold, or
+by Newton's method from there. Which press, slide or stick is read from the accelerations: they are determined where
+the forces are not.
 Source: Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47.
 """
 

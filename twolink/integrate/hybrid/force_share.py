@@ -4,10 +4,11 @@
     margin = max over z of min over contacts:  N_i,  of those that stick  mu N_i - |T_i|
                        and over held joints:   how far their torques are within what holds them
 
-B: the generalized forces of the contacts' rows; F: those on joints that are not held. The laws hold as long as the margin is not negative. Where it passes 0,
-the contacts whose laws are at their limit in the best share give way. It is the optimum of a cone program, found by
-Newton's method along the central path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at
-once. A margin counts up to ENOUGH of the load: where the smallest forces have that, nothing is optimized.
+B: the generalized forces of the contacts' rows; F: those on joints that are not held. The laws hold as long as the
+margin is not negative. Where it passes 0, the contacts and joints whose laws are at their limit in the best share give
+way. It is the optimum of a cone program, found by Newton's method along the central path (Boyd, Vandenberghe: Convex
+Optimization, 2004, chapter 11), for many states at once. A margin counts up to ENOUGH of the load: where the smallest
+forces have that, nothing is optimized.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Support:
-    """A joint that is held: its row among the snapshot's `locks`, its degree of freedom, and what holds it, N m or N."""
+    """A joint that is held: its row of the snapshot's `locks`, its degree of freedom, what can hold it, N m or N."""
 
     row: int
     dof: int
