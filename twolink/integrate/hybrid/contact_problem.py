@@ -22,10 +22,10 @@ import numpy as np
 
 from twolink.integrate.state import Array
 
-FIRST, SWEEPS = 32, 10_000
-NEWTON = 50  # steps
+FIRST, SWEEPS = 32, 5_000  # of the first look for a solution, and of the last
+NEWTON, SHORTEST = 50, 1e-3  # steps, and the shortest share of one
 RANK = 1e-10  # relative: a gain below it is 0
-UNCHANGED = 1e-13  # relative: what a last sweep may still change
+UNCHANGED = 1e-13  # relative to the largest acceleration: what breaks no law
 MOVES = 1e-9  # relative to the largest acceleration: what begins to move
 
 
@@ -43,12 +43,6 @@ class Rows:
     static: float
     slip: Array | None
 
-    def settled(self, force: Array, small: float, rates: Array) -> bool:
-        """Whether the friction is not that of rest where it slides."""
-        del force
-        moves = len(rates) > 1 and self.slip is None and rates[0] <= small and math.hypot(*rates[1:]) > small
-        return not moves or self.static == self.friction
-
 
 @dataclass(frozen=True)
 class Held:
@@ -59,10 +53,6 @@ class Held:
     greatest: float
     kinetic: float
     bias: Array = field(default_factory=lambda: np.zeros(1))
-
-    def settled(self, force: Array, small: float, rates: Array) -> bool:
-        """Whether the friction is not that of rest where it moves."""
-        return abs(float(rates[0])) <= small or abs(float(force[0])) == self.kinetic
 
 
 class Outcome(NamedTuple):
@@ -75,117 +65,117 @@ class Outcome(NamedTuple):
 
 def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> Outcome | None:
     """The motion of a_0 (nv,) and W (nv, nv) under the forces of contacts and joints at rest; None without any."""
-    forces, a = [np.zeros(len(contact.rows)) for contact in contacts], np.array(free)
-    scale, sweeps = 1.0 + float(np.abs(free).max(initial=0.0)), FIRST
-    gains = [contact.rows @ inverse @ contact.rows.T for contact in contacts]
-    while True:
-        moved = _sweeps(contacts, inverse, gains, forces, a, sweeps)
-        if moved is None or sweeps > SWEEPS:
+    if not contacts:
+        return Outcome(free, [], [])
+    laws, scale = _Laws(free, inverse, contacts), 1.0 + float(np.abs(free).max(initial=0.0))
+    p, sweeps, found = np.zeros(len(laws.at_rest)), FIRST, None
+    while found is None:
+        if sweeps > SWEEPS or not laws.sweep(p, sweeps):
             return None
-        if moved <= UNCHANGED * scale:
-            break
-        exact = by_newton(free, inverse, contacts, forces, scale)
-        if exact is not None:
-            forces, a = exact
-            break
+        found = laws.by_newton(p, UNCHANGED * scale)
         sweeps *= 2
+    a = free + inverse @ laws.rows.T @ found
     rates = [contact.rows @ a + contact.bias for contact in contacts]
-    return Outcome(a, forces, [np.where(np.abs(rate) > MOVES * scale, rate, 0.0) for rate in rates])
+    return Outcome(a, [found[place] for place in laws.places],
+                   [np.where(np.abs(rate) > MOVES * scale, rate, 0.0) for rate in rates])  # fmt: skip
 
 
-def _sweeps(
-    contacts: Sequence[Rows | Held], inverse: Array, gains: list[Array], forces: list[Array], a: Array, count: int
-) -> float | None:
-    """Better forces and accelerations, in place, and how much the last sweep changed these; None: see `_force`."""
-    moved = 0.0
-    for _ in range(count):
-        moved = 0.0
-        for contact, gain, force in zip(contacts, gains, forces, strict=True):
-            rates = contact.rows @ a + contact.bias
-            better = _torque(contact, gain, rates, force) if isinstance(contact, Held) else _force(
-                contact, gain, rates, force)  # fmt: skip
-            if better is None:
-                return None
-            change = inverse @ contact.rows.T @ (better - force)
-            force[:] = better
-            a += change
-            moved = max(moved, float(np.abs(change).max(initial=0.0)))
-        if moved == 0.0:
-            break
-    return moved
+class _Laws:
+    """The laws p = proj(p - r c') of forces p (m,), with c' = D p + c'_0.
 
-
-def by_newton(
-    free: Array, inverse: Array, contacts: Sequence[Rows | Held], forces: Sequence[Array], scale: float
-) -> tuple[list[Array], Array] | None:
-    """Forces and accelerations from forces near them; None where Newton's method does not find them.
-
-    p = proj(p - r c'), with the projection on the cone of friction of radius mu p_n, or between the limits of a joint.
-    Where sweeps creep, for forces that undo each other or are at the edge of their cone, a few steps suffice.
+    The projection is on the cone of friction of radius mu p_n, or between the limits of a joint.
     Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
     """
-    ends = np.cumsum([len(contact.rows) for contact in contacts])
-    places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
-    rows, bias = np.concatenate([c.rows for c in contacts]), np.concatenate([c.bias for c in contacts])
-    gain, at_rest = rows @ inverse @ rows.T, rows @ free + bias
-    r, p = 1.0 / np.maximum(np.diag(gain), 1e-300), np.concatenate(forces)
 
-    def residual(p: Array) -> tuple[Array, Array]:
-        """p - proj(p - r c') and its derivative by p."""
-        rates, out, slopes = gain @ p + at_rest, np.empty_like(p), np.zeros_like(gain)
-        for contact, place in zip(contacts, places, strict=True):
-            target, by_p, by_rates = _projection(contact, p[place], rates[place], float(r[place.start]))
-            out[place] = p[place] - target
-            slopes[place, place] += np.eye(len(target)) - by_p
-            slopes[place] -= by_rates @ gain[place]
-        return out, slopes
+    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> None:
+        ends = np.cumsum([len(contact.rows) for contact in contacts])
+        self.places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
+        self.contacts, self.rows = contacts, np.concatenate([contact.rows for contact in contacts])
+        self.gain = self.rows @ inverse @ self.rows.T
+        self.at_rest = self.rows @ free + np.concatenate([contact.bias for contact in contacts])
+        own = np.diag(self.gain)
+        self.moves = own > RANK * own.max()
+        self.r = np.where(self.moves, 1.0 / np.where(self.moves, own, 1.0), 0.0)
 
-    left, slopes = residual(p)
-    for _ in range(NEWTON):
-        size = np.abs(left / r).max()
-        if size <= UNCHANGED * scale:
-            settled = all(contact.settled(p[place], MOVES * scale, gain[place] @ p + at_rest[place])
-                          for contact, place in zip(contacts, places, strict=True))  # fmt: skip
-            return ([p[place] for place in places], free + inverse @ rows.T @ p) if settled else None
-        step, share = np.linalg.lstsq(slopes, -left, rcond=RANK)[0], 1.0
-        while share > 1e-3:
-            trial, their = residual(p + share * step)
-            if np.abs(trial / r).max() < (1.0 - 0.1 * share) * size:
+    def sweep(self, p: Array, count: int) -> bool:
+        """Better forces, in place: one contact after the other; False where a `_force` has none."""
+        for _ in range(count):
+            before = p.copy()
+            for contact, place in zip(self.contacts, self.places, strict=True):
+                rates = self.gain[place] @ p + self.at_rest[place]
+                better = (
+                    _projection(contact, p[place], rates, float(self.r[place.start]))[0]
+                    if isinstance(contact, Held)
+                    else _force(contact, self.gain[place, place], rates, p[place])
+                )
+                if better is None:
+                    return False
+                p[place] = better
+            if (p == before).all():
                 break
-            share *= 0.5
-        else:
-            return None
-        p, left, slopes = p + share * step, trial, their
-    return None
+        return True
+
+    def by_newton(self, p: Array, small: float) -> Array | None:
+        """The forces from ones near them; None where Newton's method does not find them.
+
+        Where sweeps creep, for forces that undo each other or are at the edge of their cone, a few steps suffice.
+        """
+        left, slopes = self._residual(p)
+        size = self._size(left)
+        for _ in range(NEWTON):
+            step, share = np.linalg.lstsq(slopes, -left, rcond=RANK)[0], 1.0
+            while True:
+                left, slopes = self._residual(p + share * step)
+                if self._size(left) < (1.0 - 0.1 * share) * size:
+                    break
+                share *= 0.5
+                if share < SHORTEST or size <= small:
+                    return p if size <= small else None
+            p, size = p + share * step, self._size(left)
+            if size == 0.0:
+                break
+        return p if size <= small else None
+
+    def _size(self, left: Array) -> float:
+        """What a residual is as an acceleration."""
+        return float((np.abs(left) * np.diag(self.gain)).max())
+
+    def _residual(self, p: Array) -> tuple[Array, Array]:
+        """p - proj(p - r c') and its derivative by p."""
+        rates, left, slopes = self.gain @ p + self.at_rest, np.empty_like(p), np.zeros_like(self.gain)
+        for contact, place in zip(self.contacts, self.places, strict=True):
+            target, by_p, by_rates = _projection(contact, p[place], rates[place], float(self.r[place.start]))
+            left[place] = p[place] - target
+            slopes[place, place] += np.eye(len(target)) - by_p
+            slopes[place] -= by_rates @ self.gain[place]
+        return left, slopes
 
 
 def _projection(contact: Rows | Held, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
-    """proj(p - r c'), and its derivatives by p and by c'."""
+    """proj(p - r c'), and its derivatives by p and by c'; beyond what holds, kinetic friction acts."""
     z, size = p - r * rates, len(p)
-    by_z, by_p = np.zeros((size, size)), np.zeros((size, size))
-    least, greatest = (contact.least, contact.greatest) if isinstance(contact, Held) else (0.0, math.inf)
-    target = np.zeros(size)
-    target[0], by_z[0, 0] = min(max(z[0], least), greatest), float(least < z[0] < greatest)
-    if size > 1 and isinstance(contact, Rows):
-        if contact.slip is not None:
-            target[1:], by_p[1:, 0] = -contact.friction * p[0] * contact.slip, -contact.friction * contact.slip
-        else:
-            radius, across = contact.static * max(0.0, p[0]), math.hypot(*z[1:])
-            if across <= radius:
-                target[1:], by_z[1:, 1:] = z[1:], np.eye(2)
-            else:
-                way = z[1:] / across
-                target[1:], by_z[1:, 1:] = radius * way, radius / across * (np.eye(2) - np.outer(way, way))
-                by_p[1:, 0] = contact.static * way * (p[0] > 0.0)
+    target, by_z, by_p = z.copy(), np.eye(size), np.zeros((size, size))
+    if isinstance(contact, Held):
+        if not contact.least <= z[0] <= contact.greatest:
+            target[0], by_z[0, 0] = math.copysign(contact.kinetic, z[0] - contact.least), 0.0
+        return target, by_z, -r * by_z
+    if z[0] <= 0.0:
+        target[0] = by_z[0, 0] = 0.0
+    if size == 1:
+        return target, by_z, -r * by_z
+    if contact.slip is not None:
+        target[1:], by_z[1:], by_p[1:, 0] = (
+            -contact.friction * p[0] * contact.slip,
+            0.0,
+            -contact.friction * contact.slip,
+        )
+        return target, by_z + by_p, -r * by_z
+    across, normal = math.hypot(*z[1:]), max(0.0, float(p[0]))
+    if across > contact.static * normal:
+        way, radius = z[1:] / across, contact.friction * normal
+        target[1:], by_z[1:, 1:] = radius * way, radius / across * (np.eye(2) - np.outer(way, way))
+        by_p[1:, 0] = contact.friction * way * (p[0] > 0.0)
     return target, by_z + by_p, -r * by_z
-
-
-def _torque(held: Held, gain: Array, rates: Array, before: Array) -> Array:
-    """The torque on a joint at rest, the others as they are; that of kinetic friction where it begins to move."""
-    wanted = before - rates / gain[0] if gain[0, 0] > 0.0 else before
-    if wanted[0] < held.least:
-        return np.array([-held.kinetic])
-    return np.array([held.kinetic]) if wanted[0] > held.greatest else np.asarray(wanted)
 
 
 def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | None:

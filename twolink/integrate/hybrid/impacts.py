@@ -4,8 +4,8 @@
     normal:   p_n >= 0,  v_n+ >= -e v_n-,  one of them equal
     tangent:  |p_t| <= mu p_n,  against the sliding that is left, which is none below that
 
-J: rows of all that touches, at rest or hit. G: rows of loops. Solved by sweeps over what touches until nothing changes
-(projected Gauss-Seidel). Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
+J: rows of all that touches, at rest or hit. G: rows of loops. This is the contact problem with velocities in place of
+accelerations. Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
 """
 
 import functools
@@ -19,15 +19,12 @@ import pinocchio as pin
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.consistency import NEAR, different, still_speed
-from twolink.integrate.hybrid.contact_problem import friction_force
+from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
 from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
 from twolink.integrate.state import Array
 
-SWEEPS = 10_000  # over all that touches
 ROUNDS = 1000  # of reflections
-UNCHANGED = 1e-15  # relative: what a last sweep may still change
-PRESSED = 1e-12  # relative to the root of the kinetic energy: so much may it still press, though nothing changes
 
 
 @dataclass(frozen=True)
@@ -138,24 +135,14 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
     """
     inverse = inverse_under(mass, fixed)
     wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
-    impulses = [np.zeros(len(touch.rows)) for touch in touches]
-    new, single = np.array(v), len(touches) == 1 and len(touches[0].rows) == 1  # its first impulse is exact
-    gains = [float(touch.rows[0] @ inverse @ touch.rows[0]) for touch in touches]
-    scale, root = 1.0 + float(np.abs(v).max()), math.sqrt(2.0 * kinetic_energy(mass, v))
-    for _ in range(SWEEPS):
-        moved = pressed = 0.0
-        for i, touch in enumerate(touches):
-            better = _impulse(touch, inverse, new, impulses[i], wanted[i])
-            change = inverse @ touch.rows.T @ (better - impulses[i])
-            pressed = max(pressed, abs(float(better[0] - impulses[i][0])) * math.sqrt(gains[i]))
-            impulses[i] = better
-            new = new + change
-            moved = max(moved, float(np.abs(change).max()))
-        # Friction that sticks may take back all of what a sweep adds to the normal impulse, until that is too large.
-        if single or (moved <= UNCHANGED * scale and pressed <= PRESSED * root):
-            break
-    else:
-        raise _no_impact(touches)
+    rows = [Rows(touch.rows, np.array([-speed, 0.0, 0.0])[: len(touch.rows)], touch.friction, touch.friction, None)
+            for touch, speed in zip(touches, wanted, strict=True)]  # fmt: skip
+    outcome = solve_contacts(v, inverse, rows)
+    if outcome is None:
+        raise AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
+                            where="effects", remedy="less friction, or no restitution",
+                            code="no-impact")  # fmt: skip
+    new = outcome.a
     if kinetic_energy(mass, new) > kinetic_energy(mass, v) * (1.0 + 1e-9) + 1e-300:
         raise AccuracyError(f"the impact of {touches[0].name} would create energy under its laws of restitution and "
                             "friction", where="effects", remedy="less restitution or friction",
@@ -164,12 +151,6 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
               if float(touch.rows[0] @ new) - least <= still_speed(v)]  # fmt: skip
     _require_determined(closed, new, inverse)
     return new
-
-
-def _no_impact(touches: Sequence[Touch]) -> AccuracyError:
-    return AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
-                         where="effects", remedy="less friction, or no restitution",
-                         code="no-impact")  # fmt: skip
 
 
 def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) -> None:
@@ -219,17 +200,3 @@ def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *,
 def kinetic_energy(mass: Array, v: Array) -> float:
     """v M v / 2, J."""
     return 0.5 * float(v.dot(mass.dot(v)))
-
-
-def _impulse(touch: Touch, inverse: Array, v: Array, before: Array, wanted: float) -> Array:
-    """One touch's impulse, those of the others as they are: its velocity as wanted, within its cone."""
-    out = np.array(before)
-    gain = touch.rows @ inverse @ touch.rows.T
-    rates = touch.rows @ v
-    if gain[0, 0] > 0.0:
-        out[0] = max(0.0, before[0] + (wanted - rates[0]) / gain[0, 0])
-    if len(out) == 1:
-        return out
-    rates = rates + gain[:, 0] * (out[0] - before[0])
-    out[1:] = friction_force(gain[1:, 1:], gain[1:, 1:] @ before[1:] - rates[1:], touch.friction * out[0])
-    return out
