@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of
@@ -33,7 +34,8 @@ from twolink.integrate.state import Array
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
-PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does
+PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does at first
+LOOKS_PER_SECOND = 4e4  # over the operations: looks by NumPy that take as long as a second of compiling, roughly
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 NEARBY = 1e-3  # rad or m
@@ -92,14 +94,17 @@ class Evaluator:
                  ROWS * len(contacts), len(conditions), self._columns * nv]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
-        pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
+        seconds = compiling_seconds(EVALUATIONS * equations.operations)
         self._compiled: Any = None
-        if compiled and pays and heyoka() is not None:
-            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
-            name = equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
-            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
+        self._looks = math.inf  # by NumPy, before compiling pays
+        if compiled and heyoka() is not None and (seconds <= PAYS or not is_reproducible()):
+            self._looks = 0.0 if seconds <= PAYS else LOOKS_PER_SECOND * seconds / equations.operations
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
+        if self._compiled is None and self._looks <= 0.0:
+            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
+            name = self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
         return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
 
     def by_numpy(self, t: Array, x: Array) -> Snapshot:
@@ -112,6 +117,7 @@ class Evaluator:
         return np.asarray(self._compiled(rows, batch_parallel=False))  # heyoka's own choice takes threads too early
 
     def _by_numpy(self, t: Array, x: Array) -> Array:
+        self._looks -= 1.0
         with np.errstate(all="ignore"):
             values = self.formulas(self.equations.mechanism, t, x, Numbers)
         shape = x.shape[1:]
