@@ -87,6 +87,31 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
             assert force == pytest.approx(-0.2 * normal * np.array(slides), abs=1e-8)
 
 
+@pytest.mark.parametrize("excess", [-1e-3, -1e-6, 1e-6, 1e-4, 1e-2])
+def test_two_corners_at_the_edge_of_their_cones_stick_or_slide(excess: float) -> None:
+    """A box that tips over two corners: their shares across the motion undo each other, and friction just holds or not.
+
+    mu: the friction that holding takes, less the excess. In the plane of the motion it is the problem of one point.
+    """
+    mass, inertia = 1.0, 0.0083
+    arm = np.array([0.08, -0.13])  # from the centre to the corners, along x and z
+    inverse, rows = np.diag([1 / mass] * 3 + [1 / 0.01, 1 / inertia, 1 / 0.002]), []
+    for side in (0.05, -0.05):
+        r = np.array([arm[0], side, arm[1]])
+        rows.append(np.array([np.append(n, np.cross(r, n)) for n in np.eye(3)[[2, 1, 0]]]))
+    free, plane = np.array([0.0, 0.0, -G, 0.0, 12.0, 0.0]), (rows[0] + rows[1])[[0, 2]]
+    needed = np.linalg.solve(plane @ inverse @ plane.T, -plane @ free)
+    mu = abs(needed[1]) / needed[0] - excess
+    solved = solve_contacts(free, inverse, [Rows(own, np.zeros(3), mu, mu, None) for own in rows])
+    assert solved is not None
+    assert [rate[0] for rate in solved.rates] == [0.0, 0.0]
+    one = solve_contacts(free, inverse, [Rows(rows[0] + rows[1], np.zeros(3), mu, mu, None)])
+    assert one is not None
+    assert solved.a == pytest.approx(one.a, abs=1e-9)
+    assert all(np.any(rate) == (excess > 0) for rate in solved.rates)
+    assert all(np.hypot(*force[1:]) <= mu * force[0] * (1 + 1e-9) for force in solved.forces)
+
+
 @pytest.mark.parametrize("high", [-0.1, 0.2])
 def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
     high: float, monkeypatch: pytest.MonkeyPatch
