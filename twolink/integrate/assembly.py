@@ -63,15 +63,21 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
 
 
 def independent_rows(constraints: Constraints, q: np.ndarray, free: np.ndarray) -> list[int]:
-    """The kept rows that are independent of those before them, with some degrees of freedom not free (0)."""
+    """The kept rows of loops, and those of contacts that are independent of the rows before them.
+
+    free: 0 for degrees of freedom that are held, 1 for the others.
+    """
     chosen, basis = list[int](), np.empty((0, len(free)))
+    loops = sum(count for loop, count in zip(constraints.loops, constraints.counts, strict=True) if not loop.touches)
     for i, row in zip(constraints.kept, constraints.jacobian_at(q, constraints.kept), strict=True):
         left = row * free
         for _ in range(2):
             left = left - basis.T @ (basis @ left)
-        if np.linalg.norm(left) > HELD * np.linalg.norm(row):
-            chosen.append(i)
+        new = np.linalg.norm(left) > HELD * np.linalg.norm(row)
+        if new:
             basis = np.vstack([basis, left / np.linalg.norm(left)])
+        if new or i < loops:
+            chosen.append(i)
     return chosen
 
 
