@@ -25,7 +25,7 @@ from twolink.effects.switching import Switching
 from twolink.errors import AccuracyError
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import constraint_forces, motion_of
-from twolink.integrate.hybrid.force_share import within_laws
+from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.solution import Piece, Solution
 from twolink.integrate.state import Array
@@ -210,12 +210,10 @@ def _positions(states: _States) -> Broken:
 def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
     """Torques of holds within what they can give; all of the friction of what slips, against it."""
     for k, locked, friction, torque in zip(states.equations.layout.lockable, *states.holds, look.locks, strict=True):
-        holds = [hold for _, hold in states.switching.holds if hold.dof == k]
-        near = [np.abs(states.x[h.entry] - h.position) <= POSITION if h.entry is not None else True for h in holds]
-        least, greatest = (sum((np.where(at, limit, 0.0) for at, limit in zip(near, limits, strict=True)), np.zeros(1))
-                           for limits in ([h.least for h in holds], [h.greatest for h in holds]))  # fmt: skip
-        yield "forces", np.where(locked, np.maximum(torque - greatest, least - torque) / load, 0.0)
-        kinetic, v = sum(h.kinetic for h in holds), states.v[k]
+        least, greatest = _limits(states, k)
+        alone = locked & (not _redundant(states.equations))
+        yield "forces", np.where(alone, np.maximum(torque - greatest, least - torque) / load, 0.0)
+        kinetic, v = sum(hold.kinetic for _, hold in states.switching.holds if hold.dof == k), states.v[k]
         slips = ~locked & (np.abs(v) > RELATIVE * states.speed)
         yield "friction", np.where(slips, np.abs(friction + kinetic * np.sign(v)) / load, 0.0)
 
@@ -233,15 +231,44 @@ def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
     if not closed:
         return
     every = constraints.all_multipliers(look.multipliers)
-    if len(constraints.kept) < len(constraints.all_rows):
-        every = within_laws(equations, closed, states.t, states.x, every)
     scale = np.maximum(load, np.abs(every).max(axis=0))
+    if _redundant(equations):
+        yield "forces", -_margins(states, closed) / scale
+        return
     ends = np.cumsum(constraints.counts)[-len(closed) :]
     for loop, end, count in zip(closed, ends, constraints.counts[-len(closed) :], strict=True):
         normal, *across = every[end - count : end]
         yield "forces", -normal / scale
         if loop.rolling:
             yield "forces", (np.hypot(*across) - loop.friction * normal) / scale
+
+
+def _redundant(equations: Equations) -> bool:
+    """Whether contacts have more rows than determine their forces: then they share them with what holds joints."""
+    constraints = equations.constraints
+    return constraints is not None and any(loop.touches for loop in constraints.loops) and len(
+        constraints.kept) < len(constraints.all_rows)  # fmt: skip
+
+
+def _margins(states: _States, closed: Sequence[Any]) -> Array:
+    """How far the best share of the forces of contacts, and of what holds joints, is within the laws (n,)."""
+    out, locked = np.empty(len(states.t)), states.holds[0]
+    for pattern in np.unique(locked, axis=1).T:
+        these = np.flatnonzero((locked == pattern[:, None]).all(axis=0))
+        held = [Support(i, k, *(float(limit[these[0]]) for limit in _limits(states, k)))
+                for i, k in enumerate(states.equations.layout.lockable) if pattern[i]]  # fmt: skip
+        out[these] = margins(states.equations, closed, states.t[these], states.x[:, these], held)
+    return out
+
+
+def _limits(states: _States, k: int) -> tuple[Array, Array]:
+    """The least and the greatest torque (n,) that can hold joint k where it is."""
+    holds = [hold for _, hold in states.switching.holds if hold.dof == k]
+    near = [np.abs(states.x[h.entry] - h.position) <= POSITION if h.entry is not None else True for h in holds]
+    least, greatest = (sum((np.where(at, limit, 0.0) for at, limit in zip(near, limits, strict=True)),
+                           np.zeros(len(states.t)))
+                       for limits in ([h.least for h in holds], [h.greatest for h in holds]))  # fmt: skip
+    return least, greatest
 
 
 def _with_static(switching: Switching, loop: Any) -> Any:

@@ -187,7 +187,8 @@ def _is_determined(here: Situation) -> bool:
         return True
     look = here.look()
     sizes = np.linalg.svd(share_of(here).columns(look)[0], compute_uv=False)
-    kept = sum(row is not None for rows in own.rows.values() for row in rows)
+    constraints = own.equations.constraints
+    kept = 0 if constraints is None else len(constraints.kept)
     return bool((sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() <= kept)
 
 

@@ -4,11 +4,11 @@
     margin = max over z of min over contacts:  N_i,  of those that stick  mu N_i - |T_i|
                        and over held joints:   how far their torques are within what holds them
 
-B: the generalized forces of the contacts' rows; F: those on joints that are not held. The laws hold as long as the
-margin is not negative. Where it passes 0, the contacts and joints whose laws are at their limit in the best share give
-way. It is the optimum of a cone program, found by Newton's method along the central path (Boyd, Vandenberghe: Convex
-Optimization, 2004, chapter 11), for many states at once. A margin counts up to ENOUGH of the load: where the smallest
-forces have that, nothing is optimized.
+B: the generalized forces of the rows of contacts, and of loops, which have no law; F: those on joints that are not
+held. The laws hold as long as the margin is not negative. Where it passes 0, the contacts and joints whose laws are at
+their limit in the best share give way. It is the optimum of a cone program, found by Newton's method along the central
+path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at once. A margin counts up to ENOUGH
+of the load: where the smallest forces have that, nothing is optimized.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class ForceShare:
             these = np.flatnonzero(ranks == rank)
             ways = np.zeros((len(these), len(self.contacts) + len(self.held), 3, columns.shape[2] - rank))
             for k, (contact, entry) in enumerate(self.entries):
-                ways[:, contact, entry] = right[these, rank:, k]
+                ways[:, contact, entry] = right[these, rank:, columns.shape[2] - len(self.entries) + k]
             for c, one in enumerate(self.held, len(self.contacts)):
                 torque = -np.einsum("sk,swk->sw", columns_of[these, one.dof], right[these, rank:])
                 ways[:, c, int(one.both)] = torque if one.both or math.isfinite(one.least) else -torque
@@ -136,13 +136,13 @@ class ForceShare:
             yield chosen, of_states
 
     def columns(self, snapshot: Snapshot) -> Array:
-        """F B of the contacts' rows at the states of a snapshot, (n, nv, columns)."""
+        """F B of the rows of loops, then of contacts, at the states of a snapshot, (n, nv, columns)."""
         return self._every_column(snapshot) * self.free[:, None]
 
     def _every_column(self, snapshot: Snapshot) -> Array:
         """B."""
         count = len(snapshot.t)
-        return snapshot.columns.T.reshape(count, len(self.entries), -1).swapaxes(1, 2)
+        return snapshot.columns.T.reshape(count, -1, len(self.free)).swapaxes(1, 2)
 
     def _base(self, snapshot: Snapshot) -> Array:
         """The multipliers of the kept rows, 0 for the others, and what holds joints, (n, supports, 3)."""
@@ -185,23 +185,35 @@ class ForceShare:
         return Share(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
-def within_laws(
-    equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array, held: Sequence[Support] = ()
-) -> Array:
-    """Multipliers (rows, n) of all rows at states x (size, n), the best share where those given break a law.
+def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, held: Sequence[Support]) -> Array:
+    """How far the best shares of states x (size, n) are within the laws, (n,), N. closed, held: see `_of_loops`."""
+    evaluator, share = _of_loops(equations, closed, held)
+    return share.best(evaluator.by_numpy(t, x)).margin
+
+
+def _of_loops(equations: Equations, closed: Sequence[Any], held: Sequence[Support]) -> tuple[Evaluator, ForceShare]:
+    """The shares of equations with contacts.
 
     closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations. held:
-    the joints that are held at all these states.
+    the joints that are held at all states.
+    """
+    evaluator = Evaluator(equations, columns_of=len(closed))
+    rows = {} if equations.constraints is None else contact_places(equations.constraints, range(len(closed)))
+    mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed),
+                locked=frozenset(one.dof for one in held))  # fmt: skip
+    static = np.array([loop.friction for loop in closed])
+    return evaluator, ForceShare(ModeEquations(equations, evaluator, rows), mode, static, held)
+
+
+def within_laws(equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array) -> Array:
+    """Multipliers (rows, n) of all rows at states x (size, n), the best share where those given break a law.
+
+    closed: see `_of_loops`.
     """
     constraints = equations.constraints
     if constraints is None:
         return every
-    numbers = list(range(len(closed)))
-    evaluator = Evaluator(equations, columns_of=len(closed))
-    own = ModeEquations(equations, evaluator, contact_places(constraints, numbers))
-    mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed),
-                locked=frozenset(one.dof for one in held))  # fmt: skip
-    share = ForceShare(own, mode, np.array([loop.friction for loop in closed]), held)
+    evaluator, share = _of_loops(equations, closed, ())
     ends = np.cumsum(constraints.counts)[-len(closed) :]
     places = [slice(end - (3 if loop.rolling else 1), end) for end, loop in zip(ends, closed, strict=True)]
     margins = [loop.friction * every[p.start] - np.hypot(*every[p][1:]) if loop.rolling else every[p.start]
