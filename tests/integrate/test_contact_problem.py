@@ -8,7 +8,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import G, free_bodies
 from twolink.integrate.hybrid import force_share
-from twolink.integrate.hybrid.contact_problem import Rows, friction_force, solve_contacts
+from twolink.integrate.hybrid.contact_problem import Rows, friction_force, sliding_of, solve_contacts
 from twolink.integrate.hybrid.impacts import Touch, after
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.scene_equations import equations_of
@@ -65,13 +65,14 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
     contacts = [Rows(own, random.normal(size=3), 0.2, 0.2, slip) for own, slip in zip(rows, slips, strict=True)]
     solved = solve_contacts(free, inverse, contacts)
     assert solved is not None
-    a, decisions = solved
+    a = solved.a
     forces = np.linalg.solve(inverse @ np.concatenate(rows).T, a - free).reshape(2, 3)
-    for contact, decision, (normal, *force) in zip(contacts, decisions, forces, strict=True):
+    for contact, read, (normal, *force) in zip(contacts, solved.rates, forces, strict=True):
         along, *rates = contact.rows @ a + contact.bias
+        slides = sliding_of(contact.friction, contact.slip, read)
         size = np.linalg.norm(force)
         assert size <= 0.2 * normal + 1e-9
-        if decision.opens:
+        if read[0] > 0.0:
             assert along > 0
             assert normal == pytest.approx(0.0, abs=1e-9)
             continue
@@ -79,11 +80,36 @@ def test_contact_forces_obey_all_laws(seed: int) -> None:
         assert along == pytest.approx(0.0, abs=1e-8)
         if contact.slip is not None:
             assert force == pytest.approx(-0.2 * normal * contact.slip, abs=1e-9)
-        elif decision.slides is None:
+        elif slides is None:
             assert rates == pytest.approx([0.0, 0.0], abs=1e-8)
         else:
-            assert decision.slides == pytest.approx(rates / np.linalg.norm(rates))
-            assert force == pytest.approx(-0.2 * normal * np.array(decision.slides), abs=1e-8)
+            assert slides == pytest.approx(rates / np.linalg.norm(rates))
+            assert force == pytest.approx(-0.2 * normal * np.array(slides), abs=1e-8)
+
+
+@pytest.mark.parametrize("excess", [-1e-3, -1e-6, 1e-6, 1e-4, 1e-2])
+def test_two_corners_at_the_edge_of_their_cones_stick_or_slide(excess: float) -> None:
+    """A box that tips over two corners: their shares across the motion undo each other, and friction just holds or not.
+
+    mu: the friction that holding takes, less the excess. In the plane of the motion it is the problem of one point.
+    """
+    mass, inertia = 1.0, 0.0083
+    arm = np.array([0.08, -0.13])  # from the centre to the corners, along x and z
+    inverse, rows = np.diag([1 / mass] * 3 + [1 / 0.01, 1 / inertia, 1 / 0.002]), []
+    for side in (0.05, -0.05):
+        r = np.array([arm[0], side, arm[1]])
+        rows.append(np.array([np.append(n, np.cross(r, n)) for n in np.eye(3)[[2, 1, 0]]]))
+    free, plane = np.array([0.0, 0.0, -G, 0.0, 12.0, 0.0]), (rows[0] + rows[1])[[0, 2]]
+    needed = np.linalg.solve(plane @ inverse @ plane.T, -plane @ free)
+    mu = abs(needed[1]) / needed[0] - excess
+    solved = solve_contacts(free, inverse, [Rows(own, np.zeros(3), mu, mu, None) for own in rows])
+    assert solved is not None
+    assert [rate[0] for rate in solved.rates] == [0.0, 0.0]
+    one = solve_contacts(free, inverse, [Rows(rows[0] + rows[1], np.zeros(3), mu, mu, None)])
+    assert one is not None
+    assert solved.a == pytest.approx(one.a, abs=1e-9)
+    assert all(np.any(rate) == (excess > 0) for rate in solved.rates)
+    assert all(np.hypot(*force[1:]) <= mu * force[0] * (1 + 1e-9) for force in solved.forces)
 
 
 @pytest.mark.parametrize("high", [-0.1, 0.2])
@@ -98,7 +124,7 @@ def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
                fx.Contact(("ground",), 0.5, shapes={"block": (fx.Box((0.3, 0.2, 0.2)),)})]  # fmt: skip
     run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0, 1e-13)
     run.settle()
-    (forces,) = force_share.ForceShare(run.here.own, run.mode, run.system.static).best(run.here.look()).forces
+    (forces,) = force_share.share_of(run.here).best(run.here.look()).forces
     ahead = push * (0.1 + high) / 0.15  # the load of the two corners in front less that of the others
     each = (G + np.array([ahead, ahead, -ahead, -ahead])) / 4
     assert forces[:, 0] == pytest.approx(each, abs=1e-9)

@@ -18,6 +18,7 @@ SPREADS = (1e-3, 1e-2, 0.3, 0.3)  # of random configurations near the start at w
 SAME_SHARE = 1e-8  # a difference of shares at two positions below it is rounding
 BESIDE_CONTACTS = 1e-2  # of both distances where bodies touch: farther away other sides of theirs do
 PLACES, STRIDE = 8, 0.35  # closed positions on each side of the start, rad or m apart
+HELD = 1e-6  # relative: what is left of a row beside held joints and other rows; below it the row is redundant
 BETTER = 1.01  # how much larger the smallest singular value must become for an exchange of rows
 
 
@@ -59,6 +60,25 @@ def independent(constraints: Constraints, q: np.ndarray) -> Constraints | None:
     scales = 2.0 ** np.round(-0.5 * np.log2(np.max(diagonals, axis=0)[kept]))
     shares = _shares(jacobians, kept) if rank < len(used) else None
     return replace(constraints, kept=tuple(kept), scales=tuple(scales.tolist()), shares=shares)
+
+
+def independent_rows(constraints: Constraints, q: np.ndarray, free: np.ndarray) -> list[int]:
+    """The kept rows of loops, and those of contacts that are independent of the rows before them.
+
+    free: 0 for degrees of freedom that are held, 1 for the others.
+    """
+    chosen, basis = list[int](), np.empty((0, len(free)))
+    loops = sum(count for loop, count in zip(constraints.loops, constraints.counts, strict=True) if not loop.touches)
+    for i, row in zip(constraints.kept, constraints.jacobian_at(q, constraints.kept), strict=True):
+        left = row * free
+        for _ in range(2):
+            left = left - basis.T @ (basis @ left)
+        new = np.linalg.norm(left) > HELD * np.linalg.norm(row)
+        if new:
+            basis = np.vstack([basis, left / np.linalg.norm(left)])
+        if new or i < loops:
+            chosen.append(i)
+    return chosen
 
 
 def _with_rows(constraints: Constraints, places: Sequence[Array]) -> tuple[list[Array], list[Array]]:

@@ -126,6 +126,16 @@ def make_equations(
     return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
 
 
+def with_rows(equations: Equations, kept: Sequence[int]) -> Equations:
+    """The equations with fewer of their kept constraint rows."""
+    constraints = equations.constraints
+    if constraints is None:
+        return equations
+    scales = tuple(constraints.scales[constraints.kept.index(i)] for i in kept)
+    changed = replace(equations, constraints=replace(constraints, kept=tuple(kept), scales=scales, shares=None))
+    return replace(changed, content=_content(changed))
+
+
 def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
     """The places of the effects that have limits of effort, and their names."""
     motion = motion_of(equations, equations.mechanism, 0.0, equations.start, Numbers)

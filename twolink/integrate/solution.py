@@ -27,12 +27,15 @@ class Piece:
         The number of its samples.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
         Times and states where steps ended, with the begin; None where the solver does not tell.
+    last : ndarray (nq + nv,) or None
+        The state at its end, before the event there; None where no event ends it.
     """
 
     equations: Any
     begin: float
     samples: int
     taken: tuple[np.ndarray, np.ndarray] | None = None
+    last: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.taylor import Precision
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
 from twolink.simulation.refinement import Search, more_digits, precisions_of
@@ -184,7 +185,8 @@ def run_of(
     all_times = with_looks(times, LOOKS) if verify else times
     verification = Verification(equations, all_times, spread_out(len(all_times), MAX_LOOKS), progress)
     if not verify:
-        return _trajectory(scene, equations, verification.unverified(choice), times, None)
+        one = verification.unverified(choice)
+        return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)
     search, spent, following = search or Search(equations, accuracy), 0.0, choice
     try:
         while True:
@@ -200,7 +202,7 @@ def run_of(
             else:
                 run = _trajectory(scene, equations, one, times, None if measured else accuracy, spent)
                 if run.error is None or measured or run.error[-1] <= accuracy:
-                    return run
+                    return _lawful(run, equations, one.solution)
                 search.seen(following, run)
                 spent += one.seconds + one.verify_seconds
                 other = search.after(one)
@@ -230,6 +232,15 @@ def _with_setting(
         remedy = "give tolerance=" if choice.method.adaptive else "give step="
         raise SceneError(f"{choice.method.name} {kind}", argument="method", remedy=remedy)
     return replace(choice, setting=setting, why=choice.why if name == "auto" else "asked for"), True
+
+
+def _lawful(run: Trajectory, equations: Equations, solution: Solution) -> Trajectory:
+    """The run with its certificate, where it has events. Raises AccuracyError, code "laws-violated"."""
+    if equations.switching is None:
+        return run
+    run = replace(run, certificate=certificate(equations.switching, solution))
+    run.certificate.require(run)
+    return run
 
 
 def _cost(one: Verified, spent: float) -> Cost:

@@ -21,6 +21,7 @@ from twolink.integrate.event import Event
 from twolink.io.listing import facts_html
 from twolink.io.tables import write_table
 from twolink.simulation import trajectory_tables as tables
+from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.text import ContactForces
 
@@ -74,6 +75,9 @@ class Trajectory:
         Contact points, m, and forces, N, by pair, of a run without its solution: they are shown.
     recorded_forces : as recorded_contacts
         Those of effects on links, by effect and link.
+    certificate : Certificate or None
+        The laws checked along a run with located events: what, worst value, when. None for a smooth, a stepped or a
+        loaded one.
     """
 
     robot: Robot
@@ -93,6 +97,7 @@ class Trajectory:
     estimated: bool = False
     recorded_contacts: tables.Contacts | None = None
     recorded_forces: tables.Contacts | None = None
+    certificate: Certificate | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:

@@ -4,6 +4,7 @@ snapshot      accelerations, forces and what guards look at, of states in one mo
 modes         the modes of a scene, and the equations of each
 consistency   the mode that is consistent with the laws of friction and contact
 impacts       velocities after an impact
+rest          bounces too low to follow come to rest, all at once
 state         time, motion, mode and events of a run
 guard         a value that ends a mode where it passes 0
 features      contacts at corners and edges: which are hit, and how one follows another

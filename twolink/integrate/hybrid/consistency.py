@@ -1,20 +1,20 @@
 """Consistent modes: which joints are held and which contacts press, slide or roll, so that the laws hold.
 
-Everything that may be at rest is tried at rest. The force that breaks its law most is given up, one at a time, until
-none does; what then would move the wrong way is tried at rest again. Where this finds no mode for the contacts, their
-forces are solved for at once (`contact_problem`), and the modes are those of the accelerations.
+Everything that may be at rest is tried at rest. Where a force breaks its law there, all forces are solved for at once
+(`contact_problem`), and the modes are those of the accelerations.
 """
 
 import math
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
+from twolink.integrate.hybrid.contact_problem import Held, Outcome, Rows, sliding_of, solve_contacts
 from twolink.integrate.hybrid.contact_rows import contact_bias, contact_rows, inverse_under, loop_rows, mass_matrix
-from twolink.integrate.hybrid.force_share import ForceShare
+from twolink.integrate.hybrid.force_share import share_of
 from twolink.integrate.hybrid.modes import Mode, Situation
-from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
@@ -27,7 +27,6 @@ RANK = 1e-7  # singular values of constraint rows below it are 0
 DIFFERENT = 1e-9  # relative: generalized forces that are not the same
 ROUNDING, SLOWEST_SLIP = 1e-15, 1e-10  # of velocities, relative; m/s, of one whose direction counts
 OVERLAPS = 1e-8  # relative: an acceleration with which a gap becomes negative
-SHARE: tuple[str, int] = ("share", 0)  # of the forces of contacts on more points than determine them
 SAME = 1e-7  # relative: accelerations of two ways to compute them
 Key = tuple[str, int]  # ("joint", degree of freedom), ("contact", number), ("roll", number)
 
@@ -68,17 +67,8 @@ def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situati
 def _with_consistent_contacts(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Situation | None:
     """The situation in the mode that is consistent; None where none is found. slow: see SLOW."""
     here = here.in_mode(_with_closed_contacts(here, still, opened, slow))
-    tried: set[Key] = set(opened)
-    for _ in range(20 + 6 * (len(here.system.names) + len(here.system.contacts))):
-        here = here.in_mode(_without_redundant_locks(here))
-        mode, key = _improved(here, tried)
-        here = here.in_mode(mode)
-        if key is None and not _overlapping(here, still):
-            return here
-        if key is None or key == SHARE:
-            break
-        tried.add(key)
-    return _by_contact_problem(here, still, slow)
+    here = here.in_mode(_without_redundant_locks(here))
+    return here if _is_lawful(here, still) else _by_contact_problem(here, still, opened, slow)
 
 
 def freed(here: Situation, k: int, torque: float) -> Mode:
@@ -135,23 +125,20 @@ def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key],
 
 
 def _without_redundant_locks(here: Situation) -> Mode:
-    """The mode without locks of joints that constraints hold already: their friction is not determined."""
-    constraints, mode = here.own.equations.constraints, here.mode
-    if constraints is None or not mode.locked:
-        return mode
-    jacobian = constraints.jacobian_at(here.x[: here.system.nq], constraints.kept)
-    wanted = np.linalg.matrix_rank(jacobian, tol=RANK)
-    free = np.ones(jacobian.shape[1])
-    for k in sorted(mode.locked):
+    """The mode without locks of joints that loops hold already: their friction is not determined."""
+    mode = here.mode
+    loops = loop_rows(here) if mode.locked else np.empty((0, 0))
+    wanted, free = np.linalg.matrix_rank(loops, tol=RANK) if len(loops) else 0, np.ones(len(here.v))
+    for k in sorted(mode.locked) if wanted else ():
         free[k] = 0.0
-        if np.linalg.matrix_rank(jacobian * free, tol=RANK) < wanted:
+        if np.linalg.matrix_rank(loops * free, tol=RANK) < wanted:
             free[k] = 1.0
             mode = mode.freeing(k, 0.0)
     return mode
 
 
-def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
-    """The mode without the force that breaks its law most, and what that was; None if all laws hold."""
+def _is_lawful(here: Situation, still: float) -> bool:
+    """Whether all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
     system, mode, x, t = here
     own, snapshot = here.own, here.look()
     if not np.isfinite(snapshot.a).all():
@@ -159,37 +146,37 @@ def _improved(here: Situation, tried: set[Key]) -> tuple[Mode, Key | None]:
                             "drives what it should stop (Painleve's paradox)", where=f"t = {t:.9g} s",
                             remedy="less friction, or smooth friction", code="no-consistent-mode", t=t)  # fmt: skip
     allowed = ALLOWED * own.largest_load(snapshot)
-    torques = {k: float(snapshot.locks[i, 0]) for i, k in enumerate(system.lockable) if k in mode.locked}
-    breaches: list[tuple[float, Key]] = []
-    for k, torque in torques.items():
-        least, greatest = system.torque_range(k, x)
-        breaches.append((max(torque - greatest, least - torque) - allowed, ("joint", k)))
     if own.redundant:
-        margin = float(ForceShare(own, mode, system.static).best(snapshot).margin[0])
-        breaches.append((-margin - allowed, SHARE))
-    forces = (
-        {}
-        if own.redundant
-        else {i: own.contact_forces(snapshot, i)[:, 0] for i, kind in enumerate(mode.contacts) if kind != "free"}
+        lawful = float(share_of(here).best(snapshot).margin[0]) >= -allowed
+    else:
+        lawful = all(least - allowed <= torque <= greatest + allowed for torque, (least, greatest) in (
+            (float(snapshot.locks[i, 0]), system.torque_range(k, x)) for i, k in enumerate(system.lockable)
+            if k in mode.locked))  # fmt: skip
+        for i, kind in enumerate(mode.contacts):
+            if kind != "free":
+                normal, *across = own.contact_forces(snapshot, i)[:, 0]
+                holds = system.contacts[i].static * normal if kind == "rolling" else math.inf
+                lawful &= normal >= -allowed and math.hypot(*across) - holds <= allowed
+    small = OVERLAPS * (1.0 + float(np.abs(snapshot.a).max(initial=0.0)))
+    return (
+        lawful
+        and not _wrong_joints(here, snapshot.a[:, 0], small)
+        and not any(mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(here, still))
     )
-    for i, force in forces.items():
-        breaches.append((-force[0] - allowed, ("contact", i)))
-        if mode.contacts[i] == "rolling":
-            friction = system.contacts[i].static
-            breaches.append((math.hypot(*force[1:]) - friction * force[0] - allowed, ("roll", i)))
-    # A contact that pulls is opened before one whose friction is too large: where several press, the share of each in
-    # the friction is not determined.
-    size, key = max(breaches, key=lambda breach: (breach[0] > 0.0 and breach[1][0] == "contact", breach),
-                    default=(0.0, ("", 0)))  # fmt: skip
-    if not size > 0.0:
-        return _wrong_way(here, snapshot, tried, allowed)
-    if key == SHARE:
-        return mode, key
-    if key[0] == "joint":
-        return freed(here, key[1], torques[key[1]]), key
-    if key[0] == "contact":
-        return mode.with_contact(key[1], "free"), key
-    return sliding(mode, key[1], forces[key[1]]), key
+
+
+def _wrong_joints(here: Situation, a: Array, small: float) -> list[int]:
+    """The joints at rest that nothing holds and that begin to move into a stop, or not as their friction says."""
+    system, mode, x, _ = here
+    wrong = []
+    for k in system.lockable:
+        if k in mode.locked or x[system.nq + k] != 0.0 or abs(a[k]) <= small:
+            continue
+        least, greatest = system.torque_range(k, x)
+        into_stop = (greatest == math.inf and a[k] < 0.0) or (least == -math.inf and a[k] > 0.0)
+        if into_stop or (k in system.has_friction and mode.slip.get(k, 0.0) * a[k] <= 0.0):
+            wrong.append(k)
+    return wrong
 
 
 def _is_determined(here: Situation) -> bool:
@@ -199,8 +186,9 @@ def _is_determined(here: Situation) -> bool:
     if not (own.redundant and slides):
         return True
     look = here.look()
-    sizes = np.linalg.svd(ForceShare(own, mode, here.system.static).columns(look)[0], compute_uv=False)
-    kept = sum(row is not None for rows in own.rows.values() for row in rows)
+    sizes = np.linalg.svd(share_of(here).columns(look)[0], compute_uv=False)
+    constraints = own.equations.constraints
+    kept = 0 if constraints is None else len(constraints.kept)
     return bool((sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() <= kept)
 
 
@@ -212,38 +200,110 @@ def _touching(here: Situation, still: float) -> list[int]:
     return np.flatnonzero((gap <= NEAR) & (np.abs(rate) <= still)).tolist()
 
 
-def _overlapping(here: Situation, still: float) -> bool:
-    """Whether an open contact that touches begins to overlap."""
-    snapshot = here.look()
-    small = OVERLAPS * (1.0 + float(np.abs(snapshot.a).max(initial=0.0)))
-    return any(here.mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(here, still))
+def _by_contact_problem(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Situation | None:
+    """The mode in which all that touches and rests does what the contact problem says; None without a solution.
+
+    What an event has just opened, or set sliding, is in the problem only where it would begin the wrong way.
+    """
+    here = _without_slow_slips(here, _touching(here, still), max(still, slow))
+    touching, problem = _touching(here, still), Problem(here, still)
+    contacts = {i for i in touching if ("contact", i) not in opened}
+    sticking = {i for i in touching if ("roll", i) not in opened and problem.slip(i) is None}
+    joints = set(here.mode.locked)
+    for _ in range(2 + len(touching) + len(here.system.lockable)):
+        outcome = problem.solved(sorted(contacts), sorted(joints), sticking)
+        if outcome is None:
+            return None
+        found, a = problem.situation(outcome, sorted(contacts), sorted(joints), sticking), outcome.a
+        small = OVERLAPS * (1.0 + float(np.abs(a).max()))
+        look = found.look()
+        if not np.abs(look.a[:, 0] - a).max() <= SAME * (1.0 + np.abs(a).max()):
+            return None
+        wrong = {k for k in _wrong_joints(found, a, small) if k not in joints}
+        overlap = {i for i in touching if i not in contacts and look.contacts[i, 4, 0] < -small}
+        back = {i for i in contacts - sticking if problem.slip(i) is None and problem.turns_back(found, i, small)}
+        if not (wrong or overlap or back):
+            return found
+        joints, contacts, sticking = joints | wrong, contacts | overlap, sticking | back
+    return None
 
 
-def _by_contact_problem(here: Situation, still: float, slow: float) -> Situation | None:
-    """The mode in which the contacts that touch do what the solution of the contact problem says; None without one."""
-    touching = _touching(here, still)
-    here = _without_slow_slips(here, touching, max(still, slow))
-    without = here
-    for i in touching:
-        without = without.in_mode(without.mode.with_contact(i, "free"))
-    locked = np.eye(len(here.v))[sorted(here.mode.locked)]
-    inverse = inverse_under(mass_matrix(without), np.concatenate([loop_rows(without), locked]))
-    look, contacts = without.look(), list[Rows]()
-    for i in touching:
-        contact, slip = here.system.contacts[i], look.contacts[i, 2:4, 0]
-        count, speed = 3 if contact.friction else 1, float(np.linalg.norm(slip))
-        contacts.append(Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], contact.friction,
-                             contact.static, slip / speed if speed > still else None))  # fmt: skip
-    solution = solve_contacts(look.a[:, 0], inverse, contacts)
-    if solution is None:
-        return None
-    mode = without.mode
-    for i, does in zip(touching, solution[1], strict=True):
-        if not does.opens:
-            mode = mode.with_contact(i, "rolling" if does.slides is None else "sliding", does.slides)
-    here = here.in_mode(mode)
-    difference = np.abs(here.look().a[:, 0] - solution[0]).max()
-    return here if difference <= SAME * (1.0 + np.abs(solution[0]).max()) else None
+class Problem:
+    """The contact problem of a situation: of contacts that touch and of joints at rest, as they are asked for."""
+
+    def __init__(self, here: Situation, still: float) -> None:
+        self.here, self.still, self.mass = here, still, mass_matrix(here)
+        self.slips = here.look().contacts[:, 2:4, 0] if here.system.contacts else np.empty((0, 2))
+        self.inverse = inverse_under(self.mass, loop_rows(here))
+
+    def slip(self, i: int) -> Array | None:
+        """The direction in which contact i slides; None where it does not."""
+        speed = float(np.linalg.norm(self.slips[i]))
+        return self.slips[i] / speed if speed > self.still else None
+
+    def turns_back(self, found: Situation, i: int, small: float) -> bool:
+        """Whether contact i, set sliding, begins to slide the other way."""
+        ahead = contact_rows(found, i) @ found.look().a[:, 0] + contact_bias(found, i)
+        return float(ahead[1:] @ found.mode.directions[i]) < -small
+
+    def gain(self, contact: bool, number: int) -> float:
+        """The acceleration of a contact's gap, or of a joint, by a force of size 1 there."""
+        row = contact_rows(self.here, number)[0] if contact else np.eye(len(self.here.v))[number]
+        return float(row @ self.inverse @ row)
+
+    def solved(self, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]) -> Outcome | None:
+        """The motion with these contacts and joints; those that stick, and do not begin to slide as an event says."""
+        system, mode = self.here.system, self.here.mode
+        for i in range(len(mode.contacts)):
+            mode = mode.with_contact(i, "free")
+        for k in {*joints, *mode.locked}:
+            mode = mode.freeing(k, 0.0)
+        without = self.here.in_mode(mode)
+        held = [Held(np.eye(len(self.here.v))[[k]], *system.torque_range(k, self.here.x), system.kinetic[k])
+                for k in joints]  # fmt: skip
+        rows = [self._rows(without, i, sticking) for i in contacts]
+        return solve_contacts(without.look().a[:, 0], self.inverse, [*rows, *held])
+
+    def situation(
+        self, outcome: Outcome, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]
+    ) -> Situation:
+        """The situation in the mode of a solution."""
+        system, mode = self.here.system, self.here.mode
+        for i in range(len(mode.contacts)):
+            mode = mode.with_contact(i, "free")
+        for i, rates in zip(contacts, outcome.rates, strict=False):
+            if not rates[0] > 0.0:
+                slides = sliding_of(system.contacts[i].friction, self._direction(i, sticking), rates)
+                mode = mode.with_contact(i, "rolling" if slides is None else "sliding", slides)
+        for k, (rate,) in zip(joints, outcome.rates[len(contacts) :], strict=True):
+            slip = float(np.sign(rate)) if k in system.has_friction else 0.0
+            mode = mode.freeing(k, slip) if rate else mode.locking(k)
+        return self.here.in_mode(_without_redundant_locks(self.here.in_mode(mode)))
+
+    def without_rates(self, contacts: Sequence[int], joints: Sequence[int]) -> Array:
+        """The velocities with the rates of contacts, and of joints, stopped by the forces that act there."""
+        rows, forces = [np.eye(len(self.here.v))[list(joints)]], [np.eye(len(self.here.v))[list(joints)]]
+        for i in contacts:
+            every, friction, slip = contact_rows(self.here, i), self.here.system.contacts[i].friction, self.slip(i)
+            sticks = friction > 0.0 and slip is None
+            rows.append(every if sticks else every[:1])
+            forces.append(every if sticks or slip is None else every[:1] - friction * slip @ every[1:])
+        j, b = np.concatenate(rows), np.concatenate(forces)
+        stopping = np.linalg.pinv(j @ self.inverse @ b.T, rcond=RANK) @ j @ self.here.v
+        new = self.here.v - self.inverse @ b.T @ stopping
+        new[list(joints)] = 0.0
+        return np.asarray(new)
+
+    def _direction(self, i: int, sticking: AbstractSet[int]) -> Array | None:
+        """The direction in which contact i slides, or begins to as an event says; None where it sticks."""
+        slip = self.slip(i)
+        return slip if slip is not None or i in sticking else np.array(self.here.mode.directions[i])
+
+    def _rows(self, without: Situation, i: int, sticking: AbstractSet[int]) -> Rows:
+        """The rows of contact i."""
+        contact, count = self.here.system.contacts[i], 3 if self.here.system.contacts[i].friction else 1
+        return Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], contact.friction,
+                    contact.static, self._direction(i, sticking))  # fmt: skip
 
 
 def _without_slow_slips(here: Situation, touching: list[int], slow: float) -> Situation:
@@ -259,20 +319,3 @@ def _without_slow_slips(here: Situation, touching: list[int], slow: float) -> Si
     inverse = inverse_under(mass_matrix(here), np.concatenate([loop_rows(here), locked]))
     change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ here.v
     return here._replace(x=np.concatenate([here.x[: here.system.nq], here.v - change]))
-
-
-def _wrong_way(here: Situation, snapshot: Snapshot, tried: set[Key], allowed: float) -> tuple[Mode, Key | None]:
-    """The mode with a joint held again that would start against its own slip, or into its stop."""
-    system, mode, x, _ = here
-    for k in system.lockable:
-        if k in mode.locked or x[system.nq + k] != 0.0 or ("held", k) in tried:
-            continue
-        a = float(snapshot.a[k, 0])
-        slip = mode.slip.get(k, 0.0) if k in system.has_friction else 0.0
-        least, greatest = system.torque_range(k, x)
-        into_stop = (greatest == math.inf and a < -allowed) or (least == -math.inf and a > allowed)
-        if slip * a < -allowed or into_stop:
-            return mode.locking(k), ("held", k)
-        if k in system.has_friction and not slip and abs(a) > allowed:  # constraints held it, and do no more
-            return mode.freeing(k, math.copysign(1.0, a)), ("held", k)
-    return mode, None

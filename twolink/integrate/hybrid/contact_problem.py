@@ -1,27 +1,31 @@
-"""The contact problem: accelerations and forces of all contacts that touch at rest against each other, at once.
+"""The contact problem: accelerations and forces of all that touches or rests, at once.
 
     a = a_0 + W J^T p,   c' = J a + J' v
     normal:   p_n >= 0,  c'_n >= 0,  p_n c'_n = 0
     tangent, without slip:   |p_t| <= mu p_n,   c'_t = 0, or |p_t| = mu p_n against c'_t
     tangent, with slip:      p_t = -mu p_n c_t / |c_t|
+    joint at rest:           least <= p <= greatest,   c' = 0, or p at its limit against c'
 
-a_0: without these contacts. W: the inverse of M for what is not held by locks and loops. J: rows of the gaps' rates
-and slips c. Solved by sweeps over the contacts (projected Gauss-Seidel), which end when the laws hold. Which contacts
-press, slide or stick is read from the accelerations: they are determined where the forces of several contacts are not.
+a_0: without these forces. W: the inverse of M for what loops allow. J: rows of the gaps' rates and slips c, and units
+of joints that stops and dry friction hold. Solved by sweeps over them (projected Gauss-Seidel) until the laws hold, or
+by Newton's method from there. Which press, slide or stick is read from the accelerations: they are determined where
+the forces are not.
 Source: Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-47.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from twolink.integrate.state import Array
 
-SWEEPS = 20_000
-NEWTON = 50  # steps
+FIRST, SWEEPS = 32, 5_000  # of the first look for a solution, and of the last
+NEWTON, SHORTEST = 50, 1e-3  # steps, and the shortest share of one
 RANK = 1e-10  # relative: a gain below it is 0
-UNCHANGED = 1e-13  # relative: what a last sweep may still change
+UNCHANGED = 1e-13  # relative to the largest acceleration: what breaks no law
 MOVES = 1e-9  # relative to the largest acceleration: what begins to move
 
 
@@ -41,33 +45,137 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Solved:
-    """What a contact does: whether it opens, and the direction in which it slides or begins to; None: it sticks."""
+class Held:
+    """A joint at rest. rows: J (1, nv). least, greatest: of torques that hold it; kinetic: of friction in motion."""
 
-    opens: bool
-    slides: tuple[float, float] | None
+    rows: Array
+    least: float
+    greatest: float
+    kinetic: float
+    bias: Array = field(default_factory=lambda: np.zeros(1))
 
 
-def solve_contacts(free: Array, inverse: Array, contacts: list[Rows]) -> tuple[Array, list[Solved]] | None:
-    """(a, what each contact does) from a_0 (nv,) and W (nv, nv); None where no forces fulfil the laws."""
-    forces = [np.zeros(len(contact.rows)) for contact in contacts]
-    a, scale = np.array(free), 1.0 + float(np.abs(free).max(initial=0.0))
-    gains = [contact.rows @ inverse @ contact.rows.T for contact in contacts]
-    for _ in range(SWEEPS):
-        moved = 0.0
-        for contact, gain, force in zip(contacts, gains, forces, strict=True):
-            better = _force(contact, gain, contact.rows @ a + contact.bias, force)
-            if better is None:
-                return None
-            change = inverse @ contact.rows.T @ (better - force)
-            force[:] = better
-            a += change
-            moved = max(moved, float(np.abs(change).max(initial=0.0)))
-        if moved <= UNCHANGED * scale:
-            break
-    else:
-        return None
-    return a, [_read(contact, contact.rows @ a + contact.bias, MOVES * scale) for contact in contacts]
+class Outcome(NamedTuple):
+    """The accelerations a (nv,), the force on each, and the accelerations of its rows, 0 where they are small."""
+
+    a: Array
+    forces: list[Array]
+    rates: list[Array]
+
+
+def solve_contacts(free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> Outcome | None:
+    """The motion of a_0 (nv,) and W (nv, nv) under the forces of contacts and joints at rest; None without any."""
+    if not contacts:
+        return Outcome(free, [], [])
+    laws, scale = _Laws(free, inverse, contacts), 1.0 + float(np.abs(free).max(initial=0.0))
+    p, sweeps, found = np.zeros(len(laws.at_rest)), FIRST, None
+    while found is None:
+        if sweeps > SWEEPS or not laws.sweep(p, sweeps):
+            return None
+        found = laws.by_newton(p, UNCHANGED * scale)
+        sweeps *= 2
+    a = free + inverse @ laws.rows.T @ found
+    rates = [contact.rows @ a + contact.bias for contact in contacts]
+    return Outcome(a, [found[place] for place in laws.places],
+                   [np.where(np.abs(rate) > MOVES * scale, rate, 0.0) for rate in rates])  # fmt: skip
+
+
+class _Laws:
+    """The laws p = proj(p - r c') of forces p (m,), with c' = D p + c'_0.
+
+    The projection is on the cone of friction of radius mu p_n, or between the limits of a joint.
+    Source: Alart, Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991) 353-375.
+    """
+
+    def __init__(self, free: Array, inverse: Array, contacts: Sequence[Rows | Held]) -> None:
+        ends = np.cumsum([len(contact.rows) for contact in contacts])
+        self.places = [slice(end - len(contact.rows), end) for end, contact in zip(ends, contacts, strict=True)]
+        self.contacts, self.rows = contacts, np.concatenate([contact.rows for contact in contacts])
+        self.gain = self.rows @ inverse @ self.rows.T
+        self.at_rest = self.rows @ free + np.concatenate([contact.bias for contact in contacts])
+        own = np.diag(self.gain)
+        self.moves = own > RANK * own.max()
+        self.r = np.where(self.moves, 1.0 / np.where(self.moves, own, 1.0), 0.0)
+
+    def sweep(self, p: Array, count: int) -> bool:
+        """Better forces, in place: one contact after the other; False where a `_force` has none."""
+        for _ in range(count):
+            before = p.copy()
+            for contact, place in zip(self.contacts, self.places, strict=True):
+                rates = self.gain[place] @ p + self.at_rest[place]
+                better = (
+                    _projection(contact, p[place], rates, float(self.r[place.start]))[0]
+                    if isinstance(contact, Held)
+                    else _force(contact, self.gain[place, place], rates, p[place])
+                )
+                if better is None:
+                    return False
+                p[place] = better
+            if (p == before).all():
+                break
+        return True
+
+    def by_newton(self, p: Array, small: float) -> Array | None:
+        """The forces from ones near them; None where Newton's method does not find them.
+
+        Where sweeps creep, for forces that undo each other or are at the edge of their cone, a few steps suffice.
+        """
+        left, slopes = self._residual(p)
+        size = self._size(left)
+        for _ in range(NEWTON):
+            step, share = np.linalg.lstsq(slopes, -left, rcond=RANK)[0], 1.0
+            while True:
+                left, slopes = self._residual(p + share * step)
+                if self._size(left) < (1.0 - 0.1 * share) * size:
+                    break
+                share *= 0.5
+                if share < SHORTEST or size <= small:
+                    return p if size <= small else None
+            p, size = p + share * step, self._size(left)
+            if size == 0.0:
+                break
+        return p if size <= small else None
+
+    def _size(self, left: Array) -> float:
+        """What a residual is as an acceleration."""
+        return float((np.abs(left) * np.diag(self.gain)).max())
+
+    def _residual(self, p: Array) -> tuple[Array, Array]:
+        """p - proj(p - r c') and its derivative by p."""
+        rates, left, slopes = self.gain @ p + self.at_rest, np.empty_like(p), np.zeros_like(self.gain)
+        for contact, place in zip(self.contacts, self.places, strict=True):
+            target, by_p, by_rates = _projection(contact, p[place], rates[place], float(self.r[place.start]))
+            left[place] = p[place] - target
+            slopes[place, place] += np.eye(len(target)) - by_p
+            slopes[place] -= by_rates @ self.gain[place]
+        return left, slopes
+
+
+def _projection(contact: Rows | Held, p: Array, rates: Array, r: float) -> tuple[Array, Array, Array]:
+    """proj(p - r c'), and its derivatives by p and by c'; beyond what holds, kinetic friction acts."""
+    z, size = p - r * rates, len(p)
+    target, by_z, by_p = z.copy(), np.eye(size), np.zeros((size, size))
+    if isinstance(contact, Held):
+        if not contact.least <= z[0] <= contact.greatest:
+            target[0], by_z[0, 0] = math.copysign(contact.kinetic, z[0] - contact.least), 0.0
+        return target, by_z, -r * by_z
+    if z[0] <= 0.0:
+        target[0] = by_z[0, 0] = 0.0
+    if size == 1:
+        return target, by_z, -r * by_z
+    if contact.slip is not None:
+        target[1:], by_z[1:], by_p[1:, 0] = (
+            -contact.friction * p[0] * contact.slip,
+            0.0,
+            -contact.friction * contact.slip,
+        )
+        return target, by_z + by_p, -r * by_z
+    across, normal = math.hypot(*z[1:]), max(0.0, float(p[0]))
+    if across > contact.static * normal:
+        way, radius = z[1:] / across, contact.friction * normal
+        target[1:], by_z[1:, 1:] = radius * way, radius / across * (np.eye(2) - np.outer(way, way))
+        by_p[1:, 0] = contact.friction * way * (p[0] > 0.0)
+    return target, by_z + by_p, -r * by_z
 
 
 def _force(contact: Rows, gain: Array, rates: Array, before: Array) -> Array | None:
@@ -118,13 +226,10 @@ def friction_force(gain: Array, wanted: Array, greatest: float) -> Array:
     return np.asarray(axes @ p * (greatest / math.hypot(*p)))
 
 
-def _read(contact: Rows, rates: Array, small: float) -> Solved:
-    """What a contact does, from its acceleration."""
-    if rates[0] > small:
-        return Solved(True, None)
-    if not contact.friction:
-        return Solved(False, (0.0, 0.0))
-    direction = contact.slip if contact.slip is not None else rates[1:]
+def sliding_of(friction: float, slip: Array | None, rates: Array) -> tuple[float, float] | None:
+    """The direction in which a contact that presses slides or begins to, from its accelerations; None: it sticks."""
+    if not friction:
+        return 0.0, 0.0
+    direction = rates[1:] if slip is None else slip
     size = math.hypot(*direction)
-    still = contact.slip is None and size <= small
-    return Solved(False, None if still else (float(direction[0] / size), float(direction[1] / size)))
+    return (float(direction[0] / size), float(direction[1] / size)) if size > 0.0 else None

@@ -90,14 +90,15 @@ class Engine:
         equations, part, hit = self._piece(grid, stop)
         taken = slice(0 if first else 1, len(part.t) - int(extra and len(part.t) == len(grid)))
         moving = self.whole.moving
+        last = np.array((part.x[:, -1] if hit is None else hit.x)[:moving])
         kept = replace(part, t=part.t[taken], x=part.x[:moving, taken],
-                       pieces=(Piece(equations, begin, len(part.t[taken]), part.taken),))  # fmt: skip
+                       pieces=(Piece(equations, begin, len(part.t[taken]), part.taken, last),))  # fmt: skip
         if part.interrupted:
             return kept
         if hit is not None and not extra and same_time(hit.t, stop) and kept.t[-1:] != stop:
             kept = _with_sample(kept, stop, hit.x[:moving])
         run.t = stop if hit is None or same_time(hit.t, stop) else hit.t
-        run.x = np.array((part.x[:, -1] if hit is None else hit.x)[:moving])
+        run.x = last.copy()
         self._transit(hit, begin, stop)
         return kept
 

@@ -1,14 +1,19 @@
 """Forces of contacts on more points than determine them: whether any share of the forces obeys the laws.
 
-    lambda = lambda_0 + Z z,   B Z = 0
+    lambda = lambda_0 + Z z,   F B Z = 0,   torques of held joints = those of lambda_0 - B Z z
     margin = max over z of min over contacts:  N_i,  of those that stick  mu N_i - |T_i|
+                       and over held joints:   how far their torques are within what holds them
 
-B: the generalized forces of the contacts' rows. The laws hold as long as the margin is not negative. Where it passes 0,
-the contacts whose laws are at their limit in the best share give way. It is the optimum of a cone program, found by
-Newton's method along the central path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at
-once. A margin counts up to ENOUGH of the load: where the smallest forces have that, nothing is optimized.
+B: the generalized forces of the rows of contacts, and of loops, which have no law; F: those on joints that are not
+held. The laws hold as long as the margin is not negative. Where it passes 0, the contacts and joints whose laws are at
+their limit in the best share give way. It is the optimum of a cone program, found by Newton's method along the central
+path (Boyd, Vandenberghe: Convex Optimization, 2004, chapter 11), for many states at once. A margin counts up to ENOUGH
+of the load: where the smallest forces have that, nothing is optimized.
 """
 
+from __future__ import annotations
+
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from twolink.integrate.equations import Equations
-from twolink.integrate.hybrid.modes import Mode, ModeEquations, contact_places
+from twolink.integrate.hybrid.modes import Mode, ModeEquations, Situation, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.state import Array
 
@@ -31,7 +36,7 @@ EMPTY = 1e-6  # of the load: a normal force that is 0
 
 @dataclass(frozen=True)
 class Share:
-    """The best share of states (n,). margin: N. forces: (n, contacts, 3). weight: of each law in the optimum."""
+    """The best share of states (n,). margin: N. forces: (n, supports, 3). weight: of each law in the optimum."""
 
     margin: Array
     forces: Array
@@ -39,20 +44,61 @@ class Share:
     load: float
 
 
-class ForceShare:
-    """The shares of the forces of a mode's closed contacts, which rigid bodies do not determine."""
+@dataclass(frozen=True)
+class Support:
+    """A joint that is held: its row of the snapshot's `locks`, its degree of freedom, what can hold it, N m or N."""
 
-    def __init__(self, own: ModeEquations, mode: Mode, static: Array) -> None:
-        self.own = own
+    row: int
+    dof: int
+    least: float
+    greatest: float
+
+    @property
+    def both(self) -> bool:
+        """Whether its torque has two limits."""
+        return math.isfinite(self.least) and math.isfinite(self.greatest)
+
+    def within(self, torque: Array) -> Array:
+        """The torque (n,) as a contact's force (n, 3): N is what is left to the one limit, or N and T of two."""
+        out = np.zeros((len(torque), 3))
+        if self.both:
+            out[:, 0] = 0.5 * (self.greatest - self.least)
+            out[:, 1] = torque - 0.5 * (self.greatest + self.least)
+        elif math.isfinite(self.least) or math.isfinite(self.greatest):
+            out[:, 0] = torque - self.least if math.isfinite(self.least) else self.greatest - torque
+        return out
+
+    def torque(self, force: Array) -> float:
+        """The torque of such a force (3,)."""
+        if self.both:
+            return float(force[1]) + 0.5 * (self.greatest + self.least)
+        return float(force[0]) + self.least if math.isfinite(self.least) else self.greatest - float(force[0])
+
+
+def share_of(here: Situation) -> ForceShare:
+    """The shares of the forces of what touches and what is held in a situation."""
+    system, mode = here.system, here.mode
+    held = [Support(i, k, *system.torque_range(k, here.x)) for i, k in enumerate(system.lockable) if k in mode.locked]
+    return ForceShare(here.own, mode, system.static, held)
+
+
+class ForceShare:
+    """The shares of the forces of a mode's closed contacts, which rigid bodies do not determine. held: its joints."""
+
+    def __init__(self, own: ModeEquations, mode: Mode, static: Array, held: Sequence[Support] = ()) -> None:
+        self.own, self.held = own, tuple(held)
         self.contacts = tuple(own.rows)
-        self.sticks = np.array([mode.contacts[i] == "rolling" for i in self.contacts])
-        self.friction = np.where(self.sticks, static[list(self.contacts)], 1.0)
-        self.entries = [(c, k) for c, sticks in enumerate(self.sticks) for k in range(3 if sticks else 1)]  # of columns
+        sticks = np.array([mode.contacts[i] == "rolling" for i in self.contacts])
+        self.friction = np.append(np.where(sticks, static[list(self.contacts)], 1.0), np.ones(len(self.held)))
+        self.entries = [(c, k) for c, rolls in enumerate(sticks) for k in range(3 if rolls else 1)]  # of columns
+        self.sticks = np.append(sticks, np.array([one.both for one in self.held], dtype=bool))
+        self.free = np.ones(own.equations.space.nv)
+        self.free[sorted(mode.locked)] = 0.0
         self._ways: tuple[Array, Array] | None = None  # B, and Z of it
 
     def best(self, snapshot: Snapshot) -> Share:
         """The best share of the states of a snapshot."""
-        base, columns = self._base(snapshot), self.columns(snapshot)
+        base, columns = self._base(snapshot), self._every_column(snapshot)
         load = max(1e-300, float(np.abs(base).max(initial=0.0)))
         out = Share(np.empty(len(base)), np.empty_like(base), np.empty(base.shape[:2]), load)
         for chosen, ways in self.ways(columns):
@@ -61,9 +107,10 @@ class ForceShare:
         return out
 
     def ways(self, columns: Array) -> Iterator[tuple[Array, Array]]:
-        """Z of states with B (n, nv, columns): states with k ways in common, and Z (states or 1, contacts, 3, k).
+        """Z of states with B (n, nv, columns): states with k ways in common, and Z (states or 1, supports, 3, k).
 
-        Its columns are forces that together do nothing, each of size 1 and orthogonal to the others.
+        Its columns are forces of contacts that together move nothing, each of size 1 and orthogonal to the others, and
+        below them what they do to the joints that are held.
         """
         small = SAME * np.abs(columns).max(initial=0.0)
         if self._ways is not None and (np.abs(columns - self._ways[0]) <= small).all():
@@ -71,13 +118,17 @@ class ForceShare:
             return
         apart = np.abs(np.diff(columns, axis=0)).max(axis=(1, 2)) > small
         place = np.cumsum(np.concatenate([[False], apart]))  # of each state, its B
-        _, sizes, right = np.linalg.svd(columns[np.searchsorted(place, np.arange(place[-1] + 1))])
+        columns_of = columns[np.searchsorted(place, np.arange(place[-1] + 1))]
+        _, sizes, right = np.linalg.svd(columns_of * self.free[:, None])
         ranks = (sizes > RANK * np.maximum(1e-300, sizes[:, :1])).sum(axis=1)
         for rank in np.unique(ranks):
             these = np.flatnonzero(ranks == rank)
-            ways = np.zeros((len(these), len(self.contacts), 3, columns.shape[2] - rank))
+            ways = np.zeros((len(these), len(self.contacts) + len(self.held), 3, columns.shape[2] - rank))
             for k, (contact, entry) in enumerate(self.entries):
-                ways[:, contact, entry] = right[these, rank:, k]
+                ways[:, contact, entry] = right[these, rank:, columns.shape[2] - len(self.entries) + k]
+            for c, one in enumerate(self.held, len(self.contacts)):
+                torque = -np.einsum("sk,swk->sw", columns_of[these, one.dof], right[these, rank:])
+                ways[:, c, int(one.both)] = torque if one.both or math.isfinite(one.least) else -torque
             chosen = np.flatnonzero(ranks[place] == rank)
             of_states = ways[np.searchsorted(these, place[chosen])]
             if chosen[-1] == len(columns) - 1:
@@ -85,23 +136,29 @@ class ForceShare:
             yield chosen, of_states
 
     def columns(self, snapshot: Snapshot) -> Array:
-        """B of the contacts' rows at the states of a snapshot, (n, nv, columns)."""
+        """F B of the rows of loops, then of contacts, at the states of a snapshot, (n, nv, columns)."""
+        return self._every_column(snapshot) * self.free[:, None]
+
+    def _every_column(self, snapshot: Snapshot) -> Array:
+        """B."""
         count = len(snapshot.t)
-        return snapshot.columns.T.reshape(count, len(self.entries), -1).swapaxes(1, 2)
+        return snapshot.columns.T.reshape(count, -1, len(self.free)).swapaxes(1, 2)
 
     def _base(self, snapshot: Snapshot) -> Array:
-        """The multipliers of the kept rows, 0 for the others, (n, contacts, 3)."""
-        base = np.zeros((len(snapshot.t), len(self.contacts), 3))
+        """The multipliers of the kept rows, 0 for the others, and what holds joints, (n, supports, 3)."""
+        base = np.zeros((len(snapshot.t), len(self.contacts) + len(self.held), 3))
         for c, i in enumerate(self.contacts):
             rows = self.own.contact_forces(snapshot, i)
             base[:, c, : len(rows)] = rows.T
+        for c, one in enumerate(self.held, len(self.contacts)):
+            base[:, c] = one.within(snapshot.locks[one.row])
         return base
 
     def _solved(self, base: Array, ways: Array, load: float) -> Share:
-        """The best shares of states, of Z (states or 1, contacts, 3, k)."""
+        """The best shares of states, of Z (states or 1, supports, 3, k)."""
         scaled, y = base / load, np.zeros((len(base), ways.shape[3] + 1))
-        count = 3 * len(self.contacts)
-        excess = scaled.reshape(len(base), 1, count) @ ways.reshape(len(ways), count, ways.shape[3])
+        own, count = slice(len(self.contacts)), 3 * len(self.contacts)
+        excess = scaled[:, own].reshape(len(base), 1, count) @ ways[:, own].reshape(len(ways), count, ways.shape[3])
         scaled = scaled - _applied(ways, excess[:, 0])  # the smallest forces
         across = np.sqrt(scaled[..., 1] ** 2 + scaled[..., 2] ** 2) * self.sticks
         inner = (self.friction * scaled[..., 0] - across).min(axis=1)
@@ -128,19 +185,35 @@ class ForceShare:
         return Share(load * margin, load * forces, 2.0 * u[..., 0] / (size * weight / GROWTH), load)
 
 
+def margins(equations: Equations, closed: Sequence[Any], t: Array, x: Array, held: Sequence[Support]) -> Array:
+    """How far the best shares of states x (size, n) are within the laws, (n,), N. closed, held: see `_of_loops`."""
+    evaluator, share = _of_loops(equations, closed, held)
+    return share.best(evaluator.by_numpy(t, x)).margin
+
+
+def _of_loops(equations: Equations, closed: Sequence[Any], held: Sequence[Support]) -> tuple[Evaluator, ForceShare]:
+    """The shares of equations with contacts.
+
+    closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations. held:
+    the joints that are held at all states.
+    """
+    evaluator = Evaluator(equations, columns_of=len(closed))
+    rows = {} if equations.constraints is None else contact_places(equations.constraints, range(len(closed)))
+    mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed),
+                locked=frozenset(one.dof for one in held))  # fmt: skip
+    static = np.array([loop.friction for loop in closed])
+    return evaluator, ForceShare(ModeEquations(equations, evaluator, rows), mode, static, held)
+
+
 def within_laws(equations: Equations, closed: Sequence[Any], t: Array, x: Array, every: Array) -> Array:
     """Multipliers (rows, n) of all rows at states x (size, n), the best share where those given break a law.
 
-    closed: the constraints of the contacts, with `rolling` and `friction`, which are the last of the equations.
+    closed: see `_of_loops`.
     """
     constraints = equations.constraints
     if constraints is None:
         return every
-    numbers = list(range(len(closed)))
-    evaluator = Evaluator(equations, columns_of=len(closed))
-    own = ModeEquations(equations, evaluator, contact_places(constraints, numbers))
-    mode = Mode(tuple("rolling" if loop.rolling else "sliding" for loop in closed))
-    share = ForceShare(own, mode, np.array([loop.friction for loop in closed]))
+    evaluator, share = _of_loops(equations, closed, ())
     ends = np.cumsum(constraints.counts)[-len(closed) :]
     places = [slice(end - (3 if loop.rolling else 1), end) for end, loop in zip(ends, closed, strict=True)]
     margins = [loop.friction * every[p.start] - np.hypot(*every[p][1:]) if loop.rolling else every[p.start]

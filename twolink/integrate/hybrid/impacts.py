@@ -4,8 +4,8 @@
     normal:   p_n >= 0,  v_n+ >= -e v_n-,  one of them equal
     tangent:  |p_t| <= mu p_n,  against the sliding that is left, which is none below that
 
-J: rows of all that touches, at rest or hit. G: rows of loops. Solved by sweeps over what touches until nothing changes
-(projected Gauss-Seidel). Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
+J: rows of all that touches, at rest or hit. G: rows of loops. This is the contact problem with velocities in place of
+accelerations. Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
 """
 
 import functools
@@ -19,16 +19,12 @@ import pinocchio as pin
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.consistency import NEAR, different, still_speed
-from twolink.integrate.hybrid.contact_problem import friction_force
+from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
 from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
 from twolink.integrate.hybrid.modes import Situation, System
-from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.state import Array
 
-SWEEPS = 10_000  # over all that touches
 ROUNDS = 1000  # of reflections
-UNCHANGED = 1e-15  # relative: what a last sweep may still change
-PRESSED = 1e-12  # relative to the root of the kinetic energy: so much may it still press, though nothing changes
 
 
 @dataclass(frozen=True)
@@ -49,15 +45,11 @@ class Touch:
 
 @dataclass(frozen=True)
 class Impact:
-    """What an impact did to one touch: its speed of approach and the energy lost, J.
-
-    rest: None, or the seconds until bounces end that are too small to follow; the velocity is then without any.
-    """
+    """What an impact did to one touch: its speed of approach and the energy lost, J."""
 
     touch: Touch
     speed: float
     energy: float
-    rest: float | None
 
 
 def stop_touch(system: System, stop: Stop) -> Touch:
@@ -78,11 +70,8 @@ def contact_touch(here: Situation, i: int) -> Touch:
                  i, contact.reflects)  # fmt: skip
 
 
-def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impact]] | None:
-    """Velocities after an impact, and what it did to each thing that was hit; None where it would only graze.
-
-    small: the height of bounces that are not followed any more.
-    """
+def collide(here: Situation, hit: Touch) -> tuple[Array, list[Impact]] | None:
+    """Velocities after an impact, and what it did to each thing that was hit; None where it would only graze."""
     v, still = here.v, still_speed(here.v)
     touches = [hit, *_others(here, hit)]
     approach = np.array([-float(touch.rows[0] @ v) for touch in touches])
@@ -96,17 +85,10 @@ def collide(here: Situation, hit: Touch, small: float) -> tuple[Array, list[Impa
         touches = [touch if speed > still else replace(touch, restitution=0.0)
                    for touch, speed in zip(touches, approach, strict=True)]  # fmt: skip
     new = solve(mass, v, touches, fixed)
-    bounced = here._replace(x=np.concatenate([here.x[: here.system.nq], new]))
-    rests = [_last_bounce(bounced, touch, small) for touch in touches]
-    if any(rest is not None for rest in rests):
-        calm = [touch if rest is None else replace(touch, restitution=0.0)
-                for touch, rest in zip(touches, rests, strict=True)]  # fmt: skip
-        new = solve(mass, v, calm, fixed)
     were_hit = approach > still
     were_hit[0] = True
-    energy = (_kinetic(mass, v) - _kinetic(mass, new)) / were_hit.sum()  # the share of each is not determined
-    every = [Impact(touch, float(speed), energy, rest)
-             for touch, speed, rest in zip(touches, approach, rests, strict=True)]  # fmt: skip
+    energy = (kinetic_energy(mass, v) - kinetic_energy(mass, new)) / were_hit.sum()  # shares are not determined
+    every = [Impact(touch, float(speed), energy) for touch, speed in zip(touches, approach, strict=True)]
     return new, [impact for impact, now in zip(every, were_hit, strict=True) if now]
 
 
@@ -118,8 +100,7 @@ def whole(impacts: Sequence[Impact]) -> list[Impact]:
         before = pairs.get(key, impact)
         energy = impact.energy + (before.energy if key in pairs else 0.0)
         fastest = impact if impact.speed > before.speed else before
-        rest = max((each.rest for each in (impact, before) if each.rest is not None), default=None)
-        pairs[key] = replace(fastest, energy=energy, rest=rest)
+        pairs[key] = replace(fastest, energy=energy)
     return list(pairs.values())
 
 
@@ -147,24 +128,6 @@ def _others(here: Situation, hit: Touch) -> list[Touch]:
                       if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
 
 
-def _last_bounce(here: Situation, touch: Touch, small: float) -> float | None:
-    """How long bounces last that are too small to follow: 2 w / (|a| (1 - e)); None where they must be followed."""
-    rate = float(touch.rows[0] @ here.v)
-    if rate <= 0.0 or not 0.0 < touch.restitution < 1.0:
-        return None
-    a = _gap_acceleration(touch, here.look())
-    if a >= 0.0 or rate * rate / (-2.0 * a) > small:
-        return None
-    return 2.0 * rate / (-a * (1.0 - touch.restitution))
-
-
-def _gap_acceleration(touch: Touch, snapshot: Snapshot) -> float:
-    """The second derivative of the distance from what is hit."""
-    if touch.contact is None:
-        return float(touch.rows[0] @ snapshot.a[:, 0])
-    return float(snapshot.contacts[touch.contact, 4, 0])
-
-
 def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Array:
     """v+ after the impulses of all that touches. fixed (m, nv): rows of loops.
 
@@ -172,25 +135,15 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
     """
     inverse = inverse_under(mass, fixed)
     wanted = [max(0.0, -touch.restitution * float(touch.rows[0] @ v)) for touch in touches]
-    impulses = [np.zeros(len(touch.rows)) for touch in touches]
-    new, single = np.array(v), len(touches) == 1 and len(touches[0].rows) == 1  # its first impulse is exact
-    gains = [float(touch.rows[0] @ inverse @ touch.rows[0]) for touch in touches]
-    scale, root = 1.0 + float(np.abs(v).max()), math.sqrt(2.0 * _kinetic(mass, v))
-    for _ in range(SWEEPS):
-        moved = pressed = 0.0
-        for i, touch in enumerate(touches):
-            better = _impulse(touch, inverse, new, impulses[i], wanted[i])
-            change = inverse @ touch.rows.T @ (better - impulses[i])
-            pressed = max(pressed, abs(float(better[0] - impulses[i][0])) * math.sqrt(gains[i]))
-            impulses[i] = better
-            new = new + change
-            moved = max(moved, float(np.abs(change).max()))
-        # Friction that sticks may take back all of what a sweep adds to the normal impulse, until that is too large.
-        if single or (moved <= UNCHANGED * scale and pressed <= PRESSED * root):
-            break
-    else:
-        raise _no_impact(touches)
-    if _kinetic(mass, new) > _kinetic(mass, v) * (1.0 + 1e-9) + 1e-300:
+    rows = [Rows(touch.rows, np.array([-speed, 0.0, 0.0])[: len(touch.rows)], touch.friction, touch.friction, None)
+            for touch, speed in zip(touches, wanted, strict=True)]  # fmt: skip
+    outcome = solve_contacts(v, inverse, rows)
+    if outcome is None:
+        raise AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
+                            where="effects", remedy="less friction, or no restitution",
+                            code="no-impact")  # fmt: skip
+    new = outcome.a
+    if kinetic_energy(mass, new) > kinetic_energy(mass, v) * (1.0 + 1e-9) + 1e-300:
         raise AccuracyError(f"the impact of {touches[0].name} would create energy under its laws of restitution and "
                             "friction", where="effects", remedy="less restitution or friction",
                             code="no-impact")  # fmt: skip
@@ -198,12 +151,6 @@ def after(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array) -> Arra
               if float(touch.rows[0] @ new) - least <= still_speed(v)]  # fmt: skip
     _require_determined(closed, new, inverse)
     return new
-
-
-def _no_impact(touches: Sequence[Touch]) -> AccuracyError:
-    return AccuracyError(f"no impulses were found that fulfil the laws of impact and friction of {touches[0].name}",
-                         where="effects", remedy="less friction, or no restitution",
-                         code="no-impact")  # fmt: skip
 
 
 def _require_determined(touches: Sequence[Touch], new: Array, inverse: Array) -> None:
@@ -250,20 +197,6 @@ def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *,
     return after(mass, v, [replace(touch, restitution=0.0) for touch in touches], fixed)
 
 
-def _kinetic(mass: Array, v: Array) -> float:
+def kinetic_energy(mass: Array, v: Array) -> float:
     """v M v / 2, J."""
     return 0.5 * float(v.dot(mass.dot(v)))
-
-
-def _impulse(touch: Touch, inverse: Array, v: Array, before: Array, wanted: float) -> Array:
-    """One touch's impulse, those of the others as they are: its velocity as wanted, within its cone."""
-    out = np.array(before)
-    gain = touch.rows @ inverse @ touch.rows.T
-    rates = touch.rows @ v
-    if gain[0, 0] > 0.0:
-        out[0] = max(0.0, before[0] + (wanted - rates[0]) / gain[0, 0])
-    if len(out) == 1:
-        return out
-    rates = rates + gain[:, 0] * (out[0] - before[0])
-    out[1:] = friction_force(gain[1:, 1:], gain[1:, 1:] @ before[1:] - rates[1:], touch.friction * out[0])
-    return out

@@ -11,11 +11,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from twolink.effects.switching import Feature, Hold, Switching, Trigger
+from twolink.integrate.assembly import independent_rows
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import contact_slots
 from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
-from twolink.integrate.scene_equations import make_equations
+from twolink.integrate.scene_equations import make_equations, with_rows
 from twolink.integrate.state import Array
 
 ContactMode = Literal["free", "sliding", "rolling"]
@@ -163,7 +164,12 @@ class System:
         name = mode.contacts, mode.idle, tuple((pair, one.gap) for pair, one in self.features)
         if name not in self._modes:
             self._modes[name] = self._made(mode, x)
-        return self._modes[name]
+        own = self._modes[name]
+        if not (own.rows and mode.locked):
+            return own
+        if (*name, mode.locked) not in self._modes:
+            self._modes[*name, mode.locked] = self._under_locks(own, mode, x)
+        return self._modes[*name, mode.locked]
 
     def look(self, here: Situation) -> Snapshot:
         """The snapshot of a state; kept until the next one, for the same state is looked at more than once."""
@@ -171,6 +177,17 @@ class System:
         if self._seen is None or self._seen[0] != key:
             self._seen = key, here.own.evaluate(np.array([here.t]), here.full_state()[:, None])
         return self._seen[1]
+
+    def _under_locks(self, own: ModeEquations, mode: Mode, x: Array) -> ModeEquations:
+        """The equations without the rows of contacts that joints which are held make redundant."""
+        equations, constraints = own.equations, own.equations.constraints
+        if constraints is None:
+            return own
+        free = np.array([k not in mode.locked for k in range(len(x) - self.nq)], dtype=float)
+        kept = independent_rows(constraints, x[: self.nq], free)
+        if len(kept) == len(constraints.kept):
+            return own
+        return self._with_evaluator(with_rows(equations, kept), mode)
 
     def _made(self, mode: Mode, x: Array) -> ModeEquations:
         closed = {i: self.contacts[i].constraint(kind == "rolling", contact_slots(i))
@@ -182,7 +199,11 @@ class System:
             q = self.robot.normalize(x[None, : self.nq])[0]
             robot = self.switching.robot_with([effect for _, effect in acting])
             equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)
-        rows = {} if equations.constraints is None else contact_places(equations.constraints, list(closed))
+        return self._with_evaluator(equations, mode)
+
+    def _with_evaluator(self, equations: Equations, mode: Mode) -> ModeEquations:
+        closed = [i for i, kind in enumerate(mode.contacts) if kind != "free"]
+        rows = {} if equations.constraints is None else contact_places(equations.constraints, closed)
         redundant = any(None in own for own in rows.values())
         evaluator = Evaluator(equations, self.contacts, self.conditions, compiled=self.compiled,
                               columns_of=len(closed) if redundant else 0)  # fmt: skip

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -24,9 +25,9 @@ from twolink.dynamics.kernels import heyoka
 from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
 from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.constraints import locked_columns
+from twolink.integrate.constraints import Constraints
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of
 from twolink.integrate.state import Array
@@ -34,7 +35,8 @@ from twolink.integrate.state import Array
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
-PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does
+PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does at first
+LOOKS_PER_SECOND = 4e4  # over the operations: looks by NumPy that take as long as a second of compiling, roughly
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 NEARBY = 1e-3  # rad or m
@@ -45,8 +47,8 @@ ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acce
 class Snapshot:
     """States x (size, n) at times t (n,), and of each: a (nv, n), the multipliers of the kept constraint rows, the
     torques of the locks on the lockable degrees of freedom, distances to limits of effort, tau and bias h (nv, n), the
-    rows of each contact (contacts, 5, n), the conditions' distances, and the generalized forces of closed contacts'
-    rows of size 1 (rows nv, n).
+    rows of each contact (contacts, 5, n), the conditions' distances, and the generalized forces of size 1 of
+    the rows of loops and of closed contacts (rows nv, n).
 
     All but t and x is evaluated when it is first looked at: many guards need no more than x.
     """
@@ -88,19 +90,22 @@ class Evaluator:
         self.equations, self.contacts, self.conditions = equations, tuple(contacts), tuple(conditions)
         constraints, nv = equations.constraints, equations.space.nv
         kept = 0 if constraints is None else len(constraints.kept)
-        self._columns = 0 if constraints is None or not columns_of else sum(constraints.counts[-columns_of:])
+        self._columns = () if constraints is None or not columns_of else _force_rows(constraints, columns_of)
         sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
-                 ROWS * len(contacts), len(conditions), self._columns * nv]  # fmt: skip
+                 ROWS * len(contacts), len(conditions), len(self._columns) * nv]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
-        pays = compiling_seconds(EVALUATIONS * equations.operations) <= PAYS
+        seconds = compiling_seconds(EVALUATIONS * equations.operations)
         self._compiled: Any = None
-        if compiled and pays and heyoka() is not None:
-            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
-            name = equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
-            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
+        self._looks = math.inf  # by NumPy, before compiling pays
+        if compiled and heyoka() is not None and (seconds <= PAYS or not is_reproducible()):
+            self._looks = 0.0 if seconds <= PAYS else LOOKS_PER_SECOND * seconds / equations.operations
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
+        if self._compiled is None and self._looks <= 0.0:
+            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
+            name = self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
+            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
         return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
 
     def by_numpy(self, t: Array, x: Array) -> Snapshot:
@@ -113,6 +118,7 @@ class Evaluator:
         return np.asarray(self._compiled(rows, batch_parallel=False))  # heyoka's own choice takes threads too early
 
     def _by_numpy(self, t: Array, x: Array) -> Array:
+        self._looks -= 1.0
         with np.errstate(all="ignore"):
             values = self.formulas(self.equations.mechanism, t, x, Numbers)
         shape = x.shape[1:]
@@ -132,14 +138,13 @@ class Evaluator:
                 *self._contact_columns(mech, x, xp)]  # fmt: skip
 
     def _contact_columns(self, mech: Mechanism, x: Any, xp: Any) -> list[Any]:
-        """The generalized forces of the closed contacts' rows, redundant ones too, one row after the other."""
+        """The generalized forces of the rows of loops and closed contacts, one row after the other."""
         equations, constraints = self.equations, self.equations.constraints
         if constraints is None or not self._columns:
             return []
-        every = replace(constraints, kept=tuple(constraints.all_rows), shares=None)
-        rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)[-self._columns :]
-        free = equations.layout.free(list(x[equations.moving :]))
-        return list(itertools.chain.from_iterable(locked_columns(rows, free)))
+        every = replace(constraints, kept=self._columns, shares=None)
+        rows = constraint_forces(replace(equations, constraints=every), mech, x, xp)
+        return list(itertools.chain.from_iterable(rows))
 
     def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
@@ -151,6 +156,13 @@ class Evaluator:
         )
         acceleration = coefficient(contact.velocity(moving)[0], 1)
         return [contact.gap(motion), *contact.velocity(motion), acceleration]
+
+
+def _force_rows(constraints: Constraints, contacts: int) -> tuple[int, ...]:
+    """The kept rows of loops, and all rows of the closed contacts, which are the last."""
+    rows = constraints.all_rows
+    first = len(rows) - sum(constraints.counts[-contacts:])
+    return (*(i for i in constraints.kept if i < first), *rows[first:])
 
 
 def _compiled(evaluator: Evaluator) -> Any:

@@ -16,6 +16,7 @@ from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
 from twolink.integrate.hybrid.guard import Key
 from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact, whole
 from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
+from twolink.integrate.hybrid.rest import brought_to_rest
 from twolink.integrate.hybrid.snapshot import Snapshot
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
@@ -66,6 +67,7 @@ class RunState:
         self.add_touching()
         before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
+        self._end_bounces()
         _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
@@ -82,6 +84,17 @@ class RunState:
             self.note(kind, name)
         self._rest_noted.clear()
 
+    def _end_bounces(self) -> None:
+        """Bring to rest what bounces too low to follow."""
+        result = brought_to_rest(self.here, self.small)
+        if result is None:
+            return
+        self.x[self.system.nq :], ends, energy = result
+        for name, seconds in ends:
+            why = "after bounces too small to follow, summed in closed form"
+            self.note("rest", name, why, energy / len(ends), self.t + seconds)
+            self._rest_noted.add(name)
+
     def _note_joint(self, k: int) -> None:
         """Note that a joint is held now, or free: by what holds it there, else by what holds it anywhere."""
         holds = sorted(self.system.holds(k, self.x), key=lambda hold: hold.entry is None)
@@ -94,7 +107,7 @@ class RunState:
     def strike(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
         self.add_touching()
-        result = collide(self.here, touch, self.small)
+        result = collide(self.here, touch)
         if result is None:
             return
         self.x[self.system.nq :], impacts = result
@@ -102,10 +115,7 @@ class RunState:
             name = impact.touch.name
             self.note(kind if impact.touch is touch else "impact", name, f"at {impact.speed:.6g} {impact.touch.unit}",
                       impact.energy)  # fmt: skip
-            if impact.rest is not None:
-                why = "after bounces too small to follow, summed in closed form"
-                self.note("rest", name, why, t=self.t + impact.rest)
-            if impact.rest is not None or kind != "impact":
+            if kind != "impact":
                 self._rest_noted.add(name)
 
     def touching(self, reach: float = NEAR) -> list[tuple[int, list[Feature]]]:

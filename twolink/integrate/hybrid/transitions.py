@@ -14,7 +14,7 @@ from twolink.errors import SceneError
 from twolink.integrate.formulas import projected
 from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
-from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare
+from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
 from twolink.integrate.hybrid.guard import Guard, Key
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
 from twolink.integrate.hybrid.snapshot import Snapshot
@@ -50,6 +50,8 @@ def _joint_guards(run: RunState) -> Iterator[Guard]:
     system, mode, x, t = run.here
     for i, k in enumerate(system.lockable):
         if k in mode.locked:
+            if run.here.own.redundant:
+                continue  # its share is watched
             for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
                     yield Guard((f"lock {side:+g}", k), partial(_row, "locks", i, side, torque),
@@ -86,7 +88,7 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
         if mode.contacts[i] == "rolling":
             yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, is_force=True)
     if run.here.own.redundant:
-        share = ForceShare(run.here.own, mode, system.static)
+        share = share_of(run.here)
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
 
 
@@ -240,8 +242,13 @@ def _give_way(share: ForceShare, run: RunState) -> None:
     """What happens where no share of the contact forces obeys the laws any more: those at their limit give way."""
     _still(run)
     before, best = run.mode, share.best(run.here.look())
-    for i, force, weight in zip(share.contacts, best.forces[0], best.weight[0], strict=True):
-        if weight > TIGHT * best.weight[0].max():
+    tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
+    for one, force, gives in zip(share.held, best.forces[0, count:], tight[count:], strict=True):
+        if gives:
+            run.mode = freed(run.here, one.dof, one.torque(force))
+            run.opened.add(("joint", one.dof))
+    for i, force, gives in zip(share.contacts, best.forces[0], tight, strict=False):
+        if gives:
             opens = run.mode.contacts[i] != "rolling" or force[0] <= EMPTY * best.load
             run.mode = run.mode.with_contact(i, "free") if opens else sliding(run.mode, i, force)
             run.opened.add(("contact" if opens else "roll", i))

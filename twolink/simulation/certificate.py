@@ -1,0 +1,318 @@
+"""Certificate: the laws of stops, contacts, friction, loops and impacts, checked along a run that has been solved.
+
+    stops, gaps     side (q - position) >= 0,  g >= 0
+    constraints     g(q) = 0 and J v = 0 of loops and of contacts that are closed, v = 0 of joints that are held
+    forces          stops and contacts press, |T| <= mu N, a hold gives no more than it can
+    friction        tau v <= 0 and lambda B^T v <= 0: it takes power, and all that a joint that slips has
+    mode starts     what touches does not begin to approach, and a joint slips against its friction
+    impacts         they add no kinetic energy
+
+Only what the scene declares and the states are used, none of the decisions of the engine that made the run. By the last
+three laws nothing but actuators and gravity adds energy, for the equations of motion are smooth between events.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.algorithms.namespaces import Numbers
+from twolink.effects.switching import Switching
+from twolink.errors import AccuracyError
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import constraint_forces, motion_of
+from twolink.integrate.hybrid.force_share import Support, margins
+from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
+from twolink.integrate.solution import Piece, Solution
+from twolink.integrate.state import Array
+from twolink.simulation.text import ShownAsText
+
+POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
+RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
+TOUCHES = 1e-12  # m or rad: at the start of a mode
+LEAST_LOAD = 1e-3  # N or N m by kg of the robot: less, where loads cancel, is no scale
+CHUNK = 4096  # states that are looked at together
+UNITS = {"stops": "rad or m", "gaps": "m", "constraints": "rad or m"}  # of the others: relative
+Broken = Iterator[tuple[str, Array]]  # laws, and by how much states (n,) break them; below 0: they keep them
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law and the most that a state of the run breaks it, with the time [s] of that; 0: all keep it.
+
+    worst, limit: in rad or m for "stops", "gaps" and "constraints", relative to the largest load for others.
+    """
+
+    law: str
+    worst: float
+    limit: float
+    when: float
+
+    def __str__(self) -> str:
+        unit = UNITS.get(self.law, "relative")
+        where = f", at {self.when:.6g} s" if self.worst else ""
+        return f"{self.law:<12} broken by {self.worst:.1e} at most ({unit}; allowed {self.limit:.0e}){where}"
+
+
+@dataclass(frozen=True, repr=False)
+class Certificate(ShownAsText):
+    """The laws that a run was checked for, at so many states: samples, and the starts of modes."""
+
+    laws: tuple[Law, ...]
+    states: int
+
+    def __repr__(self) -> str:
+        return "\n".join([f"laws checked at {self.states} states", *(f"  {law}" for law in self.laws)])
+
+    def require(self, run: Any = None) -> None:
+        """Raise AccuracyError (code "laws-violated", with data law, t [s] and size) for a law that is broken."""
+        broken = [law for law in self.laws if not law.worst <= law.limit]
+        if broken:
+            first = min(broken, key=lambda law: law.when)
+            raise AccuracyError(f"the run breaks a law: {first}", where=f"t = {first.when:.9g} s",
+                                remedy='report this scene; or contact="stepped", or smooth friction and springs',
+                                code="laws-violated", law=first.law, t=first.when, size=first.worst,
+                                run=run)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _States:
+    """States x (size, n) at times t (n,) of pieces with the same equations but for numbers.
+
+    lasts: how long a mode lasts that starts there, s; 0 elsewhere.
+    """
+
+    switching: Switching
+    equations: Equations
+    t: Array
+    x: Array
+    lasts: Array
+
+    def chosen(self, which: Array) -> "_States":
+        """Some of them."""
+        return _States(self.switching, self.equations, self.t[which], self.x[:, which], self.lasts[which])
+
+    @property
+    def v(self) -> Array:
+        """The velocities (nv, n)."""
+        return self.x[self.equations.space.nq : self.equations.moving]
+
+    @property
+    def speed(self) -> Array:
+        """The scale of the velocities (n,)."""
+        return 1.0 + np.asarray(np.abs(self.v).max(axis=0, initial=0.0))
+
+    @property
+    def holds(self) -> tuple[Array, Array]:
+        """Of each lockable degree of freedom, whether it is locked and its friction torque, (lockable, n) each."""
+        count = len(self.equations.layout.lockable)
+        numbers = self.x[len(self.x) - 2 * count :]
+        return numbers[:count] > 0.5, numbers[count:]
+
+
+def certificate(switching: Switching, solution: Solution) -> Certificate:
+    """The certificate of a solution with events, from its samples and the starts of its modes."""
+    worst: dict[str, tuple[float, float]] = {}
+    count = 0
+    for states in _states(switching, solution):
+        count += len(states.t)
+        for law, broken, t in _laws(states):
+            _take(worst, law, broken, t)
+    for law, broken, t in _impacts(switching, solution.pieces):
+        _take(worst, law, broken, t)
+    laws = [Law(law, size, POSITION if law in UNITS else RELATIVE, t) for law, (size, t) in worst.items()]
+    return Certificate(tuple(laws), count)
+
+
+def _take(worst: dict[str, tuple[float, float]], law: str, broken: Array, t: Array) -> None:
+    """Note the largest of values; one that is no number is the largest of all."""
+    sizes = np.maximum(np.asarray(broken, dtype=float), 0.0)
+    sizes[np.isnan(sizes)] = math.inf
+    if sizes.size and sizes.max() > worst.setdefault(law, (0.0, 0.0))[0]:
+        i = int(np.argmax(sizes))
+        worst[law] = float(sizes[i]), float(t[i])
+
+
+def _states(switching: Switching, solution: Solution) -> Iterator[_States]:
+    """The samples of each piece, where its steps end, and its start, those of equal equations together."""
+    forms: dict[tuple[int, ...], list[_States]] = {}
+    first = 0
+    ends = [*(piece.begin for piece in solution.pieces[1:]), float(solution.t[-1])]
+    for piece, end in zip(solution.pieces, ends, strict=True):
+        own, moving = piece.equations, piece.equations.moving
+        inside = slice(first, first + piece.samples)
+        first += piece.samples
+        t, at = solution.t[inside], solution.x[:moving, inside]
+        if piece.taken is not None:
+            within = (piece.taken[0] > piece.begin) & (piece.taken[0] < end)
+            t, at = np.append(t, piece.taken[0][within]), np.concatenate([at, piece.taken[1][within].T], axis=1)
+        x = np.repeat(np.asarray(own.start, dtype=float)[:, None], 1 + len(t), axis=1)
+        x[:moving, 1:] = at
+        lasts = np.zeros(1 + len(t))
+        lasts[0] = end - piece.begin
+        key = id(own.robot), id(own.effects), id(own.constraints)
+        every = forms.setdefault(key, [])
+        every.append(_States(switching, own, np.append(piece.begin, t), x, lasts))
+    for every in forms.values():
+        t, lasts = np.concatenate([s.t for s in every]), np.concatenate([s.lasts for s in every])
+        x = np.concatenate([s.x for s in every], axis=1)
+        for k in range(0, len(t), CHUNK):
+            part = slice(k, k + CHUNK)
+            yield _States(switching, every[0].equations, t[part], x[:, part], lasts[part])
+
+
+@np.errstate(all="ignore")
+def _laws(states: _States) -> Iterator[tuple[str, Array, Array]]:
+    """All laws but that of impacts: by how much states break them, and their times."""
+    for law, broken in _positions(states):
+        yield law, broken, states.t
+    locked, friction = states.holds
+    forced = locked.any(axis=0) | (friction != 0.0).any(axis=0) | (states.lasts > 0.0)
+    states = states.chosen(forced | (states.equations.constraints is not None))
+    if not len(states.t):
+        return
+    look = Evaluator(states.equations, [contact for _, contact in states.switching.contacts]).by_numpy(
+        states.t, states.x
+    )
+    load = np.abs(np.concatenate([look.tau, look.bias, states.holds[1]])).max(axis=0)
+    load = np.maximum(load, LEAST_LOAD * sum(inertia.mass for inertia in states.equations.robot.model.inertias))
+    for law, broken in itertools.chain(_joint_forces(states, look, load), _constraint_forces(states, look, load)):
+        yield law, broken, states.t
+    begin = states.lasts > 0.0
+    starts = states.chosen(begin)
+    for law, broken in _starts(starts, look.a[:, begin], look.contacts[..., begin]):
+        yield law, broken, starts.t
+
+
+def _positions(states: _States) -> Broken:
+    """Stops, gaps, loops and closed contacts, and joints that are held."""
+    switching, equations, x = states.switching, states.equations, states.x
+    for stop in switching.stops:
+        yield "stops", -stop.side * (x[stop.entry] - stop.position)
+    motion = motion_of(equations, equations.mechanism, states.t, x, Numbers)
+    every = np.zeros(len(states.t))
+    for _, contact in switching.contacts:
+        yield "gaps", every - contact.gap(motion)
+    for _, pair in switching.pairs:
+        yield "gaps", every - pair.gaps(motion, ())
+    locked, _ = states.holds
+    for k, holds in zip(equations.layout.lockable, locked, strict=True):
+        yield "constraints", np.where(holds, np.abs(states.v[k]) / states.speed, 0.0)
+    constraints = equations.constraints
+    if constraints is not None:
+        q = x[: equations.space.nq]
+        for row in constraints.residuals(equations.mechanism, list(q), Numbers):
+            yield "constraints", every + np.abs(row)
+        for row in constraints.velocities(equations.mechanism, q, states.v, Numbers):
+            yield "constraints", every + np.abs(row) / states.speed
+
+
+def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
+    """Torques of holds within what they can give; all of the friction of what slips, against it."""
+    for k, locked, friction, torque in zip(states.equations.layout.lockable, *states.holds, look.locks, strict=True):
+        least, greatest = _limits(states, k)
+        alone = locked & (not _redundant(states.equations))
+        yield "forces", np.where(alone, np.maximum(torque - greatest, least - torque) / load, 0.0)
+        kinetic, v = sum(hold.kinetic for _, hold in states.switching.holds if hold.dof == k), states.v[k]
+        slips = ~locked & (np.abs(v) > RELATIVE * states.speed)
+        yield "friction", np.where(slips, np.abs(friction + kinetic * np.sign(v)) / load, 0.0)
+
+
+def _constraint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
+    """Contacts that press, with friction within its cone; loops and contacts add no power."""
+    equations, constraints = states.equations, states.equations.constraints
+    if constraints is None:
+        return
+    rows = constraint_forces(equations, equations.mechanism, states.x, Numbers)
+    power = sum((lam * sum((b * v for b, v in zip(row, states.v, strict=True)), np.zeros(1))
+                 for lam, row in zip(look.multipliers, rows, strict=True)), np.zeros(1))  # fmt: skip
+    yield "friction", power / (load * states.speed)
+    closed = [_with_static(states.switching, loop) for loop in constraints.loops if loop.touches]
+    if not closed:
+        return
+    every = constraints.all_multipliers(look.multipliers)
+    scale = np.maximum(load, np.abs(every).max(axis=0))
+    if _redundant(equations):
+        yield "forces", -_margins(states, closed) / scale
+        return
+    ends = np.cumsum(constraints.counts)[-len(closed) :]
+    for loop, end, count in zip(closed, ends, constraints.counts[-len(closed) :], strict=True):
+        normal, *across = every[end - count : end]
+        yield "forces", -normal / scale
+        if loop.rolling:
+            yield "forces", (np.hypot(*across) - loop.friction * normal) / scale
+
+
+def _redundant(equations: Equations) -> bool:
+    """Whether contacts have more rows than determine their forces: then they share them with what holds joints."""
+    constraints = equations.constraints
+    return constraints is not None and any(loop.touches for loop in constraints.loops) and len(
+        constraints.kept) < len(constraints.all_rows)  # fmt: skip
+
+
+def _margins(states: _States, closed: Sequence[Any]) -> Array:
+    """How far the best share of the forces of contacts, and of what holds joints, is within the laws (n,)."""
+    out, locked = np.empty(len(states.t)), states.holds[0]
+    for pattern in np.unique(locked, axis=1).T:
+        these = np.flatnonzero((locked == pattern[:, None]).all(axis=0))
+        held = [Support(i, k, *(float(limit[these[0]]) for limit in _limits(states, k)))
+                for i, k in enumerate(states.equations.layout.lockable) if pattern[i]]  # fmt: skip
+        out[these] = margins(states.equations, closed, states.t[these], states.x[:, these], held)
+    return out
+
+
+def _limits(states: _States, k: int) -> tuple[Array, Array]:
+    """The least and the greatest torque (n,) that can hold joint k where it is."""
+    holds = [hold for _, hold in states.switching.holds if hold.dof == k]
+    near = [np.abs(states.x[h.entry] - h.position) <= POSITION if h.entry is not None else True for h in holds]
+    least, greatest = (sum((np.where(at, limit, 0.0) for at, limit in zip(near, limits, strict=True)),
+                           np.zeros(len(states.t)))
+                       for limits in ([h.least for h in holds], [h.greatest for h in holds]))  # fmt: skip
+    return least, greatest
+
+
+def _with_static(switching: Switching, loop: Any) -> Any:
+    """A closed contact's loop; one that rolls with the friction of rest."""
+    every: list[tuple[str, float | None]] = [(contact.name, contact.static) for _, contact in switching.contacts]
+    every += [(pair.name, getattr(switching.effects[place], "static", None)) for place, pair in switching.pairs]
+    static = next((size for name, size in every if name == loop.pair and size is not None), loop.friction)
+    return msgspec.structs.replace(loop, friction=float(static)) if loop.rolling else loop
+
+
+def _starts(states: _States, a: Array, contacts: Array) -> Broken:
+    """What touches and does not part does not begin to approach; a joint begins to slip against its friction.
+
+    The acceleration counts where it would break the law of positions while the mode lasts.
+    """
+    small, largest = POSITION * states.speed, 1.0 + np.abs(a).max(axis=0, initial=0.0)
+
+    def approach(gap: Array, rate: Array, acceleration: Array) -> Array:
+        comes = (np.abs(rate) <= small) & (gap + 0.5 * acceleration * states.lasts**2 < -POSITION)
+        return np.where((gap <= TOUCHES) & comes, -acceleration / largest, 0.0)
+
+    for stop in states.switching.stops:
+        room = stop.side * (states.x[stop.entry] - stop.position)
+        yield "mode starts", approach(room, stop.side * states.v[stop.dof], stop.side * a[stop.dof])
+    for gap, rate, *_, acceleration in contacts:
+        yield "mode starts", approach(gap, rate, acceleration)
+    for k, friction in zip(states.equations.layout.lockable, states.holds[1], strict=True):
+        rests = np.abs(states.v[k]) <= small
+        yield "mode starts", np.where(rests, np.sign(friction) * a[k] / largest, 0.0)
+
+
+def _impacts(switching: Switching, pieces: Sequence[Piece]) -> Iterator[tuple[str, Array, Array]]:
+    """Kinetic energies after events, beside those before them. What a `then` changes may add any."""
+    if any(trigger.state is not None for _, trigger in switching.triggers):
+        return
+    for robot in {id(piece.equations.robot): piece.equations.robot for piece in pieces}.values():
+        pairs = [(one.last, two) for one, two in itertools.pairwise(pieces)
+                 if one.equations.robot is robot and two.equations.robot is robot and one.last is not None]  # fmt: skip
+        if pairs:
+            x = np.array([np.stack([last, two.equations.start[: len(last)]]) for last, two in pairs])
+            before, after = (robot.energy(x[:, i, : robot.nq], x[:, i, robot.nq :])[0] for i in (0, 1))
+            least = 1e-300 + RELATIVE * float(before.max())
+            yield "impacts", (after - before) / np.maximum(before, least), np.array([two.begin for _, two in pairs])
