@@ -238,8 +238,9 @@ def _lawful(run: Trajectory, equations: Equations, solution: Solution) -> Trajec
     """The run with its certificate, where it has events. Raises AccuracyError, code "laws-violated"."""
     if equations.switching is None:
         return run
-    run = replace(run, certificate=certificate(equations.switching, solution))
-    run.certificate.require(run)
+    checked = certificate(equations.switching, solution)
+    run = replace(run, certificate=checked)
+    checked.require(run)
     return run
 
 
