@@ -251,6 +251,7 @@ def test_an_accuracy_out_of_reach_offers_a_shorter_run(page: Page) -> None:
     page.choose("#sliders input[type=number]", "1.6")
     page.choose("#accuracy", "12")
     page.choose("#duration", "20")
+    page.choose("#precision", "double")
     page.click("#run-button")
     page.wait_for("document.querySelector('#run-problem button')")
     assert "double precision" in page.text("#run-problem")

@@ -1,12 +1,10 @@
 """The solution that a study's errors are measured against, and its own error.
 
-It is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, solved twice at two tolerances: the
-distance of the two is the error of the worse one, and the better one is used. Numbers of so many digits are kept
-as the sum of two doubles, q + rest.
+It is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, and verified as every run is. Numbers
+of so many digits are kept as the sum of two doubles, q + rest.
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,18 +13,18 @@ import numpy as np
 from twolink.accuracy.study_data import Reference
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
-from twolink.integrate import scipy_solver, taylor
+from twolink.integrate import taylor
 from twolink.integrate.compile_time import MAX_COMPILING, taylor_seconds
 from twolink.integrate.equations import Equations
+from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
-from twolink.integrate.solver import solve
 from twolink.integrate.state import Array, StateSpace
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
+from twolink.simulation.verification import Verification
 
-SAFETY = 4.0  # both solutions may have errors of the same sign
 MAX_SECONDS = 60.0  # for a solution in quadruple precision
-TOLERANCES: dict[taylor.Precision, tuple[float, float]] = {"extended": (1e-19, 1e-18), "quad": (1e-25, 1e-22)}
+TOLERANCES: dict[taylor.Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
 EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
 DIGITS = {"extended": "19", "quad": "33"}
 
@@ -79,54 +77,36 @@ def better_reference(equations: Equations, times: Array) -> ReferenceSolution | 
 def _by_taylor(
     equations: Equations, times: Array, precision: taylor.Precision, seconds: float | None = None
 ) -> ReferenceSolution:
-    def solution(tolerance: float) -> Solution:
-        limit = None if seconds is None else TimeLimit(seconds)
-        return taylor.solve(equations, times, tolerance, limit, precision=precision)
-
     how = f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)"
-    return _of_two(equations, solution, TOLERANCES[precision], how, precision)
+    return _verified(equations, times, MethodChoice(METHODS["taylor"], TOLERANCES[precision], how, precision), seconds)
 
 
 def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution:
-    smallest = scipy_solver.SMALLEST_TOLERANCE
-    return _of_two(
-        equations,
-        lambda tolerance: solve(equations, METHODS["scipy-dop853"], times, tolerance),
-        (smallest, 10 * smallest),
-        f"SciPy's DOP853 in double precision, as {why},",
-        "double",
-    )
+    how = f"SciPy's DOP853 in double precision, as {why},"
+    return _verified(equations, times, MethodChoice(METHODS["scipy-dop853"], TOLERANCES["double"], how))
 
 
-def _of_two(
-    equations: Equations,
-    solution: Callable[[float], Solution],
-    tolerances: tuple[float, float],
-    how: str,
-    precision: taylor.Precision,
+def _verified(
+    equations: Equations, times: Array, choice: MethodChoice, seconds: float | None = None
 ) -> ReferenceSolution:
-    """The better of two solutions, with their distance as its error."""
-    start = time.perf_counter()
-    space = equations.space
-    (q, rest), (other, other_rest) = (_parts(_whole(solution(t)), space) for t in tolerances)
-    error = SAFETY * (2.0 if space.curved else 1.0) * float(np.abs((q - other) + (rest - other_rest)).max(initial=0.0))
-    error = digits_error = max(error, EPSILON[precision])  # two solutions may agree by chance, or be the start itself
+    """A solution, with its error by the solutions beside it, as that of every run."""
+    start, space = time.perf_counter(), equations.space
+    limit = None if seconds is None else TimeLimit(seconds)
+    run = Verification(equations, times, np.arange(len(times)), limit)(choice)
+    if run.truncation is None or run.rounding is None:  # Ctrl-C has cut it short: half a reference is of no use
+        raise KeyboardInterrupt
+    if not np.isfinite(run.solution.x).all():
+        raise AccuracyError("the reference is not finite", where="reference", remedy="a shorter duration")
+    q, rest = _parts(run.solution, space)
+    # Two solutions may agree by chance, or be the start itself.
+    error = digits_error = max(float((run.truncation + run.rounding).max()), EPSILON[choice.precision])
     if space.curved:
         q = space.rows(np.pad(q.T, ((0, space.nv), (0, 0))))[0]
         # The difference of two rotations is computed in doubles, and so is that of two places.
         error += 2.0 * float(np.finfo(float).eps * (1.0 + np.abs(q).max(initial=0.0)))
-    text = f"{how} at tolerance {tolerances[0]:.2g}, its error by a second one at {tolerances[1]:.2g}"
+    text = f"{choice.why} at tolerance {choice.setting:.2g}, its error by a finer solution and disturbed ones"
     about = Reference(text, error, time.perf_counter() - start, tuple(q[-1].tolist()))
-    return ReferenceSolution(about, q, rest, digits_error, precision)
-
-
-def _whole(solution: Solution) -> Solution:
-    """The solution, unless Ctrl-C has cut it short: half a reference is of no use."""
-    if solution.interrupted:
-        raise KeyboardInterrupt
-    if not np.isfinite(solution.x).all():
-        raise AccuracyError("the reference is not finite", where="reference", remedy="a shorter duration")
-    return solution
+    return ReferenceSolution(about, q, rest, digits_error, choice.precision)
 
 
 def _parts(solution: Solution, space: StateSpace) -> tuple[Array, Array]:

@@ -124,10 +124,11 @@ def run(
     method: Method = "auto",
     tolerance: Annotated[float | None, Option(help="Tolerance of an adaptive method, in place of --accuracy.")] = None,
     step: Annotated[float | None, Option(help="Step of a fixed-step method, s, in place of --accuracy.")] = None,
-    precision: Annotated[str, Option(help="double (16 digits), or quad (33, by Taylor's method).")] = "double",
+    precision: Annotated[str, Option(help="double (16 digits), extended (19) or quad (33); auto: as needed.")] = "auto",
+    patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
     samples: Annotated[float, Option(help="Samples a second.")] = 200.0,
-    no_verify: Annotated[bool, Option("--no-verify", help="Skip the second solution: no error bar.")] = False,
+    no_verify: Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")] = False,
     out: Files = None,
     book: Annotated[bool, Option("--book", help="Print the energy balance: work of each effect, impacts.")] = False,
     as_json: Json = False,
@@ -139,7 +140,7 @@ def run(
     \b
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
-    twolink run arm-swing --precision quad --accuracy 1e-25
+    twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
     """
     from twolink.simulation.scene_run import simulate
 
@@ -151,7 +152,7 @@ def run(
         result = simulate(
             loaded, length, accuracy, method=method, samples=samples, verify=not no_verify,
             precision=cast(Any, precision), tolerance=tolerance, step=step, contact=contact,
-            progress=lambda t: report(t, length, f"t = {t:.4g} s"),
+            patience=patience, progress=lambda t: report(t, length, f"t = {t:.4g} s"),
         )  # fmt: skip
     written, failures = write(paths, partial(write_by_ending, result))
     record = {"scene": scene} | run_record(result) | {"written": written}

@@ -39,7 +39,7 @@ Seed = Annotated[int | None, Option(metavar="COUNT", help="Of samples.", show_de
 KEPT_HELP = "What is kept, with commas: final, samples, events, energy, cost, module:function."
 Outputs = Annotated[str | None, Option(metavar="NAMES", help=KEPT_HELP, show_default="final")]
 Samples = Annotated[int | None, Option(metavar="COUNT", help="Times between start and end, of the output samples.")]
-NoVerify = Annotated[bool, Option("--no-verify", help="Skip the second solution: no error bar.")]
+NoVerify = Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")]
 Executor = Annotated[str | None, Option(metavar="ADDRESS", help="A Dask scheduler.", show_default="local processes")]
 Workers = Annotated[int | None, Option(min=1, metavar="COUNT", help="Processes.", show_default="one a core")]
 Variable = Annotated[str, Option(help="What a figure shows, such as end.q.elbow.", show_default="the first")]

@@ -35,7 +35,7 @@ class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True)
 
     samples: Positive = 200.0
     verify: bool = True
-    precision: Literal["double", "quad"] = "double"
+    precision: Literal["auto", "double", "extended", "quad"] = "auto"
     tolerance: Positive | None = None
     step: Positive | None = None
     wait: Wait = 2.0

@@ -11,7 +11,7 @@ from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MethodChoice, choose
+from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Solution
@@ -19,9 +19,11 @@ from twolink.integrate.solver import solve
 from twolink.integrate.step_building import compiled_rate
 from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
+from twolink.integrate.taylor import Precision
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.simulation.refinement import DIGITS, PATIENCE, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for
 from twolink.simulation.text import ShownAsText
 
@@ -31,6 +33,7 @@ BATCH = 1024  # worlds that an evaluation is timed in
 PILOT = 0.05  # of the duration, from which the time of the whole is extrapolated
 ROUNDS = 5
 MAX_SECONDS = 1.0  # of solving a part of the run several times
+DEMANDING = 1e-10  # rad or m: accuracies below may be out of reach of double precision
 LONGEST_PILOT = 10.0  # simulated seconds
 
 
@@ -147,7 +150,8 @@ def explain(
     if way.way == "stepped":
         return _of_steps(scene, way, accuracy, length)
     equations = equations_of(scene)
-    choice = choose(equations, accuracy, length, method)
+    more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
+    choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
     shares = [
         Share(kebab_case(type(effect).__name__), equations.operations - equations_of(scene.without(i)).operations)
         for i, effect in enumerate(scene.effects)
@@ -155,7 +159,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        _notes(scene, way),
+        (*_notes(scene, way), *_digits(more, accuracy)),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -173,6 +177,13 @@ def explain(
 def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
     """What is to be said of the start and of the effects, and how contacts are computed."""
     return (*scene.notes(), *([f"contacts are {way.way}: {way.why}"] if way.way else []))
+
+
+def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
+    """Which digits the accuracy may take."""
+    if not more:
+        return [] if accuracy >= DEMANDING else ["double precision only: the equations are not smooth, or not compiled"]
+    return [f"where 16 digits do not keep the accuracy: {' or '.join(DIGITS[one] for one in more)}"]
 
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:

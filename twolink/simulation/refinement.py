@@ -6,6 +6,7 @@ and numbers of more digits: 19, then 33, by Taylor's method.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,19 +15,21 @@ from twolink.errors import AccuracyError
 from twolink.integrate.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS
-from twolink.integrate.method_choice import MethodChoice, first_setting
+from twolink.integrate.method_choice import MethodChoice, choose, first_setting
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.taylor import ROUNDING_UNIT, Precision
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 
+PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
 AIM = 0.5  # of the accuracy, for the next bar
 MOST = 0.8  # of the accuracy, that rounding may take
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 TRIALS, WORSE = 8, 0.9  # settings of a method, as long as each bar is smaller than the last one
 OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings
+REACHED = {"double": 3e-15, "extended": 3e-18}  # rad or m: a smaller accuracy is not tried in these numbers
 DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", "quad": "33 digits"}
 
 
@@ -43,17 +46,15 @@ class Search:
         Whether other methods may be tried.
     precisions : tuple of str
         In which numbers may be tried after the first ones, in order.
-    seconds : float
-        What compiling may take.
     """
 
     equations: Equations
     accuracy: float
     any_method: bool = False
     precisions: tuple[Precision, ...] = ()
-    seconds: float = 60.0
     tried: list[str] = field(default_factory=list)
     best: Trajectory | None = None
+    _digits: Precision = "double"
     _settings: int = 0
     _last: float = np.inf
     _left: Iterator[MethodChoice] | None = None
@@ -63,6 +64,7 @@ class Search:
         setting = f"{'tolerance' if choice.method.adaptive else 'step'} {choice.setting:.1e}"
         digits = "" if choice.precision == "double" else f" with {DIGITS[choice.precision]}"
         bar = run.error[-1] if run is not None and run.error is not None else np.inf
+        self._digits = choice.precision
         self.tried.append(f"{choice.method.name}{digits} at {setting}: {bar:.1e}")
         if run is not None and (self.best is None or self.best.error is None or bar < self.best.error[-1]):
             self.best = run
@@ -117,22 +119,37 @@ class Search:
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""
-        run = self.best
+        run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
+        more = "quad" if self._digits == "double" and self.equations.analytic and heyoka() is not None else ""
+        also = ', or precision="auto"' if more else ""
+        data: dict[str, Any] = {"code": "accuracy-limit", "precision": more, "tried": self.tried}
         if run is None or run.error is None:
-            return AccuracyError(f"{self.accuracy:g} cannot be kept", argument="accuracy", code="accuracy-limit",
-                                 remedy="ask for less accuracy", trusted_until=0.0, tried=self.tried)  # fmt: skip
+            return AccuracyError(what, argument="accuracy", remedy=f"ask for less accuracy{also}", trusted_until=0.0,
+                                 **data)  # fmt: skip
         until, bar = run.trusted_until or 0.0, float(run.error[-1])
         shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
         return AccuracyError(
-            f"{self.accuracy:g} cannot be kept: the smallest error bar is {bar:.1e} at the end, of "
-            + "; ".join(self.tried[-3:]),
+            f"{what}: the smallest error bar is {bar:.1e} at the end, of {'; '.join(self.tried[-3:])}",
             where=f"t = {until:.6g} s",
-            remedy=f"{shorter}ask for accuracy={_rounded_up(bar):g}",
-            code="accuracy-limit",
+            remedy=f"{shorter}ask for less accuracy, such as {_rounded_up(bar):g}{also}",
             run=run,
             trusted_until=until,
-            tried=self.tried,
+            **data,
         )
+
+
+def first_choice(
+    equations: Equations,
+    accuracy: float,
+    end: float,
+    method: str,
+    precision: Precision | Literal["auto"],
+    more: tuple[Precision, ...],
+) -> MethodChoice:
+    """What is tried first. more: the precisions beyond double that may be tried."""
+    if more and accuracy < REACHED["double"]:
+        return more_digits(accuracy, more[-1] if accuracy < REACHED["extended"] else more[0], "the accuracy needs them")
+    return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
 
 
 def more_digits(accuracy: float, precision: Precision, why: str = "asked for") -> MethodChoice:

@@ -12,7 +12,7 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.method_choice import MethodChoice, choose
+from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.taylor import Precision
@@ -21,7 +21,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
-from twolink.simulation.refinement import Search, more_digits, precisions_of
+from twolink.simulation.refinement import PATIENCE, Search, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
@@ -30,11 +30,9 @@ from twolink.simulation.verification import Verification, Verified
 MAX_SAMPLES = 20_000_000
 LOOKS, MAX_LOOKS = 41, 100  # times at which errors are looked at, at least and about at most
 ACCURACY = 1e-6  # rad or m, where none is asked for
-PATIENCE = 600.0  # s of wall clock
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
-DOUBLE_REACHES = 3e-15  # rad or m: a smaller accuracy is not tried in double precision
 NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
                "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
 UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps", "not-finite"  # codes: another method may go on
@@ -110,7 +108,7 @@ def simulate(
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
     free = method == "auto" and tolerance is None and step is None
     more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
-    first = _first(equations, accuracy, end, method, precision, more if free else ())
+    first = first_choice(equations, accuracy, end, method, precision, more if free else ())
     choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
@@ -124,20 +122,6 @@ def simulate(
             remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
             raise AccuracyError(error.what, remedy=remedy, **parts) from None
         raise
-
-
-def _first(
-    equations: Equations,
-    accuracy: float,
-    end: float,
-    method: str,
-    precision: Precision | Literal["auto"],
-    more: tuple[Precision, ...],
-) -> MethodChoice:
-    """What is tried first."""
-    if more and accuracy < DOUBLE_REACHES:
-        return more_digits(accuracy, more[-1] if accuracy < DOUBLE_REACHES**1.2 else more[0], "the accuracy needs them")
-    return choose(equations, accuracy, end, method, "double" if precision == "auto" else precision)
 
 
 def _stepped(

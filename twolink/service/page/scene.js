@@ -9,7 +9,7 @@ import { templates } from "./templates.js";
 
 export const OWN = "own"; // id of the scene that is in no file: the robot released at rest
 const G = -9.81;
-const CONTROLS = { accuracy: "6", method: "auto", precision: "double" }; // with what they show at first
+const CONTROLS = { accuracy: "6", method: "auto", precision: "auto" }; // with what they show at first
 
 export class SceneEditor {
   /** onPick(content, id): the user chose a scene. onChange(): what current() gives has changed. pose(): q, and where

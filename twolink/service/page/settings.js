@@ -1,7 +1,7 @@
 // Settings of a run: the scene with its accuracy, method and precision. Two of them are compared by what they mean.
 
 const SCENE = { title: "", duration: 10, q: {}, v: {}, effects: [] }; // what a scene leaves out
-const RUN = { accuracy: 1e-6, method: "auto", precision: "double" };
+const RUN = { accuracy: 1e-6, method: "auto", precision: "auto" };
 const WORDS = {
   robot: "robot",
   duration: "duration",
