@@ -134,7 +134,7 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
     """Equal rods are chaotic from there: errors grow about 1.2-fold a second in the exponent."""
     scene = tl.Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=GRAVITY)
     with pytest.raises(AccuracyError, match="cannot be kept in double precision") as caught:
-        tl.simulate(scene, 30.0, accuracy=1e-9, samples=20)
+        tl.simulate(scene, 30.0, accuracy=1e-9, samples=20, precision="double")
     until = float(caught.value.where.split()[2])
     assert 3 < until < 30
     assert f"duration={until:.6g}" in caught.value.remedy
@@ -145,7 +145,7 @@ def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
     """The exact answer is to stay at rest upright; rounding alone moves the arm away within some 8 s."""
     scene = tl.Scene(tl.load_robot("two_link"), q=[np.pi / 2, 0.0], effects=GRAVITY)
     with pytest.raises(AccuracyError, match="cannot be kept in double precision"):
-        tl.simulate(scene, 20.0, accuracy=1e-3, samples=1)
+        tl.simulate(scene, 20.0, accuracy=1e-3, samples=1, precision="double")
     worlds = tl.simulate_many(scene, duration=20.0, accuracy=0.1)
     assert worlds.kept is not None
     assert not worlds.kept.any()
@@ -164,8 +164,8 @@ def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
         ({"accuracy": "high"}, AccuracyError, "got 'high'"),
         ({"accuracy": 10**400}, AccuracyError, "accuracy: expected a number above 0"),
         ({"samples": 0}, SceneError, "samples"),
-        ({"accuracy": 1e-17}, AccuracyError, "cannot be kept in double precision"),
-        ({"accuracy": 1e-20}, AccuracyError, "cannot be kept in double precision"),
+        ({"accuracy": 1e-17, "precision": "double"}, AccuracyError, "cannot be kept in double precision"),
+        ({"accuracy": 1e-20, "precision": "double"}, AccuracyError, "cannot be kept in double precision"),
         ({"samples": "many"}, SceneError, "samples"),
         ({"samples": 10**400}, SceneError, "samples: expected a number above 0"),
         ({"tolerance": "low"}, AccuracyError, "tolerance: expected a number above 0, got 'low'"),
@@ -250,11 +250,11 @@ def test_runs_in_threads_do_not_mix() -> None:
 
 
 def test_chaos_is_refused_whatever_is_asked() -> None:
-    """Nothing between 1e-3 and 1e-20 may be promised for 30 s of this motion, whose errors grow 1e15-fold."""
+    """In doubles nothing may be promised for 40 s of this motion, whose errors grow 1e15-fold."""
     scene = tl.Scene(tl.load_robot("two_link"), q=[1.5, 0.3], effects=GRAVITY)
     for accuracy in (1e-6, 1e-11, 1e-12, 1e-13, 1e-14):
         with pytest.raises(AccuracyError):
-            tl.simulate(scene, 40.0, accuracy=accuracy, samples=10)
+            tl.simulate(scene, 40.0, accuracy=accuracy, samples=10, precision="double")
 
 
 def test_speeds_that_overflow_end_in_an_error_not_in_a_loop() -> None:

@@ -407,8 +407,8 @@ def start_state(
         steps = np.maximum(1.0, np.ceil(duration / setting * (1 - 1e-12)))
         largest = float(steps.max(initial=0.0))
         if largest > MAX_FIXED_STEPS:
-            raise AccuracyError(f"{largest:.1e} steps of {setting:.3g} s, the limit is {MAX_FIXED_STEPS:.0e}",
-                                argument="step", remedy="take larger steps, or a method that adapts them")  # fmt: skip
+            what = f"{largest:.1e} steps of {float(np.min(setting)):.3g} s, the limit is {MAX_FIXED_STEPS:.0e}"
+            raise AccuracyError(what, argument="step", remedy="take larger steps, or a method that adapts them")
         return initial_state(x, start, duration / steps, end, math.inf, parameters=parameters), 2 * int(largest) + BLOCK
     # A fraction of the time in which the state changes by its own size; the control lengthens it step by step.
     change = (rate / (1.0 + np.abs(x[: len(rate)]))).max(axis=0, initial=0.0)

@@ -124,6 +124,8 @@ def solve(
             )
             try:
                 _propagate_beside(lanes, equations, times, progress, beside, solution.steps / DISTURBANCES)
+            except KeyboardInterrupt:
+                solution = replace(solution, interrupted=True)
             finally:
                 lanes.give_back()
             seconds += lanes.compile_seconds

@@ -16,7 +16,7 @@ from twolink.integrate.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS
 from twolink.integrate.method_choice import MethodChoice, choose, first_setting
-from twolink.integrate.methods import METHODS
+from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.taylor import ROUNDING_UNIT, Precision
 from twolink.simulation.trajectory import Trajectory
@@ -72,13 +72,15 @@ class Search:
     def after(self, one: Verified) -> MethodChoice | None:
         """What to try after a run; None where nothing is left."""
         self._settings += 1
-        return self._smaller(one) or self.other(one)
+        return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
-    def other(self, one: Verified | None) -> MethodChoice | None:
-        """Another method or precision to try after a run, or after one that could not be solved."""
-        if self._left is None:
-            self._left = self._others(one)
-        self._settings = 0
+    def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
+        """What to try after a run that could not be solved: another method."""
+        return self._other(self._others(choice.method))
+
+    def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
+        """The next of what is left to try, which the first call says."""
+        self._left, self._settings = self._left or every, 0
         return next(self._left, None)
 
     def _smaller(self, one: Verified) -> MethodChoice | None:
@@ -100,22 +102,19 @@ class Search:
             return None
         return replace(choice, setting=max(choice.setting * min(AIM, ratio), smallest))
 
-    def _others(self, one: Verified | None) -> Iterator[MethodChoice]:
+    def _others(self, method: Method, one: Verified | None = None) -> Iterator[MethodChoice]:
         """Other methods, unless rounding is in the way; then more digits."""
-        method = None if one is None else one.choice.method
         rounding = 0.0 if one is None else _largest(one.rounding)
-        if self.any_method and method is not None and method.name in OTHERS and rounding < MOST * self.accuracy:
+        if self.any_method and method.name in OTHERS and rounding < MOST * self.accuracy:
             for name in OTHERS:
                 if name != method.name:
                     yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
                                        f"{method.name} did not reach the accuracy")  # fmt: skip
-        for precision in self.precisions:
-            if one is not None and one.choice.precision == precision:
-                continue
+        for precision in () if one is None else self.precisions:
             more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
-            if np.isfinite(rounding) and rounding * more > MOST * self.accuracy and precision != self.precisions[-1]:
-                continue
-            yield more_digits(self.accuracy, precision, _reached(one))
+            reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
+            if one is not None and one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
+                yield more_digits(self.accuracy, precision, _reached(one))
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""
@@ -175,10 +174,8 @@ def _largest(part: np.ndarray | None) -> float:
     return np.inf if part is None else float(part.max(initial=0.0))
 
 
-def _reached(one: Verified | None) -> str:
+def _reached(one: Verified) -> str:
     """What the run before reached, in words."""
-    if one is None:
-        return "steps in double precision do not reach the end"
     reached = _largest(one.truncation) + _largest(one.rounding)
     return f"{DIGITS[one.choice.precision]} reached {reached:.1e}"
 

@@ -35,7 +35,7 @@ MAX_TOLERANCE = 0.1
 PILOT_STEPS = 20_000  # at most, of the first try of a method of fixed steps
 NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-single-point",
                "events-without-end")  # fmt: skip  # codes of contacts that stepping may solve
-UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps", "not-finite"  # codes: another method may go on
+UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps"  # codes: another method may go on
 
 
 def simulate(
@@ -180,7 +180,7 @@ def run_of(
                 if measured or error.code not in UNSOLVED:
                     raise
                 search.seen(following, None)
-                other = search.other(None)
+                other = search.after_failure(following)
                 if other is None and search.best is None:
                     raise
             else:
