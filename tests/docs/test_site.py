@@ -113,7 +113,7 @@ def test_the_reference_says_what_docstrings_say(site: Path) -> None:
     pages = (page.read_text("utf-8") for page in (site / "generated").glob("api_*.html"))
     text = " ".join(re.sub("<[^>]+>", "", " ".join(pages)).split())
     assert "up to which the error bar is below the accuracy asked for; None: unknown." in text
-    assert "q, v (array_like, optional)" in text
+    assert "q, v (array_like or mapping of joint to array_like, optional)" in text
 
 
 def test_the_gallery_has_a_page_and_a_picture_of_each_motion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

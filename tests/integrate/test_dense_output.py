@@ -124,7 +124,7 @@ def test_runs_survive_pickling(name: str) -> None:
 def test_an_accuracy_limit_has_a_code_and_its_run_and_survives_pickling() -> None:
     scene = tl.Scene(tl.load_scene("arm-swing").robot, [2.0, 1.0], effects=[tl.effects.Gravity()])
     with pytest.raises(AccuracyError) as caught:
-        tl.simulate(scene, 60.0, 1e-9, samples=5)
+        tl.simulate(scene, 60.0, 1e-9, samples=5, precision="double")
     error = pickle.loads(pickle.dumps(caught.value))
     assert error.code == "accuracy-limit"
     assert error.data["precision"] == "quad"

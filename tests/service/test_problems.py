@@ -47,13 +47,13 @@ def test_unexpected_failures_tell_no_details(caplog: pytest.LogCaptureFixture) -
 
 
 def test_an_accuracy_out_of_reach_has_the_trusted_time(served: Served, http: httpx.Client) -> None:
-    asked = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-15, "wait": 30}
+    asked = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-15, "precision": "double", "wait": 30}
     problem = http.post("/v1/simulations", json=asked).json()
     assert problem["code"] == "accuracy-limit"
     assert 0 <= problem["data"]["trusted_until"] < 1.0
     client = tl.connect(served.url)
     with contextlib.closing(client), pytest.raises(AccuracyError) as caught:
-        client.simulate("arm-swing", 1.0, 1e-15)
+        client.simulate("arm-swing", 1.0, 1e-15, precision="double")
     assert (caught.value.code, caught.value.data) == ("accuracy-limit", problem["data"])
 
 

@@ -41,7 +41,8 @@ def with_start(solution: Solution, piece: int, row: int, value: float) -> Soluti
     pieces = list(solution.pieces)
     start = pieces[piece].equations.start.copy()
     start[row] = value
-    pieces[piece] = replace(pieces[piece], equations=replace(pieces[piece].equations, start=start))
+    own = replace(pieces[piece].equations, start=start)
+    pieces[piece] = replace(pieces[piece], equations=own, taken=None)
     return replace(solution, pieces=tuple(pieces))
 
 

@@ -16,7 +16,7 @@ from twolink.simulation.sampling import spread_out
 def test_the_bar_is_the_largest_error_up_to_a_fortieth_of_the_samples_later(samples: int) -> None:
     rng = np.random.default_rng(samples)
     distance, rounding = np.exp(rng.normal(0.0, 3.0, (samples, 2))), rng.random((samples, 2))
-    bar = error_bar(distance, rounding)
+    bar = error_bar(distance, rounding, 2.0)
     np.testing.assert_array_equal(bar[0], 2.0 * distance[0])  # the start has no later errors
     for i in range(1, samples):
         end = i + 2 + samples // 40

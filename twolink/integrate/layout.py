@@ -55,6 +55,16 @@ class Layout:
             free[k] = 1.0 - numbers[first + i]
         return free
 
+    def moves(self, numbers: Array) -> Array:
+        """Of each entry of (q, v), 0 where its joint is locked and 1 where not, (nq + nv, n), by numbers (., n)."""
+        moves = np.ones((self.moving, numbers.shape[1]))
+        first = len(numbers) - 2 * len(self.lockable)
+        for joint in self.space.robot.joints if self.lockable else ():
+            if joint.v.start in self.lockable:
+                free = 1.0 - numbers[first + self.lockable.index(joint.v.start)]
+                moves[joint.q] = moves[joint.v.start + self.space.nq] = free
+        return moves
+
     def friction(self, numbers: Sequence[Any]) -> list[tuple[int, Any]]:
         """The friction torque on each lockable degree of freedom."""
         return list(zip(self.lockable, numbers[len(numbers) - len(self.lockable) :], strict=True))

@@ -48,7 +48,7 @@ def solve(
     start, end = float(times[0]), float(times[-1])
     # In a piece of a table no step may depend on the piece alone: two tolerances would take the same steps.
     first = {"first_step": (end - start) * tolerance ** (1 / 8)} if equations.layout.tables else {}
-    longest = (end - start) / perturbation.min_steps(method)
+    longest = max(1e-300, (end - start) / perturbation.min_steps(method))
     solver = kind(rate, start, x0, end, rtol=tolerance, atol=tolerance, max_step=longest, **first)
     explicit = method.solver in EXPLICIT
     out = np.empty((len(x0), len(times)))

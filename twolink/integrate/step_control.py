@@ -33,6 +33,7 @@ LAST_STEP = 1.0 + 1e-6  # a step that ends this near to the end goes to the end:
 ROUNDING = 16 * 2.3e-16  # relative: no estimate resolves less of a state
 MIN_SQUARE, MAX_SQUARE = 1e-8, 1e30  # limits of e^2 in the controller, whose powers must stay finite
 RESOLUTION = 1e-3  # relative to what a step changes in a joint: the largest error, about that of one e-fold of rk45
+TINY = 1e-300  # a step may be so short that its square is 0
 UNSOLVED = 1e-9  # relative: the largest last change of the iteration in an implicit step of fixed size
 FIRST_SQUARE = 1e-4  # e^2 that the controller remembers before the first step
 
@@ -195,7 +196,7 @@ def _resolved(problem: Problem, x: Array, new: Array, h: Any, resolution: Any, x
         size = change[q].sum(axis=0) + change[v].sum(axis=0) * (h * h)
         rounding = (1.0 + resolution) * ROUNDING**2
         inverse[q] = resolution / ((largest[q] + 1.0) * rounding + size)
-        inverse[v] = resolution / ((largest[v] + 1.0) * rounding + size / (h * h))
+        inverse[v] = resolution * (h * h) / ((largest[v] + 1.0) * rounding * (h * h) + size + TINY)
     return inverse
 
 

@@ -347,7 +347,8 @@ def _disturbances(
     rows, equations, calls = step_map.rows, step_map.equations, -(-count // at_once)
     every = perturbations + perturbations[-1:] * (start.shape[1] - len(perturbations))
     counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
-    return math.sqrt(at_once) * disturbances(every, counts, start[: equations.moving], equations.space.nq)
+    added = math.sqrt(at_once) * disturbances(every, counts, start[: equations.moving], equations.space.nq)
+    return added * equations.layout.moves(start[equations.moving : equations.space.size])
 
 
 def take_samples(step_map: StepMap, block: Block, times: Array, out: Array, parameters: Array | None = None) -> None:

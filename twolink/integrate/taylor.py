@@ -44,6 +44,7 @@ RESTORING = 1.0  # 1/s: how fast a quaternion's length returns to 1, which the e
 DIGITS = 256  # bits of the constants behind quadruple precision
 COMPANION = 16.0  # c
 ROUNDING_UNIT = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1.9e-34}
+SHORTEST = 1e-300  # s: of the longest step, which heyoka wants to be above 0
 OFTEN = 32  # disturbances of a solution that is solved by itself
 DISTURBANCES = 4  # of a solution, evenly: each as large as those of the steps up to the next one together
 CHUNK, MAX_CHUNK = 100, 6400  # samples between looks at Ctrl-C: numbers, not seconds, as a look ends a step
@@ -281,7 +282,7 @@ def _propagate(
     out[0] = x0
     done, steps, taken, interrupted = 1, 0, 1, False
     chunk = -(-len(times) // OFTEN) if perturbation.rounding else CHUNK
-    grid, longest = times.astype(kind), kind((times[-1] - times[0]) / MIN_STEPS)
+    grid, longest = times.astype(kind), kind(max(SHORTEST, float(times[-1] - times[0]) / MIN_STEPS))
     try:
         while done < len(times):
             stop = min(len(times), done + chunk)
@@ -327,7 +328,7 @@ def _propagate_beside(
     integrator.state[:size] = beside.now
     integrator.pars[:] = code.numbers[: len(integrator.pars), None]
     integrator.state[size] = 0.5 * np.log(COMPANION + np.square(beside.now).sum(axis=0))
-    longest = [float(times[-1] - times[0]) / MIN_STEPS] * len(lanes)
+    longest = [max(SHORTEST, float(times[-1] - times[0]) / MIN_STEPS)] * len(lanes)
     arrived, stride = heyoka().taylor_outcome.time_limit, -(-len(grid) // DISTURBANCES)
     for begin in range(0, len(grid) - 1, stride):
         part = np.repeat(grid[begin : begin + stride + 1, None], len(lanes), axis=1)

@@ -27,7 +27,8 @@ ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to 
 AIM = 0.5  # of the accuracy, for the next bar
 MOST = 0.8  # of the accuracy, that rounding may take
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
-TRIALS, WORSE = 8, 0.9  # settings of a method, as long as each bar is smaller than the last one
+TRIALS = 8  # settings of a method, at most
+WORSE, STRIKES = 0.9, 2  # of the best bar: a setting is no better; so many of them may be, as steps meet singularities
 OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings
 REACHED = {"double": 3e-15, "extended": 3e-18}  # rad or m: a smaller accuracy is not tried in these numbers
 DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", "quad": "33 digits"}
@@ -57,6 +58,7 @@ class Search:
     _digits: Precision = "double"
     _settings: int = 0
     _last: float = np.inf
+    _worse: int = 0
     _left: Iterator[MethodChoice] | None = None
 
     def seen(self, choice: MethodChoice, run: Trajectory | None) -> None:
@@ -65,7 +67,7 @@ class Search:
         digits = "" if choice.precision == "double" else f" with {DIGITS[choice.precision]}"
         bar = run.error[-1] if run is not None and run.error is not None else np.inf
         self._digits = choice.precision
-        self.tried.append(f"{choice.method.name}{digits} at {setting}: {bar:.1e}")
+        self.tried.append(f"{choice.method.name}{digits} at {setting}")
         if run is not None and (self.best is None or self.best.error is None or bar < self.best.error[-1]):
             self.best = run
 
@@ -80,7 +82,7 @@ class Search:
 
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
         """The next of what is left to try, which the first call says."""
-        self._left, self._settings = self._left or every, 0
+        self._left, self._settings, self._last, self._worse = self._left or every, 0, np.inf, 0
         return next(self._left, None)
 
     def _smaller(self, one: Verified) -> MethodChoice | None:
@@ -90,10 +92,12 @@ class Search:
         bar = truncation + rounding
         if (truncation < DECIDES * rounding and rounding > MOST * self.accuracy) or self._settings >= TRIALS:
             return None
-        if self._settings > 1 and bar > WORSE * self._last:
-            return None
-        self._last = bar
-        ratio = AIM * self.accuracy / bar if np.isfinite(bar) else 0.01
+        if self._settings > 1 and not bar <= WORSE * self._last:
+            self._worse += 1
+            if self._worse > STRIKES or rounding > MOST * bar:
+                return None
+        self._last = min(bar, self._last)
+        ratio = AIM * self.accuracy / bar if np.isfinite(bar) else 0.3
         if not method.adaptive:
             setting = choice.setting * min(0.9, ratio ** (1.0 / method.order))
             return replace(choice, setting=setting) if one.solution.t[-1] / setting <= MAX_STEPS else None
@@ -128,7 +132,7 @@ class Search:
         until, bar = run.trusted_until or 0.0, float(run.error[-1])
         shorter = f"it is kept up to then: ask for duration={until:.6g}, or " if until else ""
         return AccuracyError(
-            f"{what}: the smallest error bar is {bar:.1e} at the end, of {'; '.join(self.tried[-3:])}",
+            f"{what}: the smallest error bar is {bar:.1e} at the end, tried were {'; '.join(self.tried[-4:])}",
             where=f"t = {until:.6g} s",
             remedy=f"{shorter}ask for less accuracy, such as {_rounded_up(bar):g}{also}",
             run=run,

@@ -128,7 +128,11 @@ class Verification:
     def _with_parts(self, run: Verified, each: Array) -> Verified:
         """The run with the parts of its bar, from its distances (k, n) to the finer and the disturbed solutions."""
         truncation = truncation_factor(run.choice.method) * each[:, 0]
-        return replace(run, truncation=truncation, rounding=DISTURBED[each.shape[1] - 1] * each[:, 1:].max(axis=1))
+        disturbed = each[:, 1:]
+        # Steps may collapse beside a singular position of loops by chance: half of the others tell enough.
+        arrived = disturbed[:, np.isfinite(disturbed[-1])]
+        used = arrived if 2 * arrived.shape[1] >= disturbed.shape[1] > ALONE else disturbed
+        return replace(run, truncation=truncation, rounding=DISTURBED[disturbed.shape[1]] * used.max(axis=1))
 
     def _solved(
         self,
