@@ -22,10 +22,10 @@ import numpy as np
 import twolink as tl
 from twolink import effects
 from twolink.dynamics.threads import thread_count
+from twolink.integrate.many_worlds import integrate_many
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import integrate_many
 
 ACCURACY, SHARE = 1e-6, 0.9  # of worlds whose error is compared
 FEW = 64  # worlds of MuJoCo

@@ -27,7 +27,7 @@ def steps_of(name: str) -> StepMap:
 
 def at_start(steps: StepMap, worlds: int, end: float = 50.0) -> Array:
     setting = 1e-9 if steps.method.adaptive else 0.01
-    return start_state(steps, random_states(steps.equations.robot, worlds), 0.0, end, setting, longest=0.5)[0]
+    return start_state(steps, random_states(steps.equations.robot, worlds), 0.0, end, setting, span=8.0)[0]
 
 
 def one_by_one(steps: StepMap, state: Array, count: int = COUNT) -> Array:

@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate import first_steps, scene_equations, taylor
+from twolink.integrate import first_steps, scene_equations, taylor_code
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.simulation.world_scenes import world_scene
 
@@ -29,7 +29,11 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
     monkeypatch.setattr(first_steps, "QUICK", 0.0)
     monkeypatch.setattr(first_steps, "SHARE", 10.0)
-    for owner, names in ((first_steps, ["_spent"]), (taylor, ["_pool", "_spent"]), (scene_equations, ["_structures"])):
+    for owner, names in (
+        (first_steps, ["_spent"]),
+        (taylor_code, ["_pool", "_spent"]),
+        (scene_equations, ["_structures"]),
+    ):
         for name in names:
             monkeypatch.setattr(owner, name, {})
     for name in ("cfunc", "taylor_adaptive"):
@@ -55,7 +59,7 @@ def counting(function: Callable[..., object], counted: list[int]) -> Callable[..
 def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callable[[], int]) -> None:
     """Neither the variational equations by a number nor the steps, where each scene is solved a few times only."""
     names = ["effects.1.stiffness.elbow", "forearm.mass"]
-    with taylor.few_solutions():
+    with taylor_code.few_solutions():
         tl.sensitivities(arm(), names, 0.5)
         assert compilations() > 0
         for values in ({names[1]: 2.5}, {names[0]: 8.0}):

@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, box, one_joint, rods
-from twolink.integrate import taylor
+from twolink.integrate import taylor, taylor_code
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 
@@ -169,11 +169,11 @@ def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> N
 def built(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Of each integrator that is built from now on, whether it is optimized; none is at hand."""
     found: list[bool] = []
-    build = taylor._build
+    build = taylor_code._build
     monkeypatch.setenv("TWOLINK_CACHE", "off")
-    monkeypatch.setattr(taylor, "_pool", {})
-    monkeypatch.setattr(taylor, "_spent", {})
-    monkeypatch.setattr(taylor, "_build", lambda *a, **how: (found.append(not how), build(*a, **how))[1])
+    monkeypatch.setattr(taylor_code, "_pool", {})
+    monkeypatch.setattr(taylor_code, "_spent", {})
+    monkeypatch.setattr(taylor_code, "_build", lambda *a, **how: (found.append(not how), build(*a, **how))[1])
     return found
 
 
@@ -193,8 +193,8 @@ def test_a_long_run_goes_on_with_optimized_code(built: list[bool], monkeypatch: 
     equations = equations_of(Scene(rods().robot, effects=[*GRAVITY, tl.effects.Torque({"elbow": pushes()})]))
     times = np.linspace(0, 3, 601)
     expected = taylor.solve(equations, times, 1e-18, precision="extended")
-    monkeypatch.setattr(taylor, "_spent", {})
-    monkeypatch.setattr(taylor, "taylor_seconds", lambda _: 0.0)
+    monkeypatch.setattr(taylor_code, "_spent", {})
+    monkeypatch.setattr(taylor_code, "taylor_seconds", lambda _: 0.0)
     found = taylor.solve(equations, times, 1e-18, precision="extended")
     assert built == [False, True]
     np.testing.assert_allclose(found.x, expected.x, rtol=0, atol=1e-14)

@@ -13,18 +13,18 @@ import numpy as np
 from twolink.accuracy.study_data import Reference
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
-from twolink.integrate import taylor
 from twolink.integrate.compile_time import MAX_COMPILING, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
 from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array, StateSpace
+from twolink.integrate.taylor_code import Precision
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.verification import Verification
 
 MAX_SECONDS = 60.0  # for a solution in quadruple precision
-TOLERANCES: dict[taylor.Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
+TOLERANCES: dict[Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
 EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
 DIGITS = {"extended": "19", "quad": "33"}
 
@@ -40,7 +40,7 @@ class ReferenceSolution:
     q: Array
     rest: Array
     digits_error: float
-    precision: taylor.Precision
+    precision: Precision
 
     def error_of(self, space: StateSpace, q: Array) -> float:
         """max over samples of |difference(q, reference)| for q (n, nq) on the manifold, rad or m."""
@@ -75,7 +75,7 @@ def better_reference(equations: Equations, times: Array) -> ReferenceSolution | 
 
 
 def _by_taylor(
-    equations: Equations, times: Array, precision: taylor.Precision, seconds: float | None = None
+    equations: Equations, times: Array, precision: Precision, seconds: float | None = None
 ) -> ReferenceSolution:
     how = f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)"
     return _verified(equations, times, MethodChoice(METHODS["taylor"], TOLERANCES[precision], how, precision), seconds)

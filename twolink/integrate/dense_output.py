@@ -20,7 +20,7 @@ from twolink.integrate.solution import Piece
 from twolink.integrate.solver import solve
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
-from twolink.integrate.taylor import Precision
+from twolink.integrate.taylor_code import Precision
 
 Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
-from twolink.integrate import calibration, taylor
+from twolink.integrate import calibration, taylor_code
 from twolink.integrate.compile_time import (
     MAX_COMPILING,
     MAX_IN_PARTS,
@@ -53,11 +53,11 @@ class MethodChoice:
     method: Method
     setting: float
     why: str
-    precision: taylor.Precision = "double"
+    precision: taylor_code.Precision = "double"
 
 
 def choose(
-    equations: Equations, accuracy: float, duration: float, name: str, precision: taylor.Precision = "double"
+    equations: Equations, accuracy: float, duration: float, name: str, precision: taylor_code.Precision = "double"
 ) -> MethodChoice:
     """The method and its setting for an accuracy.
 
@@ -161,8 +161,8 @@ def _steps_seconds(
     steps = max(steps, decay * duration / STABLE.get(method.name, math.inf))
     operations, size = max(1, equations.operations), equations.space.size
     if method.kind == "taylor":
-        price = TAYLOR_OPERATION * (2 if equations.space.nv >= taylor.COMPACT_FROM else 1)
-        return float(steps * operations * taylor.order_of(tolerance) ** 2 * price)
+        price = TAYLOR_OPERATION * (2 if equations.space.nv >= taylor_code.COMPACT_FROM else 1)
+        return float(steps * operations * taylor_code.order_of(tolerance) ** 2 * price)
     work = operations * method.evaluations
     if method.kind == "implicit":  # the Jacobian by central differences, and its factors
         work += size * (2 * operations + size**2)

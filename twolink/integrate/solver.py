@@ -18,13 +18,14 @@ from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import step_map
 from twolink.integrate.stepping import SMALLEST_TOLERANCE, integrate
+from twolink.integrate.taylor_code import Precision
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
 SMALLEST_PRECISE = {"extended": 1e-19, "quad": 1e-33}
 
 
-def smallest_tolerance(method: Method, precision: taylor.Precision = "double") -> float:
+def smallest_tolerance(method: Method, precision: Precision = "double") -> float:
     """Below this the rounding of the numbers decides, not the tolerance. 0 for methods of fixed steps."""
     if precision != "double":
         return SMALLEST_PRECISE[precision]
@@ -37,7 +38,7 @@ def solve(
     times: Array,
     setting: float,
     progress: Progress | None = None,
-    precision: taylor.Precision = "double",
+    precision: Precision = "double",
     perturbation: Perturbation = NO_PERTURBATION,
     beside: Beside | None = None,
 ) -> Solution:
@@ -82,7 +83,7 @@ def solve(
     return solution if solution.pieces else replace(solution, pieces=(whole,))
 
 
-def has_lanes(equations: Equations, method: Method, precision: taylor.Precision) -> bool:
+def has_lanes(equations: Equations, method: Method, precision: Precision) -> bool:
     """Whether solutions beside a run are lanes of one batch."""
     if method.kind == "taylor":
         return precision == "double" and equations.space.size > 0
@@ -99,7 +100,7 @@ def _solve(
     times: Array,
     setting: float,
     progress: Progress | None,
-    precision: taylor.Precision,
+    precision: Precision,
     perturbation: Perturbation,
     beside: Beside | None,
 ) -> Solution:

@@ -2,25 +2,22 @@
 
 `advance` is the one loop. It attempts blocks of steps and yields the states on the way, from which samples are taken
 and events are looked for. `integrate` runs one world through it, alone or as the first lane of a batch in which the
-others are the solutions beside it, and `integrate_many` many worlds to the same times.
+others are the solutions beside it.
 """
 
-import functools
 import itertools
 import math
-import threading
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from twolink.algorithms import sincos
-from twolink.dynamics.threads import is_forked_child, share, thread_count
 from twolink.errors import AccuracyError
 from twolink.integrate.beside import Beside
 from twolink.integrate.causes import cause
 from twolink.integrate.chain import take_steps
-from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
+from twolink.integrate.failures import MAX_STEPS, failure
+from twolink.integrate.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.pinocchio_rate import rate_at_start
@@ -30,16 +27,9 @@ from twolink.integrate.step_control import RESOLUTION, initial_state
 from twolink.integrate.step_map import LANES, StepMap
 
 MAX_FIXED_STEPS = 100_000_000  # steps of one size
-PACE_FROM = 20_000  # steps after which the pace so far is taken for the pace to the end
-STUCK = 10  # limits of steps as short as the last one that would be left
 BLOCK = 256  # steps between two looks at what they gave
 BLOCK_NUMBERS = 200_000  # in a block, which stays in the cache: with many worlds it has fewer steps
-CHUNK, SMALL = 512, 64  # worlds that a thread takes at once, so that they stay in its cache; and that make one
-SINGULAR = 0.1  # relative: singular values of constraint rows below it are those near a singular position
 SMALLEST_TOLERANCE = 1e-15  # below this the rounding of the numbers decides
-SMALLEST_STEP = 1e-60  # s: of steps at t = 0, where any step changes the time
-FINE, NOT_FINITE, OUT_OF_REACH, COLLAPSED, TOO_MANY = range(5)  # what became of a world
-CODES = ("", "not-finite", "angle-out-of-reach", "steps-collapsed", "too-many-steps")  # of failures, by outcome
 
 
 class Watcher(Protocol):
@@ -47,19 +37,6 @@ class Watcher(Protocol):
 
     def first(self, t: Array, x: Array) -> Any:
         """The first event, with its time `t`, along states x (k, size) at times t (k,); None if there is none."""
-
-
-class Block(NamedTuple):
-    """Attempted steps of some worlds.
-
-    worlds (w,): their numbers. states (k + 1, rows, w): state arrays from before the first step to after the last. t
-    (k + 1, w): their times. outcome (w,): FINE, or why the world cannot go on.
-    """
-
-    worlds: Array
-    states: Array
-    t: Array
-    outcome: Array
 
 
 def integrate(
@@ -111,7 +88,7 @@ def integrate(
         Codes "steps-collapsed", "loops-singular", "not-finite", "step-too-large", "too-many-steps" and
         "angle-out-of-reach".
     """
-    equations, method, rows = step_map.equations, step_map.method, step_map.rows
+    equations = step_map.equations
     size, start, end = equations.space.size, float(times[0]), float(times[-1])
     others = () if beside is None else beside.perturbations
     lanes, x = (perturbation, *others), equations.start[:, None]
@@ -120,30 +97,20 @@ def integrate(
         x = np.concatenate([x, np.concatenate([beside.now, numbers])], axis=1)
     rate = rate_at_start(equations, start)[: equations.moving] if rate is None else rate
     state, limit = start_state(step_map, x, start, end, setting, lanes, rate=rate, span=span or end - start)
-    out = np.empty((size, len(times)))
-    out[:, 0] = equations.start
-    taken = [(np.array([start]), equations.start[None, : equations.moving])]
-    done, interrupted, hit, last = 1, False, None, state[:, 0]
+    record, interrupted, hit, last = _Record(step_map, times), False, None, state[:, 0]
     try:
         for block in advance(step_map, state, limit, first_block, 1 if beside is None else LANES, lanes):
             if beside is not None:
                 take_samples(step_map, _others(block), beside.t, beside.x)
             if block.worlds[0] > 0:
                 continue  # the run has arrived, another solution has not
-            t, states = block.t[:, 0], block.states[:, :, 0]
-            last = states[-1]
+            t, last = block.t[:, 0], block.states[-1, :, 0]
             if block.outcome[0] != FINE:
-                raise _failure(step_map, block, limit)
-            if watcher is not None:
-                hit = watcher.first(t, states[:, :size])
-            reached = int(np.searchsorted(times, t[-1] if hit is None else hit.t, side="right"))
-            if reached > done:
-                out[:, done:reached] = _states_at(step_map, t, states[:, :size], times[done:reached])
-            done = reached
-            moved = t[1:] > t[:-1]  # not refused
-            taken.append((t[1:][moved], states[1:, : equations.moving][moved]))
+                raise failure_of(step_map, block, limit)
+            hit = None if watcher is None else watcher.first(t, block.states[:, :size, 0])
+            record.add(t, block.states[:, :size, 0], float(t[-1] if hit is None else hit.t))
             if hit is not None:
-                last = states[max(0, int(np.searchsorted(t, hit.t)) - 1)]
+                last = block.states[max(0, int(np.searchsorted(t, hit.t)) - 1), :, 0]
                 break
             if progress is not None:
                 progress(float(t[-1]))
@@ -151,29 +118,44 @@ def integrate(
         interrupted = True
     if beside is not None:
         beside.now[:] = state[: equations.moving, 1:]
-    accepted, rejected = int(last[rows.accepted]), int(last[rows.rejected])
-    return Solution(
-        times[:done],
-        out[:, :done],
-        accepted,
-        (accepted + rejected + done) * method.evaluations,
-        rejected,
-        step_map.compile_seconds,
-        step_map.compiled,
-        interrupted,
-        hit=hit,
-        taken=_joined(taken),
-    )
+    return record.solution(last, hit, interrupted=interrupted)
 
 
-def _joined(taken: list[tuple[Array, Array]]) -> tuple[Array, Array] | None:
-    """Times (k,) and states (k, nq + nv) where steps ended; None where they are too many to keep."""
-    if sum(len(t) for t, _ in taken) * taken[0][1].shape[1] > MAX_KEPT:
-        return None
-    return np.concatenate([t for t, _ in taken]), np.concatenate([x for _, x in taken])
+class _Record:
+    """What is kept of a run: x (size, n), its states at the times, of which so many are `done`; and its steps."""
+
+    def __init__(self, step_map: StepMap, times: Array) -> None:
+        self._map, self._times, start = step_map, times, step_map.equations.start
+        self.x, self.done = np.empty((len(start), len(times))), 1
+        self.x[:, 0] = start
+        self._steps = [(times[:1], start[None, : step_map.equations.moving])]
+
+    def add(self, t: Array, states: Array, end: float) -> None:
+        """Take the samples up to an end from states (k, size) at times t (k,), and where steps ended."""
+        reached = int(np.searchsorted(self._times, end, side="right"))
+        if reached > self.done:
+            wanted = self._times[self.done : reached]
+            self.x[:, self.done : reached] = _states_at(self._map, t, states, wanted)
+        self.done, moved = reached, t[1:] > t[:-1]  # not refused
+        self._steps.append((t[1:][moved], states[1:, : self._map.equations.moving][moved]))
+
+    def solution(self, last: Array, hit: Any, *, interrupted: bool) -> Solution:
+        """The solution so far. last: the state array (rows,) that it came to."""
+        by, rows = self._map, self._map.rows
+        accepted, rejected = int(last[rows.accepted]), int(last[rows.rejected])
+        evaluations = (accepted + rejected + self.done) * by.method.evaluations
+        return Solution(self._times[: self.done], self.x[:, : self.done], accepted, evaluations, rejected,
+                        by.compile_seconds, by.compiled, interrupted, hit=hit, taken=self._taken())  # fmt: skip
+
+    def _taken(self) -> tuple[Array, Array] | None:
+        """Times (k,) and states (k, nq + nv) where steps ended; None where they are too many to keep."""
+        times, states = zip(*self._steps, strict=True)
+        if sum(map(len, times)) * states[0].shape[1] > MAX_KEPT:
+            return None
+        return np.concatenate(times), np.concatenate(states)
 
 
-def _others(block: "Block") -> "Block":
+def _others(block: Block) -> Block:
     """A block without the first world, the others numbered from 0."""
     if block.worlds[0] > 0:
         return block._replace(worlds=block.worlds - 1)
@@ -187,97 +169,6 @@ def _states_at(step_map: StepMap, t: Array, states: Array, wanted: Array) -> Arr
     at_end = np.flatnonzero(t[step + 1] == wanted)  # where a step ended, its own state
     out[:, at_end] = states[step[at_end] + 1].T
     return np.asarray(out)
-
-
-def integrate_many(
-    step_map: StepMap,
-    x0: Array,
-    times: Array,
-    setting: float | Array,
-    parameters: Array | None = None,
-    progress: Progress | None = None,
-    perturbation: Perturbation = NO_PERTURBATION,
-) -> tuple[Array, Array, Array]:
-    """Solve many worlds for the same samples, each with steps of its own.
-
-    Parameters
-    ----------
-    step_map : StepMap
-    x0 : ndarray (size, n)
-        Initial states.
-    times : ndarray (m,)
-        Sample times, increasing, s.
-    setting : float or ndarray (n,)
-        The tolerance of an adaptive method, or the step of another, s.
-    parameters : ndarray (p, n), optional
-        Run-time parameters of each world.
-    progress : callable, optional
-        Called now and then with the mean of the times that worlds have reached.
-    perturbation : Perturbation
-        Of all worlds; their settings are divided by `finer`.
-
-    Returns
-    -------
-    x : ndarray (m, nq + nv, n)
-        States. A world whose step size collapses, or whose state stops being finite, is NaN from there on.
-    steps, rejected : ndarray (n,)
-        Steps and attempts in vain of each world.
-
-    Raises
-    ------
-    AccuracyError
-        No world has a finite acceleration at the start.
-    """
-    equations, rows = step_map.equations, step_map.rows
-    start, end, moving = float(times[0]), float(times[-1]), equations.moving
-    x = np.array(x0[:moving])
-    out = np.full((len(times), x.shape[1], moving), np.nan)
-    out[0] = x.T
-    counts, worlds = np.zeros((2, x.shape[1]), dtype=int), (perturbation,) * x.shape[1]
-    for begin, stop in itertools.pairwise([start, *(t for t in equations.breaks(end) if t > start), end]):
-        lost = ~np.isfinite(x).all(axis=0)
-        if lost.all():
-            break
-        table_rows = np.repeat(equations.layout.numbers_at(0.5 * (begin + stop))[:, None], x.shape[1], axis=1)
-        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, worlds, parameters,
-                                   span=end - start)  # fmt: skip
-        state[rows.time, lost] = stop
-        _to_the_end(step_map, state, limit, times, out, progress, perturbation)
-        x = state[:moving]
-        counts += state[[rows.accepted, rows.rejected]].astype(int)
-    return out.swapaxes(1, 2), counts[0], counts[1]
-
-
-def _to_the_end(
-    step_map: StepMap,
-    state: Array,
-    limit: int,
-    times: Array,
-    out: Array,
-    progress: Progress | None,
-    perturbation: Perturbation,
-) -> None:
-    """Advance all worlds of `state` (rows, n) to their ends, in chunks that threads share, with samples into `out`."""
-    rows, count = step_map.rows, state.shape[1]
-    moving, first = out.shape[2], step_map.equations.space.size + len(rows)
-    shared = step_map.compiled == "steps" and not is_forked_child()  # Pinocchio's data are not for several threads
-    chunk = min(CHUNK, -(-count // (LANES * thread_count())) * LANES) if shared and count >= 2 * SMALL else count
-
-    def part(begin: int, stopped: threading.Event) -> None:
-        own, samples = state[:, begin : begin + chunk], out[:, begin : begin + chunk]
-        for block in advance(step_map, own, limit, BLOCK, LANES, (perturbation,) * own.shape[1]):
-            own[:moving, block.worlds[block.outcome != FINE]] = np.nan
-            take_samples(step_map, block, times, samples, own[first:] if len(own) > first else None)
-            if stopped.is_set():
-                return
-            if progress is not None and chunk >= count:
-                report()
-
-    def report() -> None:
-        if progress is not None:
-            progress(float(state[rows.time].mean()))
-
-    share([functools.partial(part, begin) for begin in range(0, count, chunk)], report)
 
 
 def advance(
@@ -301,7 +192,7 @@ def advance(
         own = tuple(perturbations[i] for i in worlds) if any(one.rounding for one in perturbations) else ()
         states = _attempt(step_map, state[:, worlds], block_steps, lanes, own)
         last = states[-1]
-        outcome = _outcome(step_map, last, start[worlds], limit)
+        outcome = outcome_of(step_map, last, start[worlds], limit)
         state[:, worlds] = last
         yield Block(worlds, states, states[:, rows.time], outcome)
         worlds = worlds[(last[rows.time] < last[rows.end]) & (outcome == FINE)]
@@ -424,41 +315,3 @@ def start_state(
     first = np.ldexp(np.round(256 * mantissa) / 256, exponent)
     longest = span / np.array([one.min_steps(method) for one in every])
     return initial_state(x, start, first, end, setting, longest, parameters, (finer / RESOLUTION) ** 2), MAX_STEPS
-
-
-def _outcome(step_map: StepMap, state: Array, start: Array, limit: int) -> Array:
-    """What became of each world since its start: FINE, or why it cannot go on."""
-    rows, space = step_map.rows, step_map.equations.space
-    t, end, tried = state[rows.time], state[rows.end], state[rows.accepted] + state[rows.rejected]
-    outcome = np.full(len(t), FINE)
-    left = t < end
-    if tried.max() > min(PACE_FROM, limit):
-        slow = is_hopeless(tried, limit, t, start, end) | (end - t > STUCK * limit * state[rows.step])
-        outcome[left & ((slow & (tried > PACE_FROM)) | (tried > limit))] = TOO_MANY
-    outcome[left & (t + np.fmax(state[rows.step] - SMALLEST_STEP, 0.0) <= t)] = COLLAPSED
-    if step_map.method.kind != "implicit":
-        outcome[np.abs(state[space.angles]).max(axis=0, initial=0.0) > 0.9 * sincos.LIMIT] = OUT_OF_REACH
-    outcome[~np.isfinite(state[: space.size]).all(axis=0)] = NOT_FINITE
-    return outcome
-
-
-def _failure(step_map: StepMap, block: Block, limit: int) -> AccuracyError:
-    """The error of the first world of a block."""
-    t, outcome = block.t[:, 0], int(block.outcome[0])
-    if outcome == NOT_FINITE:
-        finite = np.isfinite(block.states[:, : step_map.equations.space.size, 0]).all(axis=1)
-        last = float(t[max(0, int(np.argmin(finite)) - 1)])
-        if step_map.method.adaptive:
-            state = block.states[int(np.argmin(finite)), : step_map.equations.space.size, 0]
-            return failure("not-finite", last, cause(step_map.equations, last, state))
-        return failure("step-too-large", last, step=float(block.states[0, step_map.rows.step, 0]))
-    constraints, space = step_map.equations.constraints, step_map.equations.space
-    if outcome == COLLAPSED and constraints is not None:
-        rows = constraints.jacobian_at(block.states[-1, : space.nq, 0], constraints.kept)
-        sizes = np.linalg.svd(rows * np.array(constraints.scales)[:, None], compute_uv=False)
-        if sizes[-1] < SINGULAR * sizes[0]:
-            return failure("loops-singular", float(t[-1]))
-    if outcome == OUT_OF_REACH:
-        return failure(CODES[outcome], float(t[-1]), limit=sincos.LIMIT)
-    why = cause(step_map.equations, float(t[-1]), block.states[-1, : space.size, 0])
-    return failure(CODES[outcome], float(t[-1]), why, **({"limit": limit} if outcome == TOO_MANY else {}))

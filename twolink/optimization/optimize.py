@@ -13,7 +13,7 @@ import numpy as np
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.taylor import few_solutions
+from twolink.integrate.taylor_code import few_solutions
 from twolink.io.listing import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
 from twolink.optimization.objectives import Objective, named_objective

@@ -19,7 +19,7 @@ from twolink.integrate.solver import solve
 from twolink.integrate.step_building import compiled_rate
 from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
-from twolink.integrate.taylor import Precision
+from twolink.integrate.taylor_code import Precision
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

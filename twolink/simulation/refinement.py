@@ -18,7 +18,8 @@ from twolink.integrate.failures import MAX_STEPS
 from twolink.integrate.method_choice import MethodChoice, choose, first_setting
 from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.taylor import ROUNDING_UNIT, Precision
+from twolink.integrate.taylor import ROUNDING_UNIT
+from twolink.integrate.taylor_code import Precision
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 

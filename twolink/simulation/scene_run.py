@@ -15,7 +15,7 @@ from twolink.integrate.event import Event
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.taylor import Precision
+from twolink.integrate.taylor_code import Precision
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.certificate import certificate

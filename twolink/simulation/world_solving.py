@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twolink.integrate.many_worlds import integrate_many
 from twolink.integrate.method_choice import first_tolerance
 from twolink.integrate.methods import Method
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
@@ -12,7 +13,6 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap
-from twolink.integrate.stepping import integrate_many
 from twolink.simulation.error_bar import DISTURBED, ROUNDING, SLACK, distances, error_bar, truncation_factor
 
 ALONE = 2  # disturbed solutions of a world
