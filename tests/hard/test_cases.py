@@ -94,7 +94,7 @@ def test_an_error_above_the_bar_anywhere_is_named_not_only_at_its_largest() -> N
 
 
 def test_a_refusal_counts_only_where_it_may_come() -> None:
-    impossible = ({"accuracy": 1e-15},)
+    impossible = ({"accuracy": 1e-15, "precision": "double"},)
     case = replace(swinging(), duration=100.0, samples=1.0, settings=impossible)
     assert run_case(case).verdict in (MISSED, WRONG)
     assert run_case(replace(case, may_refuse=1e-15)).verdict == SAID

@@ -39,9 +39,9 @@ def test_the_error_bar_holds_at_every_sample(seed: int) -> None:
     assert np.all(true[sure] <= run.error[sure]), (name, (true[1:] / run.error[1:]).max())
 
 
-@pytest.mark.parametrize("number", [3, 11, 4, 12, 5, 13, 21, 29, 390, 23, 39, 650, 722, 746])
-def test_bars_of_long_runs_loops_events_and_worlds_hold(number: int) -> None:
-    """390 is a ball at the limit, 650, 722 and 746 start upside down; in 23 and 39 a first error is small by chance."""
+@pytest.mark.parametrize("number", [4, 14, 5, 15, 6, 16, 26, 8, 18, 2, 12, 3, 13, 9, 19])
+def test_bars_of_random_scenes_hold(number: int) -> None:
+    """By the last digit: 2 and 3 start beside saddles, 4 are long, 5 loops, 6 events, 8 worlds, 9 between samples."""
     row = check(number, 0)
     assert not row.fails, row
     assert row.samples == (WORLDS if row.kind == "worlds" else SAMPLES)

@@ -31,7 +31,7 @@ def test_gimbal_lock_is_named(method: str) -> None:
     damping = E.JointDamping({"yaw": 0.1, "pitch": 0.1, "roll": 0.1})
     scene = gimbal(1.4, v=[1.0, 2.0, -1.0], effects=[damping])
     with pytest.raises(AccuracyError, match="joints 'yaw', 'roll' can move without moving a mass") as caught:
-        tl.simulate(scene, 2.0, method=method)
+        tl.simulate(scene, 2.0, method=method, verify=False)
     assert caught.value.data["t"] < 0.2
     assert "armature" in str(caught.value)
 

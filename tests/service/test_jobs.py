@@ -178,7 +178,7 @@ def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
         ({"scene": {"robot": "two_link", "effects": [{"type": "torque", "torque": {"elbow": {
             "kind": "sampled", "file": "/etc/passwd"}}}]}}, 422, "scene.effects"),
         ({"scene": "arm-swing", "accuracy": -1}, 400, "accuracy"),
-        ({"scene": "arm-swing", "accuracy": 1e-30}, 422, "t = "),
+        ({"scene": "arm-swing", "accuracy": 1e-30, "precision": "double"}, 422, "t = "),
         ({"scene": "arm-swing", "duration": 1e9}, 422, "duration"),
         ({"scene": "arm-swing", "samples": 1e9}, 422, "samples"),
         ({"scene": "arm-swing", "method": "magic"}, 422, "method"),

@@ -73,7 +73,7 @@ def _attempt(case: SimulationCase, load: Callable[[], Scene], setting: Mapping[s
         limit = TimeLimit(patience, time.process_time)
         run = simulate(scene, case.duration, samples=case.samples, progress=limit, **setting)
     except OutOfTime as late:
-        message = f"given up: {late}"
+        message = f"given up after {late.data['seconds']:g} s of computing, at {late.where}"
     except TwolinkError as error:
         run, message = error.run if isinstance(error, AccuracyError) else None, str(error)
         verdict = SAID if accuracy <= case.may_refuse else MISSED

@@ -209,10 +209,10 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
     count = max(1, min(count, BLOCK_NUMBERS // (len(state) * width)))
     start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
     call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
-    # A chain would depend on how many worlds there are, and what a disturbance is must not.
-    at_once = at_once if width == LANES or not perturbations else 1
-    added = _disturbances(step_map, start, count, at_once, perturbations)
+    # A chain depends on how many worlds there are, and what disturbs each of many must not.
+    at_once = 1 if lanes == LANES and perturbations and all(one.rounding for one in perturbations) else at_once
     if at_once > 1:
+        added = _disturbances(step_map, start, -(-count // at_once), at_once, perturbations)
         states = take_steps(call, rows, start, count, at_once, added)
         if states is not None:
             return states[..., :worlds]
@@ -220,9 +220,11 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
     states[0] = start
     k, end = 0, start[rows.end]
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
-        if added is not None:
-            now[: added.shape[1]] += added[(k - 1) // at_once] / math.sqrt(at_once)
-        call(now, new)
+        source, added = now, _disturbances(step_map, now, 1, 1, perturbations)
+        if added is not None:  # of a copy: the state of a world that has arrived stays as it is
+            source = now.copy()
+            source[: added.shape[1]] += added[0]
+        call(source, new)
         going = np.count_nonzero(new[rows.time] < end)
         if going == 0 or (k >= LANES and 2 * going < width):
             break
@@ -230,12 +232,12 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
 
 
 def _disturbances(
-    step_map: StepMap, start: Array, count: int, at_once: int, perturbations: tuple[Perturbation, ...]
+    step_map: StepMap, start: Array, calls: int, at_once: int, perturbations: tuple[Perturbation, ...]
 ) -> Array | None:
     """What is added to (q, v) before each call that makes `at_once` steps, (calls, nq + nv, n); None for nothing."""
     if not perturbations:
         return None
-    rows, equations, calls = step_map.rows, step_map.equations, -(-count // at_once)
+    rows, equations = step_map.rows, step_map.equations
     every = perturbations + perturbations[-1:] * (start.shape[1] - len(perturbations))
     counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
     added = math.sqrt(at_once) * disturbances(every, counts, start[: equations.moving], equations.space.nq)

@@ -56,6 +56,7 @@ class Search:
     precisions: tuple[Precision, ...] = ()
     tried: list[str] = field(default_factory=list)
     best: Trajectory | None = None
+    lost: AccuracyError | None = None
     _digits: Precision = "double"
     _settings: int = 0
     _last: float = np.inf
@@ -74,7 +75,7 @@ class Search:
 
     def after(self, one: Verified) -> MethodChoice | None:
         """What to try after a run; None where nothing is left."""
-        self._settings += 1
+        self._settings, self.lost = self._settings + 1, one.lost
         return self._smaller(one) or self._other(self._others(one.choice.method, one))
 
     def after_failure(self, choice: MethodChoice) -> MethodChoice | None:
@@ -123,6 +124,8 @@ class Search:
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""
+        if self.lost is not None and not _is_finite(self.best):
+            return self.lost
         run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
         more = "quad" if self._digits == "double" and self.equations.analytic and heyoka() is not None else ""
         also = ', or precision="auto"' if more else ""
@@ -173,6 +176,11 @@ def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]
     if hasattr(heyoka(), "real128"):
         there.append("quad")
     return tuple(there)
+
+
+def _is_finite(run: Trajectory | None) -> bool:
+    """Whether a run has an error bar at its end."""
+    return run is not None and run.error is not None and bool(np.isfinite(run.error[-1]))
 
 
 def _largest(part: np.ndarray | None) -> float:

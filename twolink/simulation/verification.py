@@ -28,7 +28,7 @@ class Verified:
 
     looks (k,): numbers of its samples at which they are compared. truncation, rounding (k,): parts of the error bar
     there, rad or m; None: not verified, or interrupted. seconds: of solving. verify_seconds: of solutions that were
-    solved by themselves.
+    solved by themselves. lost: why the finer solution does not get to the end.
     """
 
     choice: MethodChoice
@@ -38,6 +38,7 @@ class Verified:
     truncation: Array | None = None
     rounding: Array | None = None
     verify_seconds: float = 0.0
+    lost: AccuracyError | None = None
 
     def bar(self, space: StateSpace, slack: float) -> Array | None:
         """The error bar at each sample (n,), rad or m."""
@@ -78,8 +79,14 @@ class Verification:
             # Steps across a singular position of loops have an error of their own, which a smaller tolerance may not
             # admit.
             one = self._tried(choice, replace(finer, finer=finer.finer ** (0.5**trial)))
-            if one.truncation is None or math.isfinite(one.truncation[-1]) or not choice.method.adaptive:
+            if one.truncation is None or math.isfinite(one.truncation[-1]):
+                return one
+            if not choice.method.adaptive:
                 break
+        try:  # by itself it says why
+            self._solved(choice, self._times[self._looks], finer)
+        except AccuracyError as error:
+            return replace(one, lost=error)
         return one
 
     def _tried(self, choice: MethodChoice, finer: Perturbation) -> Verified:
