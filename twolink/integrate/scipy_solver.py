@@ -1,7 +1,6 @@
 """SciPy's solvers around Pinocchio: the portable way, and the peer that faster ways are measured by."""
 
 import importlib
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,13 +13,14 @@ from twolink.integrate.causes import cause
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure, is_hopeless
 from twolink.integrate.methods import Method
-from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.stiffness import fastest
 
-LOOK = 4  # steps of an explicit method between two looks at how fast the motion changes
+LOOK = 8  # steps of an explicit method between two looks at how fast the motion changes
+DISTURBANCES = 8  # of a solution, evenly
 PACE_FROM = 5_000  # steps after which the pace so far is taken for the pace to the end
 EXPLICIT = ("RK45", "DOP853")
 SMALLEST_TOLERANCE = 2.3e-14  # 100 times the rounding unit, below which SciPy does not go
@@ -37,8 +37,8 @@ def solve(
     """Solve from the equations' start for the samples `times` (n,), by SciPy's solver of the method.
 
     tolerance: the error admitted in each step, relative and absolute. Samples come from the method's interpolation.
-    A solution that is disturbed begins anew at each sample. Steps of an explicit method take at most one e-fold of what
-    does not decay. Raises AccuracyError (codes "steps-collapsed", "not-finite", "too-many-steps").
+    Steps of an explicit method are about one e-fold of what does not decay at most. Raises AccuracyError (codes
+    "steps-collapsed", "not-finite", "too-many-steps").
     """
     if perturbation.rounding and len(times) > 2:
         return _disturbed(equations, method, times, tolerance, progress, perturbation)
@@ -57,7 +57,7 @@ def solve(
     try:
         while solver.status == "running" and done < len(times):
             if explicit and steps % LOOK == 0:
-                solver.max_step = _longest(equations, solver.y, longest, perturbation.min_steps(method))
+                solver.max_step = _longest(equations, method, solver.y, longest, perturbation.finer)
             solver.step()
             steps += 1
             _require_progress(equations, solver, steps, start)
@@ -74,10 +74,12 @@ def solve(
     return Solution(times, out, steps, solver.nfev)
 
 
-def _longest(equations: Equations, x: Array, longest: float, min_steps: float) -> float:
-    """The longest step that resolves what does not decay at a state, s."""
+def _longest(equations: Equations, method: Method, x: Array, longest: float, finer: float) -> float:
+    """The longest step that resolves what does not decay at a state, s: longer ones at higher order."""
     rates, decays = fastest(equations, np.append(x, equations.start[equations.moving :])[:, None])
-    return longest if decays[0] or not rates[0] > 0.0 else min(longest, MIN_STEPS / (min_steps * float(rates[0])))
+    if decays[0] or not rates[0] > 0.0:
+        return longest
+    return min(longest, float(0.2 * method.order / rates[0] * finer ** (-1 / method.order)))
 
 
 def _disturbed(
@@ -88,21 +90,22 @@ def _disturbed(
     progress: Progress | None,
     perturbation: Perturbation,
 ) -> Solution:
-    """A solution that is disturbed at each sample, as much as by the steps up to the next one."""
-    plain, parts, x, steps, evaluations = replace(perturbation, rounding=0.0), [], equations.start.copy(), 0, 0
-    moving, each = equations.moving, 1.0
-    for i, part in enumerate(itertools.pairwise(times)):
-        count = np.full((1, 1), float(i))
-        added = disturbances((perturbation,), count, x[:moving, None], equations.space.nq)[0, :, 0]
+    """A solution that is disturbed now and then, as much as by the steps up to the next time."""
+    plain, x, steps, evaluations, each = replace(perturbation, rounding=0.0), equations.start.copy(), 0, 0, 1.0
+    moving, stride = equations.moving, -(-(len(times) - 1) // DISTURBANCES)
+    out = [x[:moving, None]]
+    for i in range(0, len(times) - 1, stride):
+        added = disturbances((perturbation,), np.full((1, 1), float(i)), x[:moving, None], equations.space.nq)[0, :, 0]
         x[:moving] += math.sqrt(each) * added
-        piece = solve(replace(equations, start=x), method, np.array(part), tolerance, progress, plain)
+        part = times[i : i + stride + 1]
+        piece = solve(replace(equations, start=x), method, part, tolerance, progress, plain)
         if piece.interrupted:
-            return replace(piece, t=times[:1], x=equations.start[:moving, None])
-        parts.append(piece.x[:, -1])
+            return replace(piece, t=times[:1], x=out[0])
+        out.append(piece.x[:, 1:])
         x = np.concatenate([piece.x[:, -1], x[moving:]])
         each = max(1.0, float(piece.steps))
         steps, evaluations = steps + piece.steps, evaluations + piece.evaluations
-    return Solution(times, np.stack([equations.start[:moving], *parts], axis=1), steps, evaluations)
+    return Solution(times, np.concatenate(out, axis=1), steps, evaluations)
 
 
 def single_rate(equations: Equations, *, trials: bool = False) -> Callable[[float, np.ndarray], np.ndarray]:
