@@ -116,10 +116,12 @@ class Search:
                 if name != method.name:
                     yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
                                        f"{method.name} did not reach the accuracy")  # fmt: skip
-        for precision in () if one is None else self.precisions:
+        if one is None:
+            return
+        for precision in self.precisions:
             more = ROUNDING_UNIT[precision] / ROUNDING_UNIT["double"]
             reaches = not np.isfinite(rounding) or rounding * more <= MOST * self.accuracy
-            if one is not None and one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
+            if one.choice.precision != precision and (reaches or precision == self.precisions[-1]):
                 yield more_digits(self.accuracy, precision, _reached(one))
 
     def failure(self) -> AccuracyError:

@@ -106,8 +106,8 @@ class Verification:
         if solution.interrupted:
             return run
         own, x = solution.x[: equations.moving, run.looks].T[:, :, None], beside.x.swapaxes(1, 2)
-        beside_them = x[:, :, :1] if taylor else own
-        each = [distances(equations.space, own, x[:, :, :1]), distances(equations.space, beside_them, x[:, :, 1:])]
+        undisturbed = x[:, :, :1] if taylor else own
+        each = [distances(equations.space, own, x[:, :, :1]), distances(equations.space, undisturbed, x[:, :, 1:])]
         return self._with_parts(run, np.concatenate(each, axis=1))
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
