@@ -53,8 +53,8 @@ NO_PERTURBATION = Perturbation()
 def finer_solution(method: Method, touch_margin: float = 0.0) -> Perturbation:
     """The perturbation of the solution that shows the truncation of a method.
 
-    A 50th of the tolerance takes 1.6 times as many steps by DOP853; at low order that would take too many. Taylor's order
-    rises by 4: one or two orders more may be no better.
+    A 50th of the tolerance takes 1.6 times as many steps by DOP853; at low order that would take too many. Taylor's
+    order rises by 4: one or two orders more may be no better.
     """
     if not method.adaptive:
         return Perturbation(finer=2.0, touch_margin=touch_margin)
