@@ -193,7 +193,7 @@ def test_truncation_and_rounding_are_shown_apart(method: str) -> None:
     of the bar."""
     scene, _ = double_pendulum(1)
     equations, times = equations_of(scene), np.linspace(0.0, 5.0, 42)
-    verification = Verification(equations, times, np.arange(42))
+    verification = Verification(equations, times, np.arange(42), 0.0)
     reference, _ = extended_reference(scene, times)
     rough = verification(MethodChoice(METHODS[method], 1e-7, ""))
     true = np.abs(rough.solution.x[:2].T - reference).max(axis=1).astype(float)

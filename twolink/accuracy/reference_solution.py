@@ -92,7 +92,7 @@ def _verified(
     """A solution, with its error by the solutions beside it, as that of every run."""
     start, space = time.perf_counter(), equations.space
     limit = None if seconds is None else TimeLimit(seconds)
-    run = Verification(equations, times, np.arange(len(times)), limit)(choice)
+    run = Verification(equations, times, np.arange(len(times)), 0.0, limit)(choice)
     if run.truncation is None or run.rounding is None:  # Ctrl-C has cut it short: half a reference is of no use
         raise KeyboardInterrupt
     if not np.isfinite(run.solution.x).all():

@@ -61,14 +61,14 @@ def integrate_many(
     x = np.array(x0[:moving])
     out = np.full((len(times), x.shape[1], moving), np.nan)
     out[0] = x.T
-    counts, worlds = np.zeros((2, x.shape[1]), dtype=int), (perturbation,) * x.shape[1]
+    counts = np.zeros((2, x.shape[1]), dtype=int)
     for begin, stop in itertools.pairwise([start, *(t for t in equations.breaks(end) if t > start), end]):
         lost = ~np.isfinite(x).all(axis=0)
         if lost.all():
             break
         table_rows = np.repeat(equations.layout.numbers_at(0.5 * (begin + stop))[:, None], x.shape[1], axis=1)
-        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, worlds, parameters,
-                                   span=end - start)  # fmt: skip
+        state, limit = start_state(step_map, np.concatenate([x, table_rows]), begin, stop, setting, (perturbation,),
+                                   parameters, span=end - start)  # fmt: skip
         state[rows.time, lost] = stop
         _to_the_end(step_map, state, limit, times, out, progress, perturbation)
         x = state[:moving]
@@ -93,7 +93,7 @@ def _to_the_end(
 
     def part(begin: int, stopped: threading.Event) -> None:
         own, samples = state[:, begin : begin + chunk], out[:, begin : begin + chunk]
-        for block in advance(step_map, own, limit, BLOCK, LANES, (perturbation,) * own.shape[1]):
+        for block in advance(step_map, own, limit, BLOCK, LANES, (perturbation,)):
             own[:moving, block.worlds[block.outcome != FINE]] = np.nan
             take_samples(step_map, block, times, samples, own[first:] if len(own) > first else None)
             if stopped.is_set():

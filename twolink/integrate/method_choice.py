@@ -29,6 +29,7 @@ from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.stiffness import fastest_decay
+from twolink.integrate.taylor import ROUNDING_UNIT
 
 # How many times smaller than the accuracy the first tolerance is: the errors of steps add up, and an estimate of low
 # order is that of the less accurate solution. On the arm, UR5 and Panda a run's error is below a third of the margin
@@ -70,7 +71,7 @@ def choose(
         Simulated time, s.
     name : str
         A method; or "auto", the cheapest one.
-    precision : {"double", "quad"}
+    precision : {"double", "extended", "quad"}
 
     Returns
     -------
@@ -88,12 +89,13 @@ def choose(
     DOP853 or ESDIRK43 in parts. Without heyoka, and where the rate takes long to compile, it takes SciPy's DOP853 or
     Radau; for events ours.
     """
-    if precision == "quad":
+    if precision not in ROUNDING_UNIT:
+        remedy = f"""one of "auto", {", ".join(f'"{one}"' for one in ROUNDING_UNIT)}"""
+        raise SceneError(f"{precision!r} is unknown", argument="precision", remedy=remedy)
+    if precision != "double":
         if name not in ("auto", "taylor"):
             raise SceneError(f"{name} works in double precision", argument="method", remedy='method="taylor" or "auto"')
-        return MethodChoice(METHODS["taylor"], accuracy / MARGINS["taylor"], "quadruple precision", "quad")
-    if precision != "double":
-        raise SceneError(f"{precision!r} is unknown", argument="precision", remedy='"double" or "quad"')
+        return MethodChoice(METHODS["taylor"], accuracy / MARGINS["taylor"], f"{precision} precision", precision)
     if name != "auto":
         method = method_named(name)
         return MethodChoice(method, first_setting(equations, method, accuracy), "asked for")

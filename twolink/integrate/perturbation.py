@@ -73,13 +73,20 @@ def _random(size: int) -> Array:
     return np.random.default_rng(size).uniform(-1.0, 1.0, (PERIOD, size))
 
 
+@functools.lru_cache(64)
+def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array]:
+    """The places of the first random numbers of each, and its rounding."""
+    return (np.array([APART * one.number for one in perturbations], dtype=int),
+            np.array([one.rounding for one in perturbations]))  # fmt: skip
+
+
 def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, nq: int) -> Array:
     """What is added to states.
 
     Parameters
     ----------
     perturbations : tuple of Perturbation
-        Of the n solutions.
+        Of the n solutions; or one, of all of them.
     counts : ndarray (k, n)
         How many steps each has attempted before: they choose the random numbers, so that these do not depend on what
         else is solved.
@@ -92,8 +99,8 @@ def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Arra
     -------
     ndarray (k, nq + nv, n)
     """
-    first = np.array([APART * one.number for one in perturbations])
-    size = np.array([one.rounding for one in perturbations]) * np.abs(x)
+    first, rounding = _numbers(perturbations)
+    size = rounding * np.abs(x)
     for part in (size[:nq], size[nq:]):
         np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
     random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)

@@ -15,7 +15,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.beside import Beside
 from twolink.integrate.causes import cause
-from twolink.integrate.chain import take_steps
+from twolink.integrate.chain import LONGEST, take_steps
 from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
@@ -101,7 +101,7 @@ def integrate(
     try:
         for block in advance(step_map, state, limit, first_block, 1 if beside is None else LANES, lanes):
             if beside is not None:
-                take_samples(step_map, _others(block), beside.t, beside.x)
+                _look_at(step_map, block, beside)
             if block.worlds[0] > 0:
                 continue  # the run has arrived, another solution has not
             t, last = block.t[:, 0], block.states[-1, :, 0]
@@ -155,11 +155,14 @@ class _Record:
         return np.concatenate(times), np.concatenate(states)
 
 
-def _others(block: Block) -> Block:
-    """A block without the first world, the others numbered from 0."""
-    if block.worlds[0] > 0:
-        return block._replace(worlds=block.worlds - 1)
-    return Block(block.worlds[1:] - 1, block.states[:, :, 1:], block.t[:, 1:], block.outcome[1:])
+def _look_at(step_map: StepMap, block: Block, beside: Beside) -> None:
+    """Take the samples of the solutions beside a run, which are numbered behind it."""
+    for others, often in ((block.worlds == 1, slice(None)), (block.worlds > 1, beside.seldom)):
+        if others.any():
+            part = Block(
+                block.worlds[others] - 1, block.states[:, :, others], block.t[:, others], block.outcome[others]
+            )
+            take_samples(step_map, part, beside.t[often], beside.x[often])
 
 
 def _states_at(step_map: StepMap, t: Array, states: Array, wanted: Array) -> Array:
@@ -183,14 +186,18 @@ def advance(
 
     limit: of attempted steps a world. block_steps: of the first block; each next one has twice as many up to BLOCK.
     lanes: batches are padded to a multiple of it; with LANES every world gets the same bits in any batch. Worlds that
-    have arrived or cannot go on are left out of the next block. perturbations: of each world, which may be disturbed.
+    have arrived or cannot go on are left out of the next block. perturbations: of each world, which may be disturbed;
+    or one, of all.
     """
-    rows = step_map.rows
+    rows, same = step_map.rows, len(perturbations) == 1
     start = state[rows.time].copy()
     worlds = np.flatnonzero(state[rows.time] < state[rows.end])
     while worlds.size:
-        own = tuple(perturbations[i] for i in worlds) if any(one.rounding for one in perturbations) else ()
-        states = _attempt(step_map, state[:, worlds], block_steps, lanes, own)
+        own = perturbations if same else tuple(perturbations[i] for i in worlds)
+        if not any(one.rounding for one in own):
+            own = ()
+        alone = len(worlds) == 1 and not same  # a solution beside a run that has arrived
+        states = _attempt(step_map, state[:, worlds], block_steps, 1 if alone else lanes, own)
         last = states[-1]
         outcome = outcome_of(step_map, last, start[worlds], limit)
         state[:, worlds] = last
@@ -202,15 +209,14 @@ def advance(
 def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbations: tuple[Perturbation, ...]) -> Array:
     """The states (k + 1, rows, w) of up to `count` attempts; fewer when half of the worlds have arrived.
 
-    perturbations: of each world, whose states are disturbed before each call; none: no world is.
+    perturbations: of each world, or one of all, whose states are disturbed before each call of a chain, or as often as
+    by one; none: no world is.
     """
     rows, worlds = step_map.rows, state.shape[1]
     width = -(-worlds // lanes) * lanes if step_map.compiled else worlds
-    count = max(1, min(count, BLOCK_NUMBERS // (len(state) * width)))
+    count = min(count, max(LONGEST, BLOCK_NUMBERS // (len(state) * width) // LONGEST * LONGEST))
     start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
     call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
-    # A chain depends on how many worlds there are, and what disturbs each of many must not.
-    at_once = 1 if lanes == LANES and perturbations and all(one.rounding for one in perturbations) else at_once
     if at_once > 1:
         added = _disturbances(step_map, start, -(-count // at_once), at_once, perturbations)
         states = take_steps(call, rows, start, count, at_once, added)
@@ -218,15 +224,16 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
             return states[..., :worlds]
     states = np.empty((count + 1, *start.shape))
     states[0] = start
-    k, end = 0, start[rows.end]
+    k, end, spacing = 0, start[rows.end], 1 if worlds == 1 else LONGEST
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
-        source, added = now, _disturbances(step_map, now, 1, 1, perturbations)
+        source = now
+        added = _disturbances(step_map, now, 1, spacing, perturbations) if (k - 1) % spacing == 0 else None
         if added is not None:  # of a copy: the state of a world that has arrived stays as it is
             source = now.copy()
             source[: added.shape[1]] += added[0]
         call(source, new)
         going = np.count_nonzero(new[rows.time] < end)
-        if going == 0 or (k >= LANES and 2 * going < width):
+        if going == 0 or (k % LONGEST == 0 and 2 * going < width):
             break
     return states[: k + 1, :, :worlds]
 
@@ -234,11 +241,12 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
 def _disturbances(
     step_map: StepMap, start: Array, calls: int, at_once: int, perturbations: tuple[Perturbation, ...]
 ) -> Array | None:
-    """What is added to (q, v) before each call that makes `at_once` steps, (calls, nq + nv, n); None for nothing."""
+    """What is added to (q, v) before every `at_once` steps, (calls, nq + nv, n); None for nothing."""
     if not perturbations:
         return None
     rows, equations = step_map.rows, step_map.equations
-    every = perturbations + perturbations[-1:] * (start.shape[1] - len(perturbations))
+    padding = start.shape[1] - len(perturbations) if len(perturbations) > 1 else 0
+    every = perturbations + perturbations[-1:] * padding
     counts = start[rows.accepted] + start[rows.rejected] + at_once * np.arange(calls)[:, None]
     added = math.sqrt(at_once) * disturbances(every, counts, start[: equations.moving], equations.space.nq)
     return added * equations.layout.moves(start[equations.moving : equations.space.size])

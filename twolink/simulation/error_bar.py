@@ -14,9 +14,10 @@ from twolink.integrate.state import Array, StateSpace
 
 SAFETY = 2.5  # of the distance to a finer solution, which has an error of its own
 # Of the largest distance to disturbed solutions, by their number. One distance may be small by chance, all of them
-# hardly: if rounding is all of the error, and normal, and disturbances are three times as large, a bar of 6, 3 or 2
-# solutions is too small once in 14,000, 1,500 or 700 motions.
-DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0}
+# hardly: if rounding is all of the error, and normal, and disturbances are three times as large, a bar of 6, 3, 2 or 1
+# solutions is too small once in 14,000, 1,500, 700 or 700 motions.
+DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0, 1: 150.0}
+ENOUGH = 0.05  # of the accuracy: with less rounding by its bar, one disturbed solution suffices
 # Of the accuracy, added to a bar: where the first error is small by chance, it is still below what is usual.
 SLACK = 4e-3
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in all solutions
@@ -49,6 +50,10 @@ def error_bar(distance: Array, rounding: Array, safety: float = 1.0) -> Array:
 
 def distances(space: StateSpace, x: Array, others: Array) -> Array:
     """Distances of q between states x (m, size, n) and others (m, size, n), (m, n), rad or m; inf where not finite."""
+    if not space.curved:
+        with np.errstate(invalid="ignore"):  # inf - inf
+            far = np.abs(x[:, : space.nq] - others[:, : space.nq]).max(axis=1, initial=0.0)
+        return np.where(np.isfinite(far), far, np.inf)
     x, others = (np.moveaxis(np.broadcast_to(one, others.shape), 1, 2) for one in (x, others))
     good = np.isfinite(x).all(axis=2) & np.isfinite(others).all(axis=2)
     out = np.full(good.shape, np.inf)

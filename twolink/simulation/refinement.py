@@ -25,8 +25,9 @@ from twolink.simulation.verification import Verified
 
 PATIENCE = 600.0  # s of wall clock, unless a caller has another one
 ROOM = 10.0  # times the smallest tolerance: the finer solution must be able to be finer
-AIM = 0.5  # of the accuracy, for the next bar
+AIM = 0.3  # of the accuracy, for the next bar
 MOST = 0.8  # of the accuracy, that rounding may take
+CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
 DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 TRIALS = 8  # settings of a method, at most
 WORSE, STRIKES = 0.9, 2  # of the best bar: a setting is no better; so many of them may be, as steps meet singularities
@@ -64,13 +65,12 @@ class Search:
     _left: Iterator[MethodChoice] | None = None
 
     def seen(self, choice: MethodChoice, run: Trajectory | None) -> None:
-        """Take note of what was tried, and of the run with the smallest bar."""
+        """Take note of what was tried, and of the run that is within the accuracy for longest."""
         setting = f"{'tolerance' if choice.method.adaptive else 'step'} {choice.setting:.1e}"
         digits = "" if choice.precision == "double" else f" with {DIGITS[choice.precision]}"
-        bar = run.error[-1] if run is not None and run.error is not None else np.inf
         self._digits = choice.precision
         self.tried.append(f"{choice.method.name}{digits} at {setting}")
-        if run is not None and (self.best is None or self.best.error is None or bar < self.best.error[-1]):
+        if run is not None and (self.best is None or _worth(run) > _worth(self.best)):
             self.best = run
 
     def after(self, one: Verified) -> MethodChoice | None:
@@ -96,16 +96,17 @@ class Search:
             return None
         if self._settings > 1 and not bar <= WORSE * self._last:
             self._worse += 1
-            if self._worse > STRIKES or rounding > MOST * bar:
+            if self._worse > STRIKES or rounding > max(MOST * bar, CHANCE * self.accuracy):
                 return None
         self._last = min(bar, self._last)
-        ratio = AIM * self.accuracy / bar if np.isfinite(bar) else 0.3
+        ratio = AIM * self.accuracy / bar if np.isfinite(bar) else AIM
         if not method.adaptive:
             setting = choice.setting * min(0.9, ratio ** (1.0 / method.order))
             return replace(choice, setting=setting) if one.solution.t[-1] / setting <= MAX_STEPS else None
         smallest = ROOM * smallest_tolerance(method, choice.precision)
         if choice.setting <= 1.01 * smallest:
             return None
+        ratio **= 1.0 + 1.0 / method.order  # the error of a whole run follows the tolerance by less
         return replace(choice, setting=max(choice.setting * min(AIM, ratio), smallest))
 
     def _others(self, method: Method, one: Verified | None = None) -> Iterator[MethodChoice]:
@@ -178,6 +179,11 @@ def precisions_of(equations: Equations, seconds: float) -> tuple[Precision, ...]
     if hasattr(heyoka(), "real128"):
         there.append("quad")
     return tuple(there)
+
+
+def _worth(run: Trajectory) -> tuple[float, float]:
+    """Until when a run is within the accuracy; of equal ones, how small its bar is at the end."""
+    return run.trusted_until or 0.0, -np.inf if run.error is None else -float(run.error[-1])
 
 
 def _is_finite(run: Trajectory | None) -> bool:

@@ -167,7 +167,8 @@ def run_of(
     not refined.
     """
     all_times = with_looks(times, LOOKS) if verify else times
-    verification = Verification(equations, all_times, spread_out(len(all_times), MAX_LOOKS), progress)
+    looks = spread_out(len(all_times), MAX_LOOKS)
+    verification = Verification(equations, all_times, looks, 0.0 if measured else accuracy, progress)
     if not verify:
         one = verification.unverified(choice)
         return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)

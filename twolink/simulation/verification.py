@@ -7,14 +7,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.beside import Beside
+from twolink.integrate.beside import SELDOM, Beside
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import has_lanes, solve
 from twolink.integrate.state import Array, StateSpace
-from twolink.simulation.error_bar import DISTURBED, distances, error_bar, rounding_of_constants, truncation_factor
+from twolink.simulation.error_bar import (
+    DISTURBED,
+    ENOUGH,
+    distances,
+    error_bar,
+    rounding_of_constants,
+    truncation_factor,
+)
 
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
@@ -60,12 +67,17 @@ class Verification:
         Sample times, s.
     looks : ndarray (k,)
         Numbers of those at which solutions are compared, with the first and the last.
+    accuracy : float
+        For which the run is, rad or m; 0: none.
     progress : callable, optional
         Called with the simulated time now and then.
     """
 
-    def __init__(self, equations: Equations, times: Array, looks: Array, progress: Progress | None = None) -> None:
-        self._equations, self._times, self._looks, self._progress = equations, times, looks, progress
+    def __init__(
+        self, equations: Equations, times: Array, looks: Array, accuracy: float, progress: Progress | None = None
+    ) -> None:
+        self._equations, self._times, self._looks = equations, times, looks
+        self._accuracy, self._progress = accuracy, progress
 
     def unverified(self, choice: MethodChoice) -> Verified:
         """A run alone."""
@@ -107,8 +119,12 @@ class Verification:
             return run
         own, x = solution.x[: equations.moving, run.looks].T[:, :, None], beside.x.swapaxes(1, 2)
         undisturbed = x[:, :, :1] if taylor else own
-        each = [distances(equations.space, own, x[:, :, :1]), distances(equations.space, undisturbed, x[:, :, 1:])]
-        return self._with_parts(run, np.concatenate(each, axis=1))
+        each = np.empty((len(x), len(others)))
+        each[:, :1] = distances(equations.space, own, x[:, :, :1])
+        each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
+        if not taylor:  # between two looks, what the later one shows
+            each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+        return self._with_parts(run, each)
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
@@ -128,6 +144,8 @@ class Verification:
             if other.interrupted:
                 return replace(run, solution=replace(run.solution, interrupted=True))
             each.append(_distance(self._equations.space, run, other))
+            if len(each) == 2 and DISTURBED[1] * each[1].max() < ENOUGH * self._accuracy:
+                break
         spent = time.perf_counter() - begin - (compiling - run.solution.compile_seconds)
         run = replace(run, solution=replace(run.solution, compile_seconds=compiling))
         return self._with_parts(replace(run, verify_seconds=spent), np.stack(each, axis=1))

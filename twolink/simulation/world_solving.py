@@ -13,9 +13,9 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap
-from twolink.simulation.error_bar import DISTURBED, ROUNDING, SLACK, distances, error_bar, truncation_factor
+from twolink.simulation.error_bar import DISTURBED, ENOUGH, ROUNDING, SLACK, distances, error_bar, truncation_factor
 
-ALONE = 2  # disturbed solutions of a world
+ALONE = 2  # disturbed solutions of a world, at most
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
 AIM = 0.3  # of the accuracy: where the next bar shall be, by the one that was too large
 
@@ -47,6 +47,7 @@ class _Worlds:
     times: Array
     parameters: Array | None
     progress: Progress | None
+    accuracy: float
 
     def solved(
         self, worlds: Array, tolerance: Array, perturbation: Perturbation = NO_PERTURBATION
@@ -59,13 +60,20 @@ class _Worlds:
     def parts(self, worlds: Array, x: Array, tolerance: Array) -> tuple[Array, Array]:
         """Of solutions x (m, size, w), the bars (w,) at the end, without slack, and what of them is rounding."""
         space, method = self.step_map.equations.space, self.step_map.method
-        each = [
-            distances(space, x, self.solved(worlds, tolerance, one)[0])
-            for one in (finer_solution(method), *disturbed_solutions(ALONE))
-        ]
-        rounding = DISTURBED[ALONE] * np.max(each[1:], axis=0)
+
+        def to(other: Perturbation, few: Array | slice = slice(None)) -> Array:
+            """The distances to other solutions."""
+            return distances(space, x[:, :, few], self.solved(worlds[few], tolerance[few], other)[0])
+
+        first, second = disturbed_solutions(ALONE)
+        truncation, once = truncation_factor(method) * to(finer_solution(method)), to(first)
+        rounding = DISTURBED[1] * once
+        most = rounding.max(axis=0)
+        more = np.flatnonzero((most >= ENOUGH * self.accuracy) & np.isfinite(most))
+        if more.size:
+            rounding[:, more] = DISTURBED[ALONE] * np.maximum(once[:, more], to(second, more))
         size = np.abs(np.nan_to_num(x[:, : space.nq])).max(axis=1)
-        bar = error_bar(truncation_factor(method) * each[0] + rounding, ROUNDING * size)[-1]
+        bar = error_bar(truncation + rounding, ROUNDING * size)[-1]
         return np.where(np.isfinite(bar), bar, np.nan), rounding.max(axis=0)
 
 
@@ -90,7 +98,7 @@ def solve_worlds(
     again with tolerances by how much it is above, as long as that helps; each keeps the best bar it has had.
     """
     method, worlds, begin = step_map.method, np.arange(starts.shape[1]), time.perf_counter()
-    given = _Worlds(step_map, starts, times, parameters, progress)
+    given = _Worlds(step_map, starts, times, parameters, progress, accuracy)
     tolerance = np.full(len(worlds), first_tolerance(method, accuracy))
     x, steps, rejected = given.solved(worlds, tolerance)
     result = SolvedWorlds(x, steps, rejected, None, float(tolerance[0]), time.perf_counter() - begin)
@@ -105,8 +113,9 @@ def solve_worlds(
         result.error[kept], result.x[:, :, kept] = bar[better], x[:, :, better]
         result.steps[kept], result.rejected[kept] = steps[better], rejected[better]
         room = np.fmax(accuracy - rounding, 0.0)
-        wanted = tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300))
-        again = (bar > accuracy) & (wanted > LEAST * smallest_tolerance(method))  # not the lost ones: their bar is NaN
+        least = LEAST * smallest_tolerance(method)
+        wanted = np.fmax(tolerance * np.fmin(0.5, AIM * room / np.fmax(bar - rounding, 1e-300)), least)
+        again = (bar > accuracy) & (room > 0.0) & (tolerance > 1.01 * least)  # not the lost ones: their bar is NaN
         worlds, tolerance = worlds[again], wanted[again]
         if worlds.size:
             x, steps, rejected = given.solved(worlds, tolerance)
