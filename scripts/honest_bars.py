@@ -115,7 +115,7 @@ def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
     samples, precision = (one.samples or SAMPLES) / one.duration, "double" if one.limit else "auto"
     try:
         return tl.simulate(one.scene, one.duration, accuracy, method=one.method, samples=samples, precision=precision,
-                           progress=TimeLimit(PATIENCE)), False  # fmt: skip
+                           progress=TimeLimit(PATIENCE, time.process_time)), False  # fmt: skip
     except OutOfTime:
         raise
     except AccuracyError as error:
@@ -125,7 +125,7 @@ def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
 def _checked_worlds(row: Row, one: Worlds) -> Row:
     try:
         worlds = tl.simulate_many(one.scene, one.q, one.v, duration=one.duration, accuracy=one.accuracy,
-                                  progress=TimeLimit(PATIENCE))  # fmt: skip
+                                  progress=TimeLimit(PATIENCE, time.process_time))  # fmt: skip
     except OutOfTime:
         raise
     except AccuracyError:
