@@ -1,6 +1,6 @@
 """Error bars: a bound on the global error of a run from solutions beside it, for one world or for many.
 
-    bar = SAFETY |run - finer| + factor max |run - disturbed| + the rounding of constants
+    bar = SAFETY |run - finer| + factor max |run - disturbed| + the rounding that all have alike
 
 The finer solution is not disturbed, and shows truncation. The disturbed ones have the run's own setting, and show
 rounding (`integrate.perturbation`). The bar is the largest value so far.
@@ -9,7 +9,6 @@ rounding (`integrate.perturbation`). The bar is the largest value so far.
 import numpy as np
 
 from twolink.integrate.methods import Method
-from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array, StateSpace
 
 SAFETY = 2.5  # of the distance to a finer solution, which has an error of its own
@@ -20,7 +19,9 @@ DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0, 1: 150.0}
 ENOUGH = 0.05  # of the accuracy: with less rounding by its bar, one disturbed solution suffices
 # Of the accuracy, added to a bar: where the first error is small by chance, it is still below what is usual.
 SLACK = 4e-3
-ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, which is the same in all solutions
+ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, relative to q
+# Of a step, on the mean, relative to the state: a swing of 46,000 steps of DOP853 lost 0.09 eps in each.
+BIAS = 0.1 * np.finfo(float).eps
 
 
 def error_bar(distance: Array, rounding: Array, safety: float = 1.0) -> Array:
@@ -66,7 +67,25 @@ def truncation_factor(method: Method) -> float:
     return SAFETY if method.adaptive else SAFETY / (1.0 - 0.5**method.order)
 
 
-def rounding_of_constants(space: StateSpace, solution: Solution, looks: Array) -> Array:
-    """A bound on the error of numbers that are the same in all solutions, at some samples (k,), rad or m."""
-    size = np.abs(solution.x[: space.nq, looks]).max(axis=0, initial=0.0)
-    return np.asarray(ROUNDING * size if solution.precise is None else 0.0 * size)
+def common_rounding(space: StateSpace, t: Array, x: Array, steps: Array | int) -> Array:
+    """A bound on the rounding that all solutions have alike: of constants, and of steps, whose mean is not 0.
+
+    Parameters
+    ----------
+    space : StateSpace
+    t : ndarray (m,)
+        Times, s, the last one that of the end.
+    x : ndarray (m, size, ...)
+        States.
+    steps : int or ndarray (...)
+        Steps to the end.
+
+    Returns
+    -------
+    rounding : ndarray (m, ...)
+        rad or m.
+    """
+    size = np.abs(np.nan_to_num(x[:, : space.nq + space.nv]))
+    done = np.multiply.outer((t - t[0]) / max(t[-1] - t[0], 1e-300), steps)
+    return np.asarray(ROUNDING * size[:, : space.nq].max(axis=1, initial=0.0)
+                      + BIAS * done * size.max(axis=1, initial=0.0))  # fmt: skip

@@ -17,9 +17,9 @@ from twolink.integrate.state import Array, StateSpace
 from twolink.simulation.error_bar import (
     DISTURBED,
     ENOUGH,
+    common_rounding,
     distances,
     error_bar,
-    rounding_of_constants,
     truncation_factor,
 )
 
@@ -51,8 +51,10 @@ class Verified:
         """The error bar at each sample (n,), rad or m."""
         if self.truncation is None or self.rounding is None:
             return None
-        same = rounding_of_constants(space, self.solution, self.looks)
-        bar = error_bar(self.truncation + self.rounding, same).repeat(np.diff(self.looks, prepend=-1))
+        solution, looks = self.solution, self.looks
+        same = common_rounding(space, solution.t[looks], solution.x[:, looks].T, solution.steps)
+        bar = error_bar(self.truncation + self.rounding, same if solution.precise is None else 0.0 * same)
+        bar = bar.repeat(np.diff(looks, prepend=-1))
         bar[1:] += slack
         return np.asarray(bar)  # between two looks, that of the later one
 

@@ -13,7 +13,15 @@ from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap
-from twolink.simulation.error_bar import DISTURBED, ENOUGH, ROUNDING, SLACK, distances, error_bar, truncation_factor
+from twolink.simulation.error_bar import (
+    DISTURBED,
+    ENOUGH,
+    SLACK,
+    common_rounding,
+    distances,
+    error_bar,
+    truncation_factor,
+)
 
 ALONE = 2  # disturbed solutions of a world, at most
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
@@ -57,8 +65,8 @@ class _Worlds:
         return integrate_many(self.step_map, self.starts[:, worlds], self.times, tolerance, values, self.progress,
                               perturbation)  # fmt: skip
 
-    def parts(self, worlds: Array, x: Array, tolerance: Array) -> tuple[Array, Array]:
-        """Of solutions x (m, size, w), the bars (w,) at the end, without slack, and what of them is rounding."""
+    def parts(self, worlds: Array, x: Array, steps: Array, tolerance: Array) -> tuple[Array, Array]:
+        """Of solutions x (m, size, w) of so many steps (w,), the bars (w,) at the end, and what of them is rounding."""
         space, method = self.step_map.equations.space, self.step_map.method
 
         def to(other: Perturbation, few: Array | slice = slice(None)) -> Array:
@@ -72,8 +80,7 @@ class _Worlds:
         more = np.flatnonzero((most >= ENOUGH * self.accuracy) & np.isfinite(most))
         if more.size:
             rounding[:, more] = DISTURBED[ALONE] * np.maximum(once[:, more], to(second, more))
-        size = np.abs(np.nan_to_num(x[:, : space.nq])).max(axis=1)
-        bar = error_bar(truncation + rounding, ROUNDING * size)[-1]
+        bar = error_bar(truncation + rounding, common_rounding(space, self.times, x, steps))[-1]
         return np.where(np.isfinite(bar), bar, np.nan), rounding.max(axis=0)
 
 
@@ -106,7 +113,7 @@ def solve_worlds(
         return result
     result.error, result.x = np.full(len(worlds), np.nan), x.copy()
     while worlds.size:
-        bar, rounding = given.parts(worlds, x, tolerance)
+        bar, rounding = given.parts(worlds, x, steps, tolerance)
         bar = bar + SLACK * accuracy
         better = ~(bar >= result.error[worlds])  # than none, too
         kept = worlds[better]
