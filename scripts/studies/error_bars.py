@@ -1,34 +1,28 @@
 """Do the error bars hold? Random scenes whose exact motions are known, each simulated and compared.
 
-    python scripts/honest_bars.py [--scenes 1000] [--seed 0] [--fresh]
+    python -m scripts.studies.error_bars [--scenes 1000] [--seed 0] [--first 0] [--fresh] [--out FILE]
 
-The kinds of scenes and their truths are in `honest_scenes`. Error: as `simulate` defines it, max |difference(q,
+The kinds of scenes and their truths are in `scenes.exact`. Error: as `simulate` defines it, max |difference(q,
 q_exact)|, rad or m, of the run and of the best run of a refusal. A bar fails where one sample's error is above it.
 
-Rows go to out/honest_bars-SEED.csv as they come. After Ctrl-C the same command goes on behind the last row; --fresh
+Rows go to out/error_bars-SEED.csv as they come. After Ctrl-C the same command goes on behind the last row; --fresh
 starts again. Prints a table by kind, and each bar met or missed; ends 0 if all are met.
 """
 
-import argparse
-import csv
-import os
 import statistics
-import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from honest_scenes import KINDS, Case, Worlds, case, series
 
 import twolink as tl
+from scripts.runner import Bars, Table, study
+from scripts.studies.scenes.exact import KINDS, Case, Worlds, case, series
 from twolink.errors import AccuracyError
 from twolink.hard.truths import distance
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 
-OUT = Path(__file__).parents[1] / "out"
 SAMPLES = 60
 PATIENCE = 10.0  # seconds that a solution may take: fixed steps may be millions
 KNOWN = 0.1  # of the bar: where the truth's own error is larger, it does not judge
@@ -168,85 +162,26 @@ def costs(rows: Sequence[Row]) -> list[float]:
     return [row.verify_seconds / row.seconds for row in rows if row.seconds > 0]
 
 
-def print_table(rows: Sequence[Row]) -> None:
-    """The outcomes by kind."""
-    print(f"{'kind':<10}{'scenes':>7}{''.join(f'{name:>9}' for name in OUTCOMES)}{'samples':>9}{'fails':>7}{'worst':>8}"
-          f"{'bar/true':>10}{'cost':>7}{'s/scene':>9}")  # fmt: skip
+def show(rows: Sequence[Row], _given: object = None) -> Bars:
+    """Print the outcomes by kind."""
+    outcomes = "".join(f"{name} >8 | " for name in OUTCOMES)
+    table = Table(f"kind <9 | scenes >6 | {outcomes}samples >8 | fails >6 | worst >7.2g | bar/true >9.2f | "
+                  "cost >6.2f | s/scene >8.2f")  # fmt: skip
     for kind in (*KINDS, "all"):
         some = [row for row in rows if kind in (row.kind, "all")]
-        counts = "".join(f"{sum(row.outcome == name for row in some):>9}" for name in OUTCOMES)
-        print(f"{kind:<10}{len(some):>7}{counts}{sum(row.samples for row in some):>9}"
-              f"{sum(row.fails for row in some):>7}{max((row.worst for row in some), default=0):>8.2g}"
-              f"{median(ratios(some)):>10.2f}{median(costs(some)):>7.2f}"
-              f"{median([row.total_seconds for row in some]):>9.2f}")  # fmt: skip
+        table.add(kind, len(some), *(sum(row.outcome == name for row in some) for name in OUTCOMES),
+                  sum(row.samples for row in some), sum(row.fails for row in some),
+                  max((row.worst for row in some), default=0.0), median(ratios(some)), median(costs(some)),
+                  median([row.total_seconds for row in some]))  # fmt: skip
     print("\nfails: runs whose bar fails; worst: largest true error over its bar; bar/true: error bar at the end over "
           "the\nlargest true error, median; cost: seconds of verification over those of solving, median\n")  # fmt: skip
-
-
-def print_bars(rows: Sequence[Row]) -> bool:
-    """Print each bar met or missed. Returns whether all are met."""
     fails, ratio, cost = sum(row.fails for row in rows), median(ratios(rows)), median(costs(rows))
-    bars = [
+    return [
         (fails == 0, f"runs whose bar fails: {fails} of {len(rows)} (bar: none)"),
         (ratio <= MAX_RATIO, f"median of error bar / true error: {ratio:.2f} (bar: at most {MAX_RATIO:g})"),
         (cost <= MAX_COST, f"median cost of verification: {cost:.2f} (bar: at most {MAX_COST:g} times the solution)"),
     ]
-    for met, text in bars:
-        print(f"{'met   ' if met else 'MISSED'}  {text}")
-    return all(met for met, _ in bars)
-
-
-def read_rows(path: Path) -> list[Row]:
-    """The rows that an earlier run wrote; a last line that was cut off is left out."""
-    if not path.exists():
-        return []
-    types: dict[str, Callable[[str], Any]] = {f.name: f.type for f in fields(Row)}  # type: ignore[misc]
-    with path.open(newline="", encoding="utf-8") as file:
-        whole = [line for line in csv.DictReader(file) if line["total_seconds"]]
-    return [Row(**{name: types[name](text) for name, text in line.items()}) for line in whole]
-
-
-def study(scenes: int, seed: int, path: Path) -> list[Row]:
-    """Check the scenes that are not in the file yet, and append their rows to it."""
-    kept = read_rows(path)
-    rows = [row for row in kept if row.scene < scenes]
-    done, start = {row.scene for row in rows}, time.perf_counter()
-    path.parent.mkdir(exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:  # again, without what was cut off
-        writer = csv.DictWriter(file, [f.name for f in fields(Row)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(asdict, kept))
-        for number in sorted(set(range(scenes)) - done):
-            row = check(number, seed)
-            writer.writerow(asdict(row))
-            file.flush()
-            rows.append(row)
-            if row.fails:
-                print(f"\n{row}", file=sys.stderr)
-            print(f"\r{len(rows)}/{scenes} scenes, {time.perf_counter() - start:.0f} s, "
-                  f"{sum(row.fails for row in rows)} fail  ", end="", file=sys.stderr)  # fmt: skip
-    return rows
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--fresh", action="store_true", help="start again")
-    options = parser.parse_args()
-    os.environ["TWOLINK_CACHE"] = "off"
-    path, interrupted = OUT / f"honest_bars-{options.seed}.csv", False
-    if options.fresh:
-        path.unlink(missing_ok=True)
-    try:
-        rows = study(options.scenes, options.seed, path)
-    except KeyboardInterrupt:
-        rows, interrupted = read_rows(path), True
-    print(f"\r{len(rows)} scenes of seed {options.seed}; rows in {path}\n")
-    print_table(rows)
-    met = print_bars(rows)
-    return 130 if interrupted else 0 if met else 1
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(study(__doc__, "error_bars", Row, lambda n, given: [check(n, given.seed)], show, scenes=1000))

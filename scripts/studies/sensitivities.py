@@ -1,29 +1,29 @@
 """Do the error bars of sensitivities hold? Random scenes, each differentiated and compared with differences of runs.
 
-    python scripts/honest_sensitivities.py [--scenes 100] [--seed 0] [--first 0] [--out rows.jsonl]
+    python -m scripts.studies.sensitivities [--scenes 100] [--seed 0] [--first 0] [--out FILE]
 
-Scenes: those of `honest_scenes` that are smooth, have joints of all kinds, are unstable, have loops or events in closed
+Scenes: those of `scenes.exact` that are smooth, have joints of all kinds, are unstable, have loops or events in closed
 form, and arms with stops, dry friction, releases, detents and planes. By what: the start, and constants drawn at random
 from those of the robot and of the effects.
 
 Truth: differences of order 8 and 6 of tight runs beside the scene, in quad precision where the scene is smooth, by
 code that takes the scene's constants as inputs and so is compiled once for all of them.
 Their distance is the truth's own doubt; samples where it is above a tenth of the bar do not count, such as those beside
-an event. A bar fails where one entry of a sample is farther from the truth than it says. Ends 0 if none does.
+an event. A bar fails where one entry of a sample is farther from the truth than it says. Rows go to
+out/sensitivities-SEED.csv. Ends 0 if no bar fails.
 """
 
 import argparse
-import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from honest_scenes import Case, events, joints, loops, smooth, unstable
 
 import twolink as tl
+from scripts.runner import Bars, Table, study
+from scripts.studies.scenes.exact import Case, events, joints, loops, smooth, unstable
 from twolink import effects as fx
 from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.namespaces import Expressions
@@ -56,6 +56,7 @@ LOAD = fx.Payload("forearm", 1.0, (0.0, 0.0, 0.3))
 class Row:
     """A scene and what came of it. worst: the largest error over its bar. tightness: bars over errors at the end."""
 
+    scene: int
     kind: str
     what: str
     outcome: str = "compared"
@@ -63,7 +64,12 @@ class Row:
     samples: int = 0
     failed: int = 0
     worst: float = 0.0
-    tightness: list[float] = field(default_factory=list)
+    tightness: str = ""
+    seconds: float = 0.0
+
+    @property
+    def fails(self) -> bool:
+        return self.failed > 0
 
 
 def arm(random: np.random.Generator) -> Case:
@@ -211,7 +217,7 @@ def check(number: int, seed: int) -> Row:
     random = np.random.default_rng([seed, number])
     one = KINDS[kind](np.random.default_rng([seed, number // 48, 7]), random)
     scene, duration = one.scene, min(one.duration, LONGEST)
-    row = Row(kind.strip(), one.what)
+    row = Row(number, kind.strip(), one.what)
     names = named(scene, random)
     accuracy = float(10 ** random.uniform(-7, -3))
     while True:
@@ -253,46 +259,30 @@ def compare(row: Row, runs: Beside, s: tl.Sensitivities, name: str, column: int)
     row.failed += int(((errors > bar + doubt) & sure).sum())
     row.worst = max(row.worst, float((errors[sure] / bar[sure]).max(initial=0.0)))
     if sure[-1] and errors.max():
-        row.tightness.append(float(bar[-1] / errors[sure].max()))
+        row.tightness += f" {bar[-1] / errors[sure].max():.4g}"
 
 
-def rows_of(path: Path | None) -> dict[int, Row]:
-    """The rows that a file holds, by number."""
-    lines = path.read_text().splitlines() if path is not None and path.exists() else []
-    kept = [json.loads(line) for line in lines]
-    return {one.pop("number"): Row(**one) for one in kept}
+def checked(number: int, given: argparse.Namespace) -> list[Row]:
+    start = time.perf_counter()
+    row = check(number, given.seed)
+    row.seconds = round(time.perf_counter() - start, 1)
+    return [row]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--out", type=Path, help="keeps each row; a row that is there is not computed again")
-    options = parser.parse_args()
-    rows, known = [], rows_of(options.out)
-    for number in range(options.first, options.first + options.scenes):
-        start = time.perf_counter()
-        row = known[number] if number in known else check(number, options.seed)
-        rows.append(row)
-        if number in known:
-            continue
-        if options.out is not None:
-            with options.out.open("a") as file:
-                file.write(json.dumps({"number": number} | asdict(row)) + "\n")
-        print(f"{number:4d}  {row.kind:<9}{row.what:<28.28}{row.outcome:<24}columns {row.columns:3d}  samples "
-              f"{row.samples:5d}  beyond {row.failed:3d}  worst {row.worst:8.2g}  {time.perf_counter() - start:6.1f} s",
-              flush=True)  # fmt: skip
-    compared = [row for row in rows if row.samples]
-    failing = sum(row.failed > 0 for row in rows)
-    tight = [ratio for row in rows for ratio in row.tightness]
-    print(
-        f"\n{len(rows)} scenes, {len(compared)} compared in {sum(row.columns for row in rows)} columns and "
-        f"{sum(row.samples for row in rows)} samples; median bar over error {np.median(tight or [np.nan]):.1f}"
-    )
-    print(f"{'met   ' if not failing else 'MISSED'}  scenes with an error beyond its bar: {failing} (bar: none)")
-    return 1 if failing else 0
+def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
+    """The scenes, and what they say together."""
+    table = Table("scene >5 | kind <9 | what <28 | outcome <24 | columns >7 | samples >7 | beyond >6 | worst >8.2g | "
+                  "s >6.1f")  # fmt: skip
+    for row in rows:
+        table.add(row.scene, row.kind, row.what[:28], row.outcome, row.columns, row.samples, row.failed, row.worst,
+                  row.seconds)  # fmt: skip
+    failing, tight = sum(row.fails for row in rows), [float(x) for row in rows for x in row.tightness.split()]
+    compared, columns, samples = (sum(numbers) for numbers in zip(*((r.samples > 0, r.columns, r.samples) for r in rows),
+                                                                  strict=True))  # fmt: skip
+    print(f"\n{len(rows)} scenes, {compared} compared in {columns} columns and {samples} samples; "
+          f"median bar over error {np.median(tight or [np.nan]):.1f}")  # fmt: skip
+    return [(not failing, f"scenes with an error beyond its bar: {failing} (bar: none)")]
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(study(__doc__, "sensitivities", Row, checked, show))

@@ -1,6 +1,6 @@
 """Are answers about arms against their stops ever wrong in silence? Random arms, each simulated and judged.
 
-    python scripts/honest_stops.py [--scenes 120] [--seed 0] [--first 0]
+    python -m scripts.studies.stops [--scenes 120] [--seed 0] [--first 0]
 
 Arms of 2 to 6 joints with stops near the start, restitution 0 to 0.9, damping, dry friction, drives with limits of
 effort. Every answer has passed its certificate of laws. The second way knows no events: Moreau's time stepping over
@@ -8,22 +8,21 @@ Pinocchio's M and h, with impulses of stops and friction by projected Gauss-Seid
 two agree, the answer must agree with them.
 
 agrees; apart: the two steps differ too much to judge (impacts that hinge on less than the steps show); WRONG: the
-steps agree, and the answer is elsewhere; refused: a named error, by code; CRASH: any other error. Ends 0 if no answer
-is wrong and nothing crashes.
+steps agree, and the answer is elsewhere; refused: a named error, by code; CRASH: any other error. Rows go to
+out/stops-SEED.csv. Ends 0 if no answer is wrong and nothing crashes.
 """
 
 import argparse
 import collections
-import os
-import sys
 import time
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from random_robots import random_urdf
 
 import twolink as tl
+from scripts.runner import Bars, study
+from scripts.studies.scenes.robots import random_urdf
 from twolink import effects as fx
 
 BLOCK = 6  # scenes that share an arm and its effects
@@ -33,6 +32,21 @@ STEP = 2e-4  # s, the larger of the two
 APART = 0.02  # rad or m: two steps that differ by more say nothing
 WITHIN, LEAST = 6.0, 1e-4  # an answer may differ from the finer steps by so many times what these differ, and so much
 SWEEPS = 60
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scene and what came of it. away: how far the answer is from the finer steps, rad or m."""
+
+    scene: int
+    outcome: str
+    why: str
+    away: float
+    seconds: float
+
+    @property
+    def fails(self) -> bool:
+        return self.outcome in ("WRONG", "CRASH")
 
 
 @dataclass(frozen=True)
@@ -137,25 +151,21 @@ def judged(number: int, seed: int) -> tuple[str, str, float]:
     return "agrees" if away <= WITHIN * apart + LEAST else "WRONG", f"{len(run.events)} events, steps {apart:.1e}", away
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=120)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0)
-    given = parser.parse_args()
-    found = collections.Counter[str]()
-    for number in range(given.first, given.first + given.scenes):
-        start = time.process_time()
-        try:
-            outcome, why, away = judged(number, given.seed)
-        except Exception as error:  # a study counts what should not be
-            outcome, why, away = "CRASH", repr(error), 0.0
-        found[outcome] += 1
-        print(f"{number:4d} {outcome:8s} {away:.1e} {why} ({time.process_time() - start:.1f} s)", flush=True)
-    print(dict(found))
-    return int(bool(found["WRONG"] + found["CRASH"]))
+def check(number: int, given: argparse.Namespace) -> list[Row]:
+    start = time.process_time()
+    try:
+        outcome, why, away = judged(number, given.seed)
+    except Exception as error:  # a study counts what should not be
+        outcome, why, away = "CRASH", repr(error), 0.0
+    return [Row(number, outcome, why, away, round(time.process_time() - start, 1))]
+
+
+def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
+    """How often each outcome came."""
+    print(dict(collections.Counter(row.outcome for row in rows)))
+    bad = sum(row.fails for row in rows)
+    return [(not bad, f"wrong in silence, crashes: {bad} of {len(rows)} (bar: none)")]
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    sys.exit(main())
+    raise SystemExit(study(__doc__, "stops", Row, check, show, scenes=120))

@@ -7,47 +7,17 @@ incline   a ball or a block that slides along a plane until it rolls, rests, or 
 
 import functools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import mpmath as mp
 import numpy as np
-from honest_robots import JOINT, gravity, uniform
 
 import twolink as tl
+from scripts.studies.scenes.contact_parts import Case, accuracy_of, free_robot
+from scripts.studies.scenes.robots import gravity, uniform
 from twolink import effects as fx
 
 DIGITS = 40
-LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
-<inertia ixx="{i[0]}" iyy="{i[1]}" izz="{i[2]}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-Truth = Callable[[np.ndarray], np.ndarray]
-"""Positions (n, 3 k) at times (n,) of the k free bodies."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A scene to simulate. truth: None where there is none. way: how contacts are computed, None: as the scene asks."""
-
-    what: str
-    scene: tl.Scene
-    duration: float
-    accuracy: float
-    truth: Truth | None = None
-    way: str | None = None
-
-
-def free_robot(*parts: tuple[str, float, tuple[float, float, float]], base: bool = False) -> tl.Robot:
-    """Free bodies (name, mass, moments of inertia about the link's origin). base: with a fixed link "base"."""
-    text = '<link name="base"/>' if base else '<link name="ground"/>'
-    for name, mass, moments in parts:
-        text += LINK.format(name=name, com="0 0 0", mass=mass, i=moments)
-        text += JOINT.format(name=f"{name}_joint", kind="floating", parent="base" if base else "ground", child=name,
-                             at="0 0 0", axis="0 0 1", limit="")  # fmt: skip
-    return tl.load_robot(f'<robot name="bodies"><{text[1:]}</robot>')
-
-
-def accuracy_of(random: np.random.Generator, finest: float = -10.0) -> float:
-    return float(10 ** random.uniform(finest, -4))
 
 
 @dataclass

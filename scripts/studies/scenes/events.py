@@ -5,9 +5,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from honest_robots import gravity, slider, uniform
 
 import twolink as tl
+from scripts.studies.scenes.robots import gravity, slider, uniform
 from twolink import effects as fx
 
 

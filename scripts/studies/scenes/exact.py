@@ -22,8 +22,10 @@ from dataclasses import dataclass
 
 import mpmath as mp
 import numpy as np
-from honest_events import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
-from honest_robots import (
+
+import twolink as tl
+from scripts.studies.scenes.events import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
+from scripts.studies.scenes.robots import (
     JOINT,
     LIMIT,
     LINK,
@@ -32,18 +34,15 @@ from honest_robots import (
     frequency,
     gravity,
     pendulum,
+    random_scene,
     rods_text,
     slider,
     uniform,
 )
-from random_robots import random_scene
-
-import twolink as tl
 from twolink import effects as fx
 from twolink.hard import truths
 from twolink.hard.extended_precision import extended_reference
 
-KINDS = ("smooth", "joints", "unstable", "toppling", "long", "loops", "events", "limit", "worlds", "between")
 BLOCK = 60  # scenes that share robots: six of each kind
 AUTO = 2 / 3  # the share of smooth scenes for method "auto"
 # The finest accuracy asked of a method: beyond, it takes minutes, and says nothing new.
@@ -84,14 +83,6 @@ class Worlds:
     v: np.ndarray
     duration: float
     accuracy: float
-
-
-def case(number: int, seed: int) -> Case | Worlds:
-    """The scene of this number, of kind KINDS[number % 10]."""
-    shared = np.random.default_rng([seed, number // BLOCK, number % len(KINDS)])
-    own = np.random.default_rng([seed, 1_000_000 + number])
-    make = (smooth, joints, unstable, toppling, long, loops, events, limit, worlds, between)[number % len(KINDS)]
-    return make(shared, own)
 
 
 def smooth(shared: np.random.Generator, random: np.random.Generator) -> Case:
@@ -346,3 +337,13 @@ def _changed(one: Case, **changes: object) -> Case:
 
 def _asked(one: Case, random: np.random.Generator, finest: float, methods: tuple[str, ...] = ("auto",)) -> Case:
     return _changed(one, accuracy=_accuracy(random, finest), method=str(random.choice(methods)))
+
+
+MAKERS = (smooth, joints, unstable, toppling, long, loops, events, limit, worlds, between)
+KINDS = tuple(make.__name__ for make in MAKERS)
+
+
+def case(number: int, seed: int) -> Case | Worlds:
+    """The scene of this number, of kind KINDS[number % 10]."""
+    shared = np.random.default_rng([seed, number // BLOCK, number % len(KINDS)])
+    return MAKERS[number % len(KINDS)](shared, np.random.default_rng([seed, 1_000_000 + number]))
