@@ -167,6 +167,10 @@ def read_rows(path: Path, kind: type[R]) -> list[R]:
     return msgspec.convert([*csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))], list[kind], strict=False)  # type: ignore[valid-type]
 
 
+def failing(rows: Iterable[R]) -> list[R]:
+    return [row for row in rows if getattr(row, "fails", False)]
+
+
 def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any], Iterable[R]]) -> list[R]:
     """The rows of the keys. Those that the file does not have are made by `check`, and appended to it as they come.
 
@@ -185,11 +189,10 @@ def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any
             rows += new
             writer.writerows(map(astuple, new))
             file.flush()
-            for row in new:
-                if row.fails:
-                    print(f"\n{row}", file=sys.stderr)
-            print(f"\r{i + 1}/{len(keys)}, {time.time() - start:.0f} s, {sum(row.fails for row in rows)} fail  ",
-                  end="", file=sys.stderr, flush=True)  # fmt: skip
+            for row in failing(new):
+                print(f"\n{row}", file=sys.stderr)
+            print(f"\r{i + 1}/{len(keys)}, {time.time() - start:.0f} s, {len(failing(rows))} fail  ", end="",
+                  file=sys.stderr, flush=True)  # fmt: skip
     return rows
 
 
@@ -211,17 +214,19 @@ def study(
     """
     numbered = {"scenes": scenes, "seed": 0, "first": 0} if scenes else {}
     given = options(doc, **numbered, fresh=False, out=Path, **own)
-    changed = "".join(f"-{what}{'' if value is True else f'-{value}'}" for what, default in own.items()
-                      if (value := getattr(given, what)) != default and not isinstance(default, tuple))  # fmt: skip
-    path = given.out or OUT / f"{name}{f'-{given.seed}' if scenes else ''}{changed}.csv"
+    chosen = {what: value for what, default in own.items() if what != "rest"
+              if (value := getattr(given, what)) != (list(default) if isinstance(default, tuple) else default)}  # fmt: skip
+    words = "".join(f" {what} {'' if value is True else value}" for what, value in chosen.items())
+    more = re.sub("[^a-z0-9.]+", "-", words).rstrip("-")
+    path = given.out or OUT / f"{name}{f'-{given.seed}' if scenes else ''}{more}.csv"
     os.environ["TWOLINK_CACHE"] = "off"
     if given.fresh:
         path.unlink(missing_ok=True)
-    chosen = keys(given)
+    wanted = keys(given)
     try:
-        rows, interrupted = collect(path, kind, chosen, lambda key: check(key, given)), False
+        rows, interrupted = collect(path, kind, wanted, lambda key: check(key, given)), False
     except KeyboardInterrupt:
-        rows, interrupted = [row for row in read_rows(path, kind) if astuple(row)[0] in chosen], True
+        rows, interrupted = [row for row in read_rows(path, kind) if astuple(row)[0] in wanted], True
     print(f"\r{len(rows)} rows in {path}\n")
     met = print_bars(show(rows, given)) if rows else True
     return 130 if interrupted else 0 if met else 1

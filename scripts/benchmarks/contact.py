@@ -4,13 +4,11 @@ block       a block slides to rest, v0^2 / (2 mu g): error over seconds, located
 stack       ten boxes at rest for 100 s: how far they move
 spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
 quadruped   Solo and ANYmal fall on their four feet and stand, under PD control: error over seconds, beside MuJoCo's
-Seconds are medians, of the processor for block and quadruped.
+Seconds are medians, of the processor for block and quadruped. Durations and steps in s are the part's own by default.
 
-    python scripts/bench_contact.py [block stack spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
+    python -m scripts.benchmarks.contact [block stack spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
 """
 
-import argparse
-import statistics
 import time
 from collections.abc import Callable
 from typing import Any
@@ -18,110 +16,93 @@ from typing import Any
 import numpy as np
 
 import twolink as tl
+from scripts.runner import Table, once, options, seconds_of
+from scripts.studies.scenes.contact_parts import free_robot
+from scripts.studies.scenes.robots import JOINT, LIMIT, LINK
 from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import Setting, task_of
 
 E, G = tl.effects, 9.81
-REPEATS = 9
+PARTS = ("block", "stack", "spheres", "quadruped")
+STIFF = 10.0 ** -np.arange(3.0, 10.0)  # accuracies of Drake's stiff contact
+COLUMNS = "way <58 | error >9.1e | ms >11.3f | more <1"
 FEET = {"solo12": 0.0165, "anymal": 0.03}  # m
 GAINS = {"solo12": (5.0, 0.1), "anymal": (150.0, 4.0)}  # N m/rad, N m s/rad
-BODY = ('<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ix}" iyy="{iy}" izz="{iz}" ixy="0" ixz="0" '
-        'iyz="0"/></inertial></link><joint name="{name}_joint" type="floating"><parent link="ground"/>'
-        '<child link="{name}"/></joint>')  # fmt: skip
 
 
-SLIDE = ('<joint name="{0}" type="prismatic"><parent link="{1}"/><child link="{2}"/><axis xyz="{3}"/>'
-         '<limit lower="-9" upper="9" effort="9" velocity="9"/></joint><link name="{2}"><inertial><mass value="{4}"/>'
-         '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>')  # fmt: skip
-
-
-def bodies(names: list[str], mass: float, moments: tuple[float, float, float]) -> tl.Robot:
-    """Free bodies of one kind."""
-    ix, iy, iz = moments
-    text = "".join(BODY.format(name=name, mass=mass, ix=ix, iy=iy, iz=iz) for name in names)
-    return tl.load_robot(f'<robot name="bodies"><link name="ground"/>{text}</robot>')
-
-
-def seconds_of(run: Callable[[], Any]) -> tuple[float, Any]:
-    """The median of the processor seconds, and the result: other programs may be running."""
-    taken = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        result = run()
-        taken.append(time.process_time() - start)
-    return statistics.median(taken), result
-
-
-def line(name: str, error: float, seconds: float, more: str = "") -> None:
-    print(f"  {name:<58}{error:10.1e} {seconds * 1e3:12.3f} ms  {more}", flush=True)
+def measured(run: Callable[[], Any]) -> tuple[float, Any]:
+    """The median of the processor ms, and the result: other programs may be running."""
+    return 1e3 * seconds_of(run, clock=time.process_time)[0], run()
 
 
 def block() -> None:
     """A block slides to rest on its four corners."""
     mu, v0, end = 0.3, 2.0, 1.0
-    robot = tl.load_robot(f'<robot name="block"><link name="floor"/>{SLIDE.format("x", "floor", "cart", "1 0 0", 1e-3)}'
-                          f'{SLIDE.format("z", "cart", "block", "0 0 1", 1.0)}</robot>')  # fmt: skip
+    text = '<link name="floor"/>'
+    for joint, parent, name, axis, mass in (
+        ("x", "floor", "cart", "1 0 0", 1e-3),
+        ("z", "cart", "block", "0 0 1", 1.0),
+    ):
+        text += LINK.format(name=name, com="0 0 0", mass=mass, i=1e-6)
+        text += JOINT.format(
+            name=joint, kind="prismatic", parent=parent, child=name, at="0 0 0", axis=axis, limit=LIMIT
+        )
     effects = [E.Gravity(), E.Contact((("block", "ground"),), mu, shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})]
-    scene = tl.Scene(robot, [0, 0.1], [v0, 0], effects, end)
+    scene = tl.Scene(tl.load_robot(f'<robot name="block">{text}</robot>'), [0, 0.1], [v0, 0], effects, end)
     times = np.linspace(0, end, 11)
     slower = mu * G / 1.001  # the cart moves along and presses on nothing
     t = np.fmin(times, v0 / slower)
     exact = v0 * t - slower * t**2 / 2
-    print("a block slides to rest: the largest error of 10 samples, and seconds")
+    print("a block slides to rest: the largest error of 10 samples")
+    table = Table(COLUMNS)
+
+    def line(name: str, run: Callable[[], Any], q_of: Callable[[Any], np.ndarray] = lambda run: run.q) -> None:
+        taken, answer = measured(run)
+        table.add(name, float(np.abs(q_of(answer)[:, 0] - exact).max()), taken, "")
+
+    def solve(**how: Any) -> Callable[[], tl.Trajectory]:
+        return lambda: tl.simulate(scene, end, samples=10, **how)
+
     for accuracy in (1e-4, 1e-8):
-        tl.simulate(scene, end, accuracy, samples=10)
         for verify in (False, True):
-            taken, run = seconds_of(lambda a=accuracy, v=verify: tl.simulate(scene, end, a, samples=10, verify=v))
             line(
-                f"located, accuracy {accuracy:g}{', with error bar' * verify}", np.abs(run.q[:, 0] - exact).max(), taken
+                f"located, accuracy {accuracy:g}{', with error bar' * verify}", solve(accuracy=accuracy, verify=verify)
             )
     for step in (1e-1, 1e-2, 1e-3):
-        taken, run = seconds_of(
-            lambda h=step: tl.simulate(scene, end, contact="stepped", step=h, samples=10, verify=False)
-        )
-        line(f"stepped, {step:g} s", np.abs(run.q[:, 0] - exact).max(), taken)
-    task = task_of(scene, times)
+        line(f"stepped, {step:g} s", solve(contact="stepped", step=step, verify=False))
     settings = {
-        "mujoco": [
-            Setting(method, f"step {h:g} s", step=h)
-            for method in ("Euler", "implicitfast", "RK4")
-            for h in (2e-3, 2e-4, 2e-5)
-        ],
-        "drake": [
-            *(Setting("discrete plant (SAP)", f"step {h:g} s", step=h) for h in (1e-2, 1e-3, 1e-4)),
-            *(Setting("cenic", f"stiffness 1e7 N/m, accuracy {a:g}", a, 0.1) for a in 10.0 ** -np.arange(3.0, 10.0)),
-        ],
-    }
+        "mujoco": [Setting(method, f"step {h:g} s", step=h) for method in ("Euler", "implicitfast", "RK4")
+                   for h in (2e-3, 2e-4, 2e-5)],
+        "drake": [*(Setting("discrete plant (SAP)", f"step {h:g} s", step=h) for h in (1e-2, 1e-3, 1e-4)),
+                  *(Setting("cenic", f"stiffness 1e7 N/m, accuracy {a:g}", a, 0.1) for a in STIFF)],
+    }  # fmt: skip
+    task = task_of(scene, times)
     for name, own in settings.items():
         try:
             module = peer_module(name)
         except ImportError:
             continue
         for setting in own:
-            taken, answer = seconds_of(module.prepare(task, setting))
-            off = np.abs(answer.track.q[:, 0] - exact).max()
-            line(f"{name} {module.VERSION}, {setting}", off, taken)
+            line(f"{name} {module.VERSION}, {setting}", module.prepare(task, setting), lambda run: run.track.q)
 
 
 def stack(duration: float, step: float) -> None:
     """Ten boxes on each other."""
     names, edge = [f"b{k}" for k in range(10)], 0.2
-    robot = bodies(names, 1.0, (edge**2 / 6,) * 3)
     shapes = {name: (E.Box((edge,) * 3),) for name in names}
-    scene = tl.Scene(robot, np.concatenate([[0, 0, edge * (k + 0.5), 0, 0, 0, 1] for k in range(10)]),
+    scene = tl.Scene(free_robot(*((name, 1.0, (edge**2 / 6,) * 3) for name in names)),
+                     np.concatenate([[0, 0, edge * (k + 0.5), 0, 0, 0, 1] for k in range(10)]),
                      effects=[E.Gravity(), E.Contact(("ground", "self"), 0.5, shapes=shapes)])  # fmt: skip
-    start = time.perf_counter()
-    run = tl.simulate(scene, duration, contact="stepped", step=step, samples=1, verify=False)
-    taken, record = time.perf_counter() - start, run.contact_record
+    taken, run = once(lambda: tl.simulate(scene, duration, contact="stepped", step=step, samples=1, verify=False))
     print(f"ten boxes, {duration:g} s, step {step:g} s: they move by {np.abs(run.q - run.q[0]).max():.1e} m, "
-          f"{taken * step / duration * 1e3:.2f} ms a step; {record}")  # fmt: skip
+          f"{taken * step / duration * 1e3:.2f} ms a step; {run.contact_record}")  # fmt: skip
 
 
 def spheres(count: int, duration: float, step: float) -> None:
     """Spheres fall into a box."""
     random, r = np.random.default_rng(1), 0.05
     names = [f"s{k}" for k in range(count)]
-    robot = bodies(names, 0.5, (0.4 * 0.5 * r * r,) * 3)
+    robot = free_robot(*((name, 0.5, (0.4 * 0.5 * r * r,) * 3) for name in names))
     side = max(3, round(count ** (1 / 3)))
     wide = 0.5 * 2.4 * r * side
     places = np.array([(i, j, k) for k in range(count) for j in range(side) for i in range(side)][:count], float)
@@ -129,44 +110,37 @@ def spheres(count: int, duration: float, step: float) -> None:
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (count, 1))], axis=1).ravel()
     walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
     pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
-    start = time.perf_counter()
     contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(r),) for name in names})
-    scene = tl.Scene(robot, q, effects=[E.Gravity(), contact])
-    print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {time.perf_counter() - start:.1f} s", flush=True)
-    start = time.perf_counter()
-    run = tl.simulate(scene, duration, contact="stepped", step=step, samples=1 / step, verify=False,
-                      progress=lambda t: print(f"    t = {t:.3f} s", flush=True))  # fmt: skip
-    taken, record = time.perf_counter() - start, run.contact_record
+    taken, scene = once(lambda: tl.Scene(robot, q, effects=[E.Gravity(), contact]))
+    print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {taken:.1f} s", flush=True)
+    taken, run = once(lambda: tl.simulate(scene, duration, contact="stepped", step=step, samples=1 / step, verify=False,
+                                          progress=lambda t: print(f"    t = {t:.3f} s", flush=True)))  # fmt: skip
     grown = np.diff(run.energy).max() / abs(run.energy[0])
     print(f"  {taken * step / duration * 1e3:.1f} ms a step, energy grows by {grown:.1e} of itself in a step at most, "
-          f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, {record}")  # fmt: skip
-    mujoco_spheres(scene, count, duration, step)
+          f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, {run.contact_record}")  # fmt: skip
+    mujoco_spheres(q, [E.Plane(), *walls], duration, step)
 
 
-def mujoco_spheres(scene: tl.Scene, count: int, duration: float, step: float) -> None:
+def mujoco_spheres(q: np.ndarray, planes: list[tl.effects.Plane], duration: float, step: float) -> None:
     """The same by MuJoCo: its own broad phase needs geoms that may touch, not pairs."""
     import mujoco
 
     spec = mujoco.MjSpec()
     spec.option.timestep = step
-    contact = next(effect for effect in scene.effects if isinstance(effect, E.Contact))
-    for effect_plane in [E.Plane(), *sorted({b for _, b in contact.pairs[2:]}, key=repr)]:
-        n = np.array(effect_plane.normal)
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * effect_plane.height,
-                                zaxis=n, friction=[0.3, 0, 0], condim=3)  # fmt: skip
-    for k in range(count):
-        body = spec.worldbody.add_body(pos=scene.q[7 * k : 7 * k + 3])
+    touching: dict[str, Any] = {"friction": [0.3, 0, 0], "condim": 3}
+    for plane in planes:
+        n = np.array(plane.normal)
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 1], pos=n * plane.height, zaxis=n,
+                                **touching)  # fmt: skip
+    for pose in q.reshape(-1, 7):
+        body = spec.worldbody.add_body(pos=pose[:3])
         body.add_freejoint()
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.05, 0, 0], mass=0.5, friction=[0.3, 0, 0], condim=3)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.05, 0, 0], mass=0.5, **touching)
     model = spec.compile()
-    data, steps, deepest = mujoco.MjData(model), round(duration / step), 0.0
-    start, looking = time.perf_counter(), 0.0
+    data, steps, deepest, taken = mujoco.MjData(model), round(duration / step), 0.0, 0.0
     for _ in range(steps):
-        mujoco.mj_step(model, data)
-        look = time.perf_counter()
+        taken += once(lambda: mujoco.mj_step(model, data))[0]
         deepest = max(deepest, -float(data.contact.dist.min(initial=0.0)))
-        looking += time.perf_counter() - look
-    taken = time.perf_counter() - start - looking
     print(f"  MuJoCo {mujoco.__version__}: {taken / steps * 1e3:.1f} ms a step, overlap up to {deepest:.1e} m")
 
 
@@ -197,7 +171,7 @@ def quadruped(name: str, duration: float) -> None:
     task = task_of(tl.Scene(robot, q, effects=effects), times)
     print(f"{name} falls on its feet and stands, {duration:g} s: the largest error of q at {len(times)} samples")
     exactly: dict[str, Any] = {"contact": "stepped", "step": 5e-5} if name == "anymal" else {"contact": "located"}
-    exact = tl.simulate(scene, duration, 1e-8, samples=20, verify=False, **exactly).q
+    exact, table = tl.simulate(scene, duration, 1e-8, samples=20, verify=False, **exactly).q, Table(COLUMNS)
 
     def off(some: np.ndarray, others: np.ndarray) -> float:
         return max(float(np.abs(robot.difference(a, b)).max()) for a, b in zip(some, others, strict=True))
@@ -205,10 +179,10 @@ def quadruped(name: str, duration: float) -> None:
     mujoco = peer_module("mujoco")
     limit = mujoco.prepare(task, Setting("Euler", "", step=2e-5))().track.q
     for step in (1e-2, 4e-3, 2e-3, 1e-3, 2e-4):
-        taken, answer = seconds_of(mujoco.prepare(task, Setting("Euler", "", step=step)))
-        own = off(answer.track.q, limit)
-        line(f"mujoco {mujoco.VERSION}, Euler, step {step:g} s{', the default' * (step == 2e-3)}",
-             off(answer.track.q, exact), taken, f"{own:.1e} from its own limit")  # fmt: skip
+        taken, answer = measured(mujoco.prepare(task, Setting("Euler", "", step=step)))
+        found, usual = answer.track.q, ", the default" * (step == 2e-3)
+        table.add(f"mujoco {mujoco.VERSION}, Euler, step {step:g} s{usual}", off(found, exact), taken,
+                  f"{off(found, limit):.1e} from its own limit")  # fmt: skip
     for count in (2, 3, 4, 5, 10, 25):
         step = 0.05 / count
 
@@ -219,32 +193,27 @@ def quadruped(name: str, duration: float) -> None:
             while "held" not in (stepped().contact_record or {})["solvers"]:
                 pass  # until its steps have cost what compiling them does
         except tl.errors.AccuracyError as error:
-            print(f"  stepped, {1e3 * step:.3g} ms: {error.what}")
+            table.add(f"stepped, {1e3 * step:.3g} ms", None, None, error.what)
             continue
-        taken, run = seconds_of(stepped)
-        slower, verified = seconds_of(lambda solve=stepped: solve(verify=True))
-        more = f"with its error estimated, {verified.error.max():.1e}: {slower * 1e3:.1f} ms; {run.contact_record}"
-        line(f"stepped, {1e3 * step:.3g} ms", off(run.q, exact), taken, more)
+        taken, run = measured(stepped)
+        slower, verified = measured(lambda solve=stepped: solve(verify=True))
+        more = f"with its error estimated, {verified.error.max():.1e}: {slower:.1f} ms; {run.contact_record}"
+        table.add(f"stepped, {1e3 * step:.3g} ms", off(run.q, exact), taken, more)
     if exactly["contact"] == "located":
-        taken, run = seconds_of(lambda: tl.simulate(scene, duration, 1e-4, samples=20, verify=False, **exactly))
-        line("located, accuracy 1e-4", off(run.q, exact), taken)
+        taken, run = measured(lambda: tl.simulate(scene, duration, 1e-4, samples=20, verify=False, **exactly))
+        table.add("located, accuracy 1e-4", off(run.q, exact), taken, "")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", default=["block", "stack", "spheres", "quadruped"])
-    parser.add_argument("--count", type=int, default=500, help="spheres")
-    parser.add_argument("--duration", type=float, help="s, of the part's own by default")
-    parser.add_argument("--step", type=float, help="s, of the part's own by default")
-    given = parser.parse_args()
-    if "block" in given.parts:
+    given = options(__doc__, rest=PARTS, count=500, duration=float, step=float)
+    if "block" in given.rest:
         block()
-    if "stack" in given.parts:
+    if "stack" in given.rest:
         stack(given.duration or 100.0, given.step or 1e-2)
-    if "quadruped" in given.parts:
+    if "quadruped" in given.rest:
         for name in FEET:
             quadruped(name, given.duration or 2.0)
-    if "spheres" in given.parts:
+    if "spheres" in given.rest:
         spheres(given.count, given.duration or 1.0, given.step or 2e-3)
 
 

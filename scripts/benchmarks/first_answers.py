@@ -1,35 +1,29 @@
 """Seconds to the first answer of a scene in a new process, import of the package excluded, beside SciPy over Pinocchio.
 
-    python scripts/bench_first_answer.py [SCENE ...] [--rounds 3] [--quick]
+    python -m scripts.benchmarks.first_answers [SCENE ...] [--rounds 3] [--quick] [--parts]
 
 Columns: cold, with an empty cache; cached, in a new process with the cache that the first left; again, a second run in
 that process; SciPy: the cheapest of DOP853, RK45 and LSODA on Pinocchio's rates that comes within the accuracy,
 imported before, nothing to compile. Ours are with the error bar, SciPy is without one. Medians of rounds. Writes
-out/bench_first_answer.csv. With --parts it measures what steps in parts cost (EVALUATION and WORLD in
-twolink/integrate/first_steps.py).
+out/first_answers.csv. --quick: the first two scenes, one round. With --parts it measures what steps in parts cost
+(EVALUATION and WORLD in twolink/integrate/first_steps.py).
 """
 
-import argparse
 import importlib
-import os
 import statistics
-import subprocess
-import sys
 import tempfile
-import time
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 import twolink as tl
+from scripts.runner import Table, new_process, once, options, seconds_of
 from twolink.errors import TwolinkError
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_control import initial_state
 from twolink.integrate.step_map import step_map
-from twolink.io.tables import write_table
 
-OUT = Path(__file__).parents[1] / "out" / "bench_first_answer.csv"
 SCENES = ("arm-swing", "panda-hold", "crankshaft", "squeezer", "pitch")
 ACCURACY = 1e-6
 TOLERANCES = (1e-7, 1e-8, 1e-9, 1e-10)
@@ -44,52 +38,33 @@ for _ in range(2):
 """
 
 
-def seconds(scene: str, cache: str) -> list[tuple[float, str]]:
-    """Two runs of a scene in a new process: seconds, and what was compiled."""
-    environment = {**os.environ, "TWOLINK_CACHE": cache}
-    done = subprocess.run([sys.executable, "-c", RUNS, scene], env=environment, capture_output=True, text=True)
-    if done.returncode:
-        return [(float("nan"), done.stderr.strip().splitlines()[-1][:60])] * 2
-    return [(float(line.split()[0]), line.split()[1]) for line in done.stdout.splitlines()]
+def seconds(scene: str) -> tuple[float, float, float, str]:
+    """Cold, cached and again; and what was compiled."""
+    with tempfile.TemporaryDirectory() as cache:
+        done = [new_process(RUNS, scene, cache=cache) for _ in range(2)]
+    if any(one.returncode for one in done):
+        return np.nan, np.nan, np.nan, done[0].stderr.strip().splitlines()[-1][:60]
+    (cold, _), (cached, again) = ([line.split() for line in one.stdout.splitlines()] for one in done)
+    return float(cold[0]), float(cached[0]), float(again[0]), cold[1]
 
 
 def by_scipy(name: str) -> tuple[float, str]:
     """Seconds of the cheapest run by SciPy that comes within the accuracy, and its method; NaN where there is none."""
     importlib.import_module("scipy.integrate")
-    scene = tl.load_scene(name)
-    truth, found = tl.simulate(scene, accuracy=ACCURACY / 100), [(float("nan"), "none")]
+    scene, found = tl.load_scene(name), list[tuple[float, str]]()
+    truth = tl.simulate(scene, accuracy=ACCURACY / 100)
     for method in ("scipy-dop853", "scipy-rk45", "scipy-lsoda"):
         for tolerance in TOLERANCES:
-            start = time.perf_counter()
             try:
-                run = tl.simulate(scene, accuracy=ACCURACY, method=method, tolerance=tolerance, verify=False)
+                taken, run = once(lambda m=method, e=tolerance: tl.simulate(scene, accuracy=ACCURACY, method=m,
+                                                                            tolerance=e, verify=False))  # fmt: skip
             except TwolinkError:
                 break
-            taken = time.perf_counter() - start
             close = np.abs(scene.robot.difference(truth.q, run.q)).max() < ACCURACY
-            if close:
-                found.append((taken, method.removeprefix("scipy-")))
+            found += [(taken, method.removeprefix("scipy-"))] if close else []
             if close or taken > TOO_LONG:
                 break
-    return min(found[1:], default=found[0])
-
-
-def table(scenes: list[str], rounds: int) -> None:
-    """Print the seconds of each scene."""
-    columns: dict[str, list[float | str]] = {name: [] for name in ("scene", "cold", "cached", "again", "scipy")}
-    print(f"{'scene':<14}{'cold':>9}{'cached':>9}{'again':>9}{'SciPy':>9}  compiled, SciPy's method")
-    for scene in scenes:
-        rows = []
-        for _ in range(rounds):
-            with tempfile.TemporaryDirectory() as cache:
-                cold, cached = seconds(scene, cache), seconds(scene, cache)
-                rows.append((cold[0][0], cached[0][0], cached[1][0]))
-        peer, method = by_scipy(scene)
-        medians = [*(statistics.median(row[i] for row in rows) for i in range(3)), peer]
-        print(f"{scene:<14}" + "".join(f"{m:>9.3f}" for m in medians) + f"  {cold[0][1]}, {method}", flush=True)
-        for values, value in zip(columns.values(), (scene, *medians), strict=True):
-            values.append(value)
-    print(f"wrote {write_table(OUT, {name: np.array(values) for name, values in columns.items()}, {})}")
+    return min(found, default=(np.nan, "none"))
 
 
 def parts() -> None:
@@ -101,28 +76,24 @@ def parts() -> None:
         if steps.compiled != "parts":
             print(f"{name}: whole steps are compiled at once, or at hand: try TWOLINK_CACHE=off")
             continue
-        taken = []
-        for worlds in (1, 1000):
-            x = np.repeat(equations.start[:, None], worlds, axis=1)
-            state = initial_state(x, 0.0, 1e-3, 1.0, np.inf)
-            out, rounds = np.empty_like(state), []
-            for _ in range(20):
-                start = time.perf_counter()
-                steps(state, out)
-                rounds.append((time.perf_counter() - start) / method.evaluations)
-            taken.append(statistics.median(rounds))
-        print(f"{name}: an evaluation {taken[0]:.1e} s, a world more {(taken[1] - taken[0]) / 999:.1e} s")
+        states = [initial_state(np.repeat(equations.start[:, None], worlds, axis=1), 0.0, 1e-3, 1.0, np.inf)
+                  for worlds in (1, 1000)]  # fmt: skip
+        calls = [partial(steps, state, np.empty_like(state)) for state in states]
+        one, many = (taken / method.evaluations for taken in seconds_of(*calls, rounds=20, warm_up=0))
+        print(f"{name}: an evaluation {one:.1e} s, a world more {(many - one) / 999:.1e} s")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES), help=f"bundled scenes ({' '.join(SCENES)})")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--quick", action="store_true", help="the first two scenes, one round")
-    parser.add_argument("--parts", action="store_true", help="the cost of steps in parts")
-    options = parser.parse_args()
-    scenes, rounds = (options.scenes[:2], 1) if options.quick else (options.scenes, options.rounds)
-    parts() if options.parts else table(scenes, rounds)
+    given = options(__doc__, rest=SCENES, rounds=3, quick=False, parts=False)
+    if given.parts:
+        parts()
+        return
+    table = Table("scene <14 | cold >8.3f | cached >8.3f | again >8.3f | scipy >8.3f | compiled <8 | SciPy's method <8")
+    for scene in given.rest[:2] if given.quick else given.rest:
+        rows = [seconds(scene) for _ in range(1 if given.quick else given.rounds)]
+        peer, method = by_scipy(scene)
+        table.add(scene, *(statistics.median(row[i] for row in rows) for i in range(3)), peer, rows[0][3], method)
+    table.save("first_answers")
 
 
 if __name__ == "__main__":

@@ -5,14 +5,10 @@ Four-bars below each other, 3 N degrees of freedom, keep their energy. Each firs
 own with an empty cache: it includes what is made, compiled and certified, and the second solution behind the error bar.
 The time for one state's accelerations stands beside that of a linear solve alone, of M and J given (`evaluation`).
 
-    python scripts/bench_loops.py [--shape row|hanging] [--numbers 1,2,4,8,16,40] [--duration 1] [--accuracy 1e-6]
+    python -m scripts.benchmarks.loops [--shape row|hanging] [--numbers 1,2,4,8,16,40] [--duration 1] [--accuracy 1e-6]
 """
 
-import argparse
-import os
-import subprocess
-import sys
-import tempfile
+import json
 import time
 from collections.abc import Callable
 
@@ -21,6 +17,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 import twolink as tl
+from scripts.runner import Table, new_process, once, options, seconds_of
 from twolink.algorithms.namespaces import Numbers
 from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate.equations import Equations
@@ -30,15 +27,11 @@ from twolink.integrate.step_building import compiled_rate
 START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their singular position
 
 
-def measure(shape: str, number: int, duration: float, accuracy: float) -> None:
-    """One line of the table."""
+def print_row(shape: str, number: int, duration: float, accuracy: float) -> None:
+    """Print a row of the table as JSON."""
     scene = row_of_four_bars(number, *START) if shape == "row" else hanging_four_bars(number)
-    start = time.perf_counter()
-    run = tl.simulate(scene, duration, accuracy)
-    first = time.perf_counter() - start
-    start = time.perf_counter()
-    tl.simulate(scene, duration, accuracy)
-    again = time.perf_counter() - start
+    first, run = once(lambda: tl.simulate(scene, duration, accuracy))
+    again, _ = once(lambda: tl.simulate(scene, duration, accuracy))
     if shape == "row":
         exact = tl.simulate(pendulum_of_row(number, *START), duration, accuracy / 1e3)
         signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
@@ -49,13 +42,11 @@ def measure(shape: str, number: int, duration: float, accuracy: float) -> None:
     constraints = equations.constraints
     residuals = max(float(np.abs([float(g) for g in constraints.residuals(constraints.mech, list(q), np)]).max())
                     for q in run.q[:: len(run.q) // 4])  # fmt: skip
-    speed = " ".join(f"{us:8.2f}" for us in evaluation(equations, run).values())
-    sizes = f"{number:4} {scene.robot.nv:5} {equations.operations:10,}"
-    seconds = f"{first:9.2f} {again:9.3f} {run.cost.compile_seconds:9.2f}"
-    print(f"{sizes} {seconds} {speed} {float(run.error[-1]):9.1e} {residuals:9.1e}  {off}", flush=True)
+    print(json.dumps([number, scene.robot.nv, equations.operations, first, again, run.cost.compile_seconds,
+                      *evaluation(equations, run), float(run.error[-1]), residuals, off]))  # fmt: skip
 
 
-def evaluation(equations: Equations, run: tl.Trajectory) -> dict[str, float]:
+def evaluation(equations: Equations, run: tl.Trajectory) -> list[float]:
     """Processor microseconds for the accelerations of one of the run's states: compiled, and of a KKT solve.
 
     (M, J^T; J, 0) (a, -lambda) = (-h, -J' v), sparse (SuperLU) or dense (LAPACK), of matrices that are there already.
@@ -83,40 +74,20 @@ def evaluation(equations: Equations, run: tl.Trajectory) -> dict[str, float]:
     accelerations = np.array(ways["dense"]())[:, :nv]
     for way, part in (("one", slice(-nv, None)), ("together", slice(-nv, None)), ("sparse", slice(nv))):
         np.testing.assert_allclose(np.array(ways[way]())[:, part], accelerations, rtol=1e-8, atol=1e-8)
-    times = dict.fromkeys(ways, np.inf)
-    for _ in range(20):
-        for way, call in ways.items():
-            start = time.thread_time()
-            call()
-            times[way] = min(times[way], (time.thread_time() - start) / len(columns) * 1e6)
-    return times
+    times = seconds_of(*ways.values(), rounds=20, warm_up=0, clock=time.thread_time, pick=min)
+    return [1e6 * taken / len(columns) for taken in times]
 
 
 def main() -> None:
-    """The table, one process a line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--shape", choices=("row", "hanging"), default="row")
-    parser.add_argument("--numbers", default="1,2,4,8,16,40")
-    parser.add_argument("--duration", type=float, default=1.0)
-    parser.add_argument("--accuracy", type=float, default=1e-6)
-    parser.add_argument("--here", action="store_true", help="in this process, with the cache that there is")
-    args = parser.parse_args()
-    numbers = [int(n) for n in args.numbers.split(",")]
-    if args.here:
-        for number in numbers:
-            measure(args.shape, number, args.duration, args.accuracy)
-        return
+    """The table, one process a row."""
+    given = options(__doc__, shape="row", numbers=(1, 2, 4, 8, 16, 40), duration=1.0, accuracy=1e-6)
     print("us for the accelerations of a state: compiled, one and together; a KKT solve, sparse and dense")
-    seconds = "  first, s  again, s compile,s"
-    micros = "      one together   sparse    dense"
-    print(f"   N  dofs operations{seconds}{micros}       bar  residual  off", flush=True)
-    for number in numbers:
-        with tempfile.TemporaryDirectory() as cache:
-            subprocess.run(
-                [sys.executable, __file__, "--shape", args.shape, "--numbers", str(number), "--duration",
-                 str(args.duration), "--accuracy", str(args.accuracy), "--here"],
-                env={**os.environ, "TWOLINK_CACHE": cache}, check=True,
-            )  # fmt: skip
+    table = Table("N >4 | dofs >5 | operations >10, | first, s >8.2f | again, s >8.3f | compile, s >9.2f | one >8.2f | "
+                  "together >8.2f | sparse >8.2f | dense >8.2f | bar >8.1e | residual >8.1e | off <8")  # fmt: skip
+    for number in given.numbers:
+        arguments = f"{given.shape!r}, {number}, {given.duration}, {given.accuracy}"
+        done = new_process(f"from scripts.benchmarks.loops import print_row\nprint_row({arguments})", check=True)
+        table.add(*json.loads(done.stdout.splitlines()[-1]))
 
 
 if __name__ == "__main__":

@@ -1,53 +1,18 @@
 """What twolink adds: to importing, and to one call of Pinocchio. Medians after warm-up, in one run.
 
-python scripts/bench_overhead.py
+python -m scripts.benchmarks.overhead
 """
 
-import statistics
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
 
 import twolink as tl
+from scripts.runner import Table, new_process, options, seconds_of
 
 CASES = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
-
-
-def microseconds(call: Callable[[], object], number: int = 2_000, repeats: int = 31) -> float:
-    for _ in range(number):
-        call()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        for _ in range(number):
-            call()
-        times.append((time.perf_counter() - start) / number * 1e6)
-    return statistics.median(times)
-
-
-def import_seconds(code: str, repeats: int = 9) -> float:
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", code], check=True)
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
-
-
-def main() -> None:
-    bare, pinocchio, ours = (import_seconds(code) for code in ("pass", "import pinocchio", "import twolink"))
-    print(
-        f"import twolink {ours - bare:.3f} s, of it pinocchio {pinocchio - bare:.3f} s (python itself {bare:.3f} s)\n"
-    )
-    print(f"{'one state, us':<12}{'query':<20}{'Pinocchio':>10}{'twolink':>10}{'on top':>8}")
-    for name, root in CASES.items():
-        for query, (theirs, ours_) in pairs(tl.load_robot(name, root=root)).items():
-            a, b = microseconds(theirs), microseconds(ours_)
-            print(f"{name:<12}{query:<20}{a:>10.2f}{b:>10.2f}{b - a:>8.2f}")
+CALLS = 2_000  # timed together
 
 
 def pairs(robot: tl.Robot) -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
@@ -63,6 +28,27 @@ def pairs(robot: tl.Robot) -> dict[str, tuple[Callable[[], object], Callable[[],
         "bias": (lambda: pin.nonLinearEffects(model, data, q, v), lambda: robot.bias(q, v)),
         "gravity_torque": (lambda: pin.computeGeneralizedGravity(model, data, q), lambda: robot.gravity_torque(q)),
     }
+
+
+def many(call: Callable[[], object]) -> Callable[[], None]:
+    def calls() -> None:
+        for _ in range(CALLS):
+            call()
+
+    return calls
+
+
+def main() -> None:
+    options(__doc__)
+    imports = [lambda code=code: new_process(code, cache="off", check=True)
+               for code in ("pass", "import pinocchio", "import twolink")]  # fmt: skip
+    bare, pinocchio, ours = seconds_of(*imports)
+    print(f"import twolink {ours - bare:.3f} s, of it pinocchio {pinocchio - bare:.3f} s (python alone {bare:.3f} s)\n")
+    table = Table("one state, us <12 | query <20 | Pinocchio >9.2f | twolink >9.2f | on top >7.2f")
+    for name, root in CASES.items():
+        for query, calls in pairs(tl.load_robot(name, root=root)).items():
+            a, b = (1e6 * taken / CALLS for taken in seconds_of(*map(many, calls), rounds=31))
+            table.add(name, query, a, b, b - a)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
 """One page of results: runs the benchmarks one after the other and puts what they print, with plots, on a page.
 
-    scripts/bench [--quick] [--html out/bench.html] [--only compare_peers,bench_queries]
+    scripts/bench [--quick] [--html out/bench.html] [--only peers,queries]
 
-Each benchmark is a script of its own, which prints its tables and may write out/NAME.csv, from which the plot is made.
+Each benchmark is a module of its own, which prints its tables and may write out/NAME.csv, from which the plot is made.
 Nothing else should run on the machine meanwhile.
 """
 
-import argparse
 import csv
 import io
 import os
@@ -21,13 +20,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from peers_report import Entry, picture
 
+from scripts.benchmarks.peers_report import Entry, picture
+from scripts.runner import OUT, TOP, Some, options
 from twolink.io.atomic import write_atomic
 from twolink.show.figure import COLOURS, new_figure
 
-SCRIPTS = Path(__file__).parent
-OUT = SCRIPTS.parent / "out"
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 Columns = dict[str, np.ndarray]
 STYLE = """
@@ -47,9 +45,9 @@ pre { overflow-x: auto; padding: .8rem; background: var(--soft); border-radius: 
 
 @dataclass(frozen=True)
 class Bench:
-    """A script, its title, its options for a full and for a short run, and the plot of its table as SVG."""
+    """A module, its title, its options for a full and for a short run, and the plot of its table as SVG."""
 
-    script: str
+    name: str
     title: str
     full: tuple[str, ...]
     quick: tuple[str, ...]
@@ -91,7 +89,7 @@ def as_svg(figure: object) -> str:
 
 def peers(columns: Columns) -> str:
     """Seconds against error, a line a contestant."""
-    names, path = ("scene", "contestant", "setting", "error_rad", "seconds"), OUT / "compare_peers.svg"
+    names, path = ("scene", "contestant", "setting", "error_rad", "seconds"), OUT / "peers.svg"
     rows = zip(*(columns[name].tolist() for name in names), strict=True)
     picture([Entry(*row, None, 1) for row in rows], path)
     text = path.read_text()
@@ -104,42 +102,39 @@ def queries(columns: Columns) -> str:
     labels = list(dict.fromkeys(f"{robot}, {query}" for robot, query, _, _ in rows))
     found = {(f"{robot}, {query}", who): float(times) for robot, query, who, times in rows}
     everybody = dict.fromkeys(row[2] for row in rows)
-    names = [who for who in everybody if not who.endswith("InParallel") and "loop" not in who]
+    names = [who for who in everybody if not (who.endswith("InParallel") or "loop" in who or who.startswith("limit"))]
     groups = {who: np.array([found.get((label, who), np.nan) for label in labels]) for who in names}
     return bars(labels, groups, "times as fast as abaInParallel or rneaInParallel")
 
 
-def first_answers(columns: Columns) -> str:
-    """Seconds to the first answer, cold and cached, beside SciPy."""
-    names = ("cold", "cached", "again", "scipy")
-    return bars(columns["scene"].tolist(), {name: columns[name].astype(float) for name in names}, "seconds")
-
-
-def effects(columns: Columns) -> str:
-    """Milliseconds of a run as effects are added."""
-    return bars(columns["effects"].tolist(), {"a whole run": columns["run_ms"].astype(float)}, "milliseconds")
+def plain(label: str, axis: str, **groups: str) -> Callable[[Columns], str]:
+    """Columns beside each other: their names on the plot, with those in the table."""
+    return lambda columns: bars(columns[label].tolist(), {name: columns[own].astype(float) for name, own in
+                                                          groups.items()}, axis)  # fmt: skip
 
 
 BENCHES = (
-    # Every setting, with the full budget, takes half an hour: scripts/compare_peers.py.
-    Bench("compare_peers", "Single trajectories, beside SciPy, MuJoCo and Drake", ("--quick", "--rounds", "3"),
+    # Every setting, with the full budget, takes half an hour: python -m scripts.benchmarks.peers.
+    Bench("peers", "Single trajectories, beside SciPy, MuJoCo and Drake", ("--quick", "--rounds", "3"),
           ("--quick",), peers),
-    Bench("bench_queries", "Batches of queries, beside Pinocchio and MuJoCo", (),
+    Bench("queries", "Batches of queries, beside Pinocchio and MuJoCo", (),
           ("--quick", "--rounds", "3", "--states", "20000"), queries),
-    Bench("bench_worlds", "Many worlds, beside MuJoCo", (), ("--quick",)),
-    Bench("bench_first_answer", "The first answer of a new scene, beside SciPy", (), ("--quick",), first_answers),
-    Bench("bench_effects", "What effects cost", (), ("--quick",), effects),
-    Bench("bench_sensitivities", "Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),
-    Bench("bench_loops", "Closed chains of many loops", (), ("--numbers", "1,4,16"), ("--numbers", "1,4")),
-    Bench("bench_service", "The service over HTTP", (), ("--seconds", "1", "--rounds", "1", "--requests", "5000")),
+    Bench("worlds", "Many worlds, beside MuJoCo", (), ("--quick",)),
+    Bench("first_answers", "The first answer of a new scene, beside SciPy", (), ("--quick",),
+          plain("scene", "seconds", cold="cold", cached="cached", again="again", scipy="scipy")),
+    Bench("effects", "What effects cost", (), ("--quick",),
+          plain("effects so far", "milliseconds of a run", run="run, ms")),
+    Bench("sensitivities", "Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),
+    Bench("loops", "Closed chains of many loops", (), ("--numbers", "1,4,16"), ("--numbers", "1,4")),
+    Bench("service", "The service over HTTP", (), ("--seconds", "1", "--rounds", "1", "--requests", "5000")),
 )  # fmt: skip
 
 
 def run(bench: Bench, quick: bool) -> tuple[str, str, bool]:
     """(what it printed, its plot, whether it went well)."""
-    started, table = time.time(), OUT / f"{bench.script}.csv"
-    command = [sys.executable, str(SCRIPTS / f"{bench.script}.py"), *(bench.quick if quick else bench.full)]
-    done = subprocess.run(command, cwd=OUT.parent, capture_output=True, text=True)
+    started, table = time.time(), OUT / f"{bench.name}.csv"
+    command = [sys.executable, "-m", f"scripts.benchmarks.{bench.name}", *(bench.quick if quick else bench.full)]
+    done = subprocess.run(command, cwd=TOP, capture_output=True, text=True)
     text = done.stdout if not done.returncode else f"{done.stdout}\n{done.stderr[-2000:]}"
     fresh = table.exists() and table.stat().st_mtime >= started
     plot = bench.plot(columns_of(table)) if bench.plot and fresh and not done.returncode else ""
@@ -171,33 +166,27 @@ def section(bench: Bench, text: str, plot: str, good: bool) -> str:
     """One benchmark on the page."""
     figure = f'<div class="plot">{plot}</div>' if plot else ""
     failed = "" if good else '<p class="failed">It ended with an error, or a bar is missed.</p>'
-    return f'<h2 id="{bench.script}">{escape(bench.title)}</h2>{failed}{figure}<pre>{escape(text)}</pre>'
+    return f'<h2 id="{bench.name}">{escape(bench.title)}</h2>{failed}{figure}<pre>{escape(text)}</pre>'
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--html", type=Path, default=OUT / "bench.html")
-    parser.add_argument("--quick", action="store_true", help="short runs, to see whether all is well")
-    parser.add_argument("--only", default="", help="names of scripts, separated by commas")
-    options = parser.parse_args()
-    chosen = [b for b in BENCHES if (SCRIPTS / f"{b.script}.py").exists()
-              and (not options.only or b.script in options.only.split(","))]  # fmt: skip
+    given = options(__doc__, html=OUT / "bench.html", quick=False, only=Some(bench.name for bench in BENCHES))
     parts, links = [], []
-    for bench in chosen:
+    for bench in (bench for bench in BENCHES if bench.name in given.only):
         start = time.perf_counter()
-        print(f"{bench.script} ... ", end="", flush=True)
-        text, plot, good = run(bench, options.quick)
+        print(f"{bench.name} ... ", end="", flush=True)
+        text, plot, good = run(bench, given.quick)
         print(f"{time.perf_counter() - start:.0f} s{'' if good else ', failed'}", flush=True)
         parts.append(section(bench, text, plot, good))
-        links.append(f'<a href="#{bench.script}">{escape(bench.title.split(",")[0])}</a>')
-    kind = "Short runs. " if options.quick else ""
+        links.append(f'<a href="#{bench.name}">{escape(bench.title.split(",")[0])}</a>')
+    kind = "Short runs. " if given.quick else ""
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>twolink: measurements</title><style>{STYLE}</style><h1>twolink: measurements</h1>"
         f"<p>{kind}{time.strftime('%Y-%m-%d %H:%M')}. {escape(processor())}. {escape(installed())}.</p>"
         f"<nav>{' '.join(links)}</nav>{''.join(parts)}</html>"
     )
-    print(f"wrote {write_atomic(options.html, lambda file: file.write(page.encode()))}")
+    print(f"wrote {write_atomic(given.html, lambda file: file.write(page.encode()))}")
 
 
 if __name__ == "__main__":

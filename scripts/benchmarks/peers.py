@@ -1,6 +1,6 @@
 """The same scene and initial state in SciPy with pin.aba, MuJoCo, Drake and twolink: error against seconds.
 
-    python scripts/compare_peers.py [--scene arm-swing] [--budget 1] [--rounds 3] [--quick]
+    python -m scripts.benchmarks.peers [--scene arm-swing,panda] [--budget 1] [--rounds 3] [--quick]
 
 Scenes: the arm-swing scene (10 s); UR5 and Panda (fingers locked) falling from rest (2 s); Talos, free in the air and
 turning its joints (1 s); no floor, no joint limits, no damping, no armature. Peers get their models from the numbers in
@@ -11,7 +11,8 @@ Error: max |q - q_ref| over those times and all joints, rad. The reference is a 
 Seconds: the solving call alone, after models are built and code is compiled; medians over rounds in which all
 contestants take turns.
 A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
-Writes out/compare_peers.csv and out/compare_peers.png.
+--quick: every other setting, a budget of 0.3 s instead of 1 s, one round instead of 3.
+Writes out/peers.csv and out/peers.png.
 """
 
 import argparse
@@ -21,16 +22,17 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import groupby
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from peers_report import PLAIN, SAMPLED, VERIFIED, Entry, picture, print_scene
 
 import twolink as tl
+from scripts.benchmarks.peers_report import PLAIN, SAMPLED, VERIFIED, Entry, picture, print_scene
+from scripts.runner import FINGERS, OUT, Some, once, options
 from twolink.errors import TwolinkError
 from twolink.hard.case import Track
 from twolink.hard.extended_precision import COARSE, FINE, extended_reference
@@ -41,9 +43,7 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
 from twolink.io.tables import write_table
 
-OUT = Path(__file__).parents[1] / "out"
 INTERVALS, SAMPLES = 20, 200.0  # between the common times; a second, twolink's default
-FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 AGREED = 1e-10  # relative: accelerations that differ by more belong to a different model
 TURN = 0.05  # seconds of calls in a turn of one setting; one to ten calls
 PERTURBATION = 1e-9  # rad, rad/s: of the initial state, to see how much it grows
@@ -63,35 +63,7 @@ class Timing:
         calls = max(1, min(10, int(TURN / self.entry.seconds)))
         if self.entry.seconds < 4 * TURN:
             self.run()
-        for _ in range(calls):
-            start = time.perf_counter()
-            self.run()
-            self.seconds.append(time.perf_counter() - start)
-
-
-def main() -> None:
-    scenes = compared_scenes()
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", choices=list(scenes), action="append", help="one scene; may be repeated")
-    parser.add_argument("--budget", type=float, help="seconds after which a method's settings end (1; quick: 0.3)")
-    parser.add_argument("--rounds", type=int, help="turns of each setting (3; quick: 1)")
-    parser.add_argument("--quick", action="store_true", help="every other setting, less time, one round")
-    options = parser.parse_args()
-    options.budget = options.budget or (0.3 if options.quick else 1.0)
-    options.rounds = options.rounds or (1 if options.quick else 3)
-    if find_spec("heyoka") is None:
-        raise SystemExit("compare_peers: the reference needs heyoka, whose wheels are for Linux")
-    os.environ["TWOLINK_THREADS"] = "1"
-    modules = installed_peers()
-    packages = {name: version(name) for name in ("numpy", "pin", "heyoka")}
-    packages |= {name: module.VERSION for name, module in modules.items()}
-    print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
-    entries: list[Entry] = []
-    for name in options.scene or scenes:
-        entries += measure(name, *scenes[name], modules, options)
-    columns = {f.name: np.array([getattr(entry, f.name) for entry in entries], object) for f in fields(Entry)}
-    picture(entries, OUT / "compare_peers.png")
-    print(f"\nwrote {write_table(OUT / 'compare_peers.csv', columns, {})} and {OUT / 'compare_peers.png'}")
+        self.seconds += [once(self.run)[0] for _ in range(calls)]
 
 
 def compared_scenes() -> dict[str, tuple[tl.Scene, float]]:
@@ -117,7 +89,7 @@ def installed_peers() -> dict[str, ModuleType]:
 
 
 def measure(
-    name: str, scene: tl.Scene, duration: float, modules: dict[str, ModuleType], options: argparse.Namespace
+    name: str, scene: tl.Scene, duration: float, modules: dict[str, ModuleType], given: argparse.Namespace
 ) -> list[Entry]:
     """Print the tables of one scene. Returns all contestants' entries."""
     task = task_of(scene, np.linspace(0.0, duration, INTERVALS + 1))
@@ -127,12 +99,12 @@ def measure(
     print(f"reference good to {doubt[-1]:.0e} rad: tolerance {FINE:.0e} against {COARSE:.0e}; "
           f"errors of the initial state grow up to {growth:.0f} times")  # fmt: skip
     require_agreement(name, task, modules)
-    timings = [*own_timings(name, scene, task.times, reference, options)]
+    timings = [*own_timings(name, scene, task.times, reference, given)]
     for peer, module in modules.items():
-        for method, settings in groupby(module.all_settings(task, options.quick), key=lambda s: s.method):
+        for method, settings in groupby(module.all_settings(task, given.quick), key=lambda s: s.method):
             runs = ((s.words, module.prepare(task, s)) for s in settings)
-            timings += climb(name, f"{NAMES[peer]} {method}", runs, reference, options.budget)
-    for _ in range(options.rounds):
+            timings += climb(name, f"{NAMES[peer]} {method}", runs, reference, given.budget)
+    for _ in range(given.rounds):
         for timing in timings:
             timing.turn()
     entries = [replace(t.entry, seconds=statistics.median(t.seconds), calls=len(t.seconds)) for t in timings]
@@ -167,7 +139,7 @@ def require_agreement(name: str, task: PeerTask, modules: dict[str, ModuleType])
     print(f"accelerations against pin.aba, 20 random states, relative: {shown}")
     for who, difference in differences.items():
         if not difference <= AGREED:
-            raise SystemExit(f"compare_peers: {who}'s model of {name} differs: its accelerations are off "
+            raise SystemExit(f"peers: {who}'s model of {name} differs: its accelerations are off "
                              f"pin.aba's by {difference:.1e}, and {AGREED:.0e} is allowed")  # fmt: skip
 
 
@@ -187,31 +159,27 @@ def largest_difference(task: PeerTask, other: Acceleration, aba: Acceleration, s
 
 
 def own_timings(
-    name: str, scene: tl.Scene, times: np.ndarray, reference: np.ndarray, options: argparse.Namespace
+    name: str, scene: tl.Scene, times: np.ndarray, reference: np.ndarray, given: argparse.Namespace
 ) -> Iterator[Timing]:
     """twolink by its public call alone, without and with the second solution behind the error bar."""
 
-    def prepared(accuracy: float, verify: bool, samples: float) -> Callable[[], PeerRun]:
+    def solve(accuracy: float, verify: bool, samples: float) -> PeerRun:
         wanted = np.round(times * samples).astype(int)
-
-        def run() -> PeerRun:
-            try:
-                got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples=samples, verify=verify)
-            except TwolinkError as error:
-                raise PeerError(str(error)) from None
-            if np.abs(got.t[wanted] - times).max() > 1e-12:
-                raise PeerError("the samples are not at the common times")
-            return PeerRun(Track(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
-
-        return run
+        try:
+            got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples=samples, verify=verify)
+        except TwolinkError as error:
+            raise PeerError(str(error)) from None
+        if np.abs(got.t[wanted] - times).max() > 1e-12:
+            raise PeerError("the samples are not at the common times")
+        return PeerRun(Track(times, got.q[wanted], got.v[wanted]), got.cost.evaluations)
 
     for method in ("rk45", "dop853"):  # else the first runs would take steps that are compiled in parts
         step_map(equations_of(scene), METHODS[method], whole=True)
-    accuracies = [10.0**-k for k in range(1, 13, 2 if options.quick else 1)]
+    accuracies = [10.0**-k for k in range(1, 13, 2 if given.quick else 1)]
     few = INTERVALS / float(times[-1])
     for contestant, verify, samples in ((PLAIN, False, few), (VERIFIED, True, few), (SAMPLED, False, SAMPLES)):
-        runs = ((f"accuracy {a:.0e}", prepared(a, verify, samples)) for a in accuracies)
-        yield from climb(name, contestant, runs, reference, options.budget)
+        runs = ((f"accuracy {a:.0e}", partial(solve, a, verify, samples)) for a in accuracies)
+        yield from climb(name, contestant, runs, reference, given.budget)
 
 
 def climb(
@@ -220,13 +188,11 @@ def climb(
     """Every setting once, up to the first that takes more than the budget; this is the warm-up as well."""
     first = 0.0
     for setting, run in runs:
+        start = time.perf_counter()
         try:
-            for _ in range(2):  # the first call may take long only because it compiles
-                start = time.perf_counter()
-                answer = run()
-                first = time.perf_counter() - start
-                if first <= budget:
-                    break
+            first, answer = once(run)
+            if first > budget:  # perhaps only because it compiled
+                first, answer = once(run)
         except PeerError as error:
             print(f"  {contestant}, {setting}: left out: {str(error).splitlines()[0]}")
             first = time.perf_counter() - start
@@ -235,6 +201,24 @@ def climb(
             yield Timing(Entry(scene, contestant, setting, error, first, answer.evaluations, 1), run)
         if first > budget:
             return
+
+
+def main() -> None:
+    scenes = compared_scenes()
+    given = options(__doc__, scene=Some(scenes), budget=float, rounds=int, quick=False)
+    given.budget = given.budget or (0.3 if given.quick else 1.0)
+    given.rounds = given.rounds or (1 if given.quick else 3)
+    if find_spec("heyoka") is None:
+        raise SystemExit("peers: the reference needs heyoka, whose wheels are for Linux")
+    os.environ["TWOLINK_THREADS"] = "1"
+    modules = installed_peers()
+    packages = {name: version(name) for name in ("numpy", "pin", "heyoka")}
+    packages |= {name: module.VERSION for name, module in modules.items()}
+    print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
+    entries = [entry for name in given.scene for entry in measure(name, *scenes[name], modules, given)]
+    picture(entries, OUT / "peers.png")
+    columns = {f.name: np.array([getattr(entry, f.name) for entry in entries], object) for f in fields(Entry)}
+    print(f"\nwrote {write_table(OUT / 'peers.csv', columns, {})} and {OUT / 'peers.png'}")
 
 
 if __name__ == "__main__":

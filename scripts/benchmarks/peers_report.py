@@ -1,10 +1,11 @@
-"""The report of compare_peers.py: a table for each scene, the cheapest way to each error, and the figure."""
+"""The report of `peers`: a table for each scene, the cheapest way to each error, and the figure."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import groupby
 from pathlib import Path
 
+from scripts.runner import Table
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
 PLAIN, VERIFIED, SAMPLED = "twolink", "twolink, verified", "twolink, 200 samples/s"
@@ -17,6 +18,7 @@ BARS = {
 }
 """How many times faster than the cheapest peer twolink is to be, unverified."""
 VERIFY_BAR = 3.0  # times the seconds, with the error bar
+HEADS = "scene <10 | contestant <24 | setting <18 | error_rad >10.1e | seconds >10.6f | evaluations >12 | calls >6"
 MARKERS = "os^Dxv"
 
 
@@ -40,11 +42,9 @@ class Entry:
 
 def print_scene(entries: list[Entry], doubt: float) -> None:
     """All entries of one scene, then who is cheapest for each error, and the cost of verifying."""
-    print(f"  {'contestant':<24}{'setting':<18}{'error, rad':>11}{'ms':>11}{'evaluations':>13}{'calls':>7}")
+    table = Table(HEADS)
     for e in entries:
-        evaluations = "" if e.evaluations is None else str(e.evaluations)
-        print(f"  {e.contestant:<24}{e.setting:<18}{e.error_rad:>11.1e}{e.seconds * 1e3:>11.3f}{evaluations:>13}"
-              f"{e.calls:>7}")  # fmt: skip
+        table.add(*astuple(e))
     bars = BARS.get(entries[0].scene, {})
     print(f"  {'error':<8}{'cheapest peer':<41}{'ms':>10}   {'twolink':<16}{'ms':>10}{'ratio':>8}  bar")
     for level in LEVELS:

@@ -1,31 +1,19 @@
 """Batches of dynamics queries, side by side in one run on the same states: Pinocchio, MuJoCo, twolink.
 
-    python scripts/bench_queries.py [--states 100000] [--rounds 9] [--quick]
-    python scripts/bench_queries.py --derivatives       # of forward dynamics, a tenth of the states
-    python scripts/bench_queries.py --cached     # ms in which a new process gets Talos's kernels from the cache
-    python scripts/bench_queries.py --engines    # what the rule of twolink/dynamics/engine.py is rounded from
-    python scripts/bench_queries.py --sine       # the sine of twolink/algorithms/sincos.py against heyoka's
+    python -m scripts.benchmarks.queries [--states 100000] [--rounds 9] [--quick]
+    python -m scripts.benchmarks.queries --derivatives       # of forward dynamics, a tenth of the states
 
 Every contestant gets all CPUs (TWOLINK_THREADS) and its own preferred layout; conversions that twolink needs for plain
 (n, nv) arrays are in its time. The contestants take turns, a warm-up and five calls each, in every round; the table has
 medians of all calls. Agreement is the largest difference of the results from Pinocchio's, relative to the largest
 entry of the batch. Two more lines show how near the machine's limits are: a compiled function that reads and writes as
 many numbers in columns and only adds them, and the time of as many multiplications and additions in independent chains,
-which have no division, and no operation that waits for another. Writes out/bench_queries.csv.
+which have no division, and no operation that waits for another. --quick: arm, UR5, Panda and one chain only. Writes
+out/queries.csv.
 """
 
-import argparse
-import csv
-import os
-import statistics
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from pathlib import Path
 
 import mujoco
 import mujoco.rollout
@@ -33,18 +21,14 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
+from scripts.runner import FINGERS, Table, options, seconds_of
 from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism
-from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import kernels
-from twolink.dynamics.engine import compiled_from
 from twolink.dynamics.threads import thread_count
 from twolink.hard.cases.chains import chain_urdf
 from twolink.hard.peers import mujoco_peer
 from twolink.hard.peers.task import task_of
 
-OUT = Path(__file__).parents[1] / "out"
-FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 CHAINS = (2, 4, 8, 15, 30, 60)
 TURN = 5
 MOVING = "limit: memory"
@@ -124,7 +108,8 @@ def seconds_of_operation(states: int = 20_000) -> float:
         chains[k % CHAINED] = chains[k % CHAINED] * x[1] + x[0]
     busy, out = kernels.heyoka().cfunc(chains, vars=x), np.empty((CHAINED, states))
     columns = np.random.default_rng(0).uniform(0.1, 0.9, (2, states))
-    return fastest(lambda: busy(columns, outputs=out, batch_parallel=True), 20) / (PEAK * states)
+    (seconds,) = seconds_of(lambda: busy(columns, outputs=out, batch_parallel=True), rounds=20, warm_up=0, pick=min)
+    return seconds / (PEAK * states)
 
 
 def derivatives(robot: tl.Robot, states: list[np.ndarray]) -> Contest:
@@ -168,147 +153,42 @@ def mujoco_contest(model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, w: np.nd
     return {"mujoco rollout, one step": rollout}
 
 
-def run(who: Contest, rounds: int) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """Median nanoseconds a state, and the answers; in every round everybody has TURN calls in a row."""
-    answers = {name: call() for name, call in who.items()}
-    answers = {name: np.array(a) for name, a in answers.items()}
-    times: dict[str, list[float]] = {name: [] for name in who}
-    for _ in range(rounds):
-        for name, call in who.items():
-            call()
-            for _ in range(TURN):
-                start = time.perf_counter()
-                call()
-                times[name].append((time.perf_counter() - start) / len(answers[name]) * 1e9)
-    return {name: statistics.median(t) for name, t in times.items()}, answers
-
-
-def fastest(call: Callable[[], object], repeats: int) -> float:
-    """Seconds of the fastest call."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def engines(chosen: dict[str, tl.Robot], n: int = 2_000) -> None:
-    """Seconds of compiling, and of a state by Pinocchio and by the kernel, next to the rule."""
-    os.environ["TWOLINK_CACHE"] = "off"
-    takes = {"mass_matrix": 1, "gravity_torque": 1, "bias": 2, "energy": 2, "forward_dynamics": 3,
-             "inverse_dynamics": 3, "forward_dynamics_derivatives": 3, "inverse_dynamics_derivatives": 3}  # fmt: skip
-    print(f"{'robot':<10}{'nv':>4} {'query':<30}{'compiling s':>12}{'Pinocchio us':>14}{'kernel us':>11}{'rule':>9}")
-    for name, robot in chosen.items():
-        states = draw(robot, n)
-        for query, count in takes.items():
-            if robot.nv > 20 and "derivatives" in query:
-                continue
-            start = time.perf_counter()
-            robot.compiled().certificate(query)
-            compiling = time.perf_counter() - start
-            calls = [partial(getattr(robot, query), *states[:count], engine=e) for e in ("pinocchio", "compiled")]
-            theirs, ours = (fastest(call, 5) / n * 1e6 for call in calls)
-            print(f"{name:<10}{robot.nv:>4} {query:<30}{compiling:>12.2f}{theirs:>14.2f}{ours:>11.3f}"
-                  f"{compiled_from(query, robot.nv):>9}", flush=True)  # fmt: skip
-
-
-def sines(chosen: dict[str, tl.Robot], n: int = 20_000) -> None:
-    """Forward dynamics of columns of states with either sine, in turns on one thread."""
-    heyoka = kernels.heyoka()
-    for name in ("arm", "panda"):
-        model = chosen[name].model
-        made_of = function(model, "forward_dynamics")
-        counts = [sum(count.values()) for count in kernels.count_operations(model, made_of)]
-        formula = made_of.variants[counts.index(min(counts))]
-        columns = np.ascontiguousarray(np.hstack(draw(chosen[name], n)).T)
-        made = []
-        for own in (True, False):
-            x = [heyoka.expression(f"x{i}") for i in range(len(columns))]
-            q, v, tau = x[: model.nq], x[model.nq : -model.nv], x[-model.nv :]
-            entries = formula(mechanism(model), {"q": q, "v": v, "tau": tau}, Expressions(heyoka, own_sine=own))
-            made.append(heyoka.cfunc(entries, vars=x))
-        out = np.empty((model.nv, n))
-        times = [[fastest(partial(f, columns, outputs=out), TURN) for f in made] for _ in range(40)]
-        own, theirs = (min(t) / n * 1e9 for t in zip(*times, strict=True))
-        print(f"{name}: own {own:.1f} ns a state, heyoka's {theirs:.1f} ns, {100 * (theirs / own - 1):.0f} % slower")
-
-
-def cached(name: str = "talos", root: str = "free") -> None:
-    """Milliseconds until each kernel of a robot answers in a new process: first made, then read from the cache."""
-    code = f"""
-import time, twolink as tl
-robot = tl.load_robot({name!r}, root={root!r})
-robot.compiled().certificate("gravity_torque")
-for query in ("forward_dynamics", "inverse_dynamics", "mass_matrix", "bias"):
-    start = time.perf_counter()
-    robot.compiled().certificate(query)
-    print(query, 1e3 * (time.perf_counter() - start))
-"""
-    with tempfile.TemporaryDirectory() as cache:
-        environment, took = {**os.environ, "TWOLINK_CACHE": cache}, []
-        for _ in range(6):
-            done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-            took.append({line.split()[0]: float(line.split()[1]) for line in done.stdout.splitlines()})
-    print(f"{name}: ms to make a kernel, and median to read it from the cache")
-    for query, made in took[0].items():
-        print(f"  {query:<20}{made:>9.0f}{statistics.median(times[query] for times in took[1:]):>9.1f}")
-
-
 def compare(chosen: dict[str, tl.Robot], queries: tuple[str, ...], states: int, rounds: int) -> None:
-    rows, operation = [], seconds_of_operation()
+    """The table; `times` says how many times as fast as Pinocchio's parallel batches."""
+    operation = seconds_of_operation()
     print(f"{states} states, {thread_count()} threads, medians of {rounds} rounds")
+    table = Table("robot <8 | query <28 | nv >3 | operations >10 | who <26 | ns >10.1f | times >8.2f | error >7.0e")
     for name, robot in chosen.items():
         drawn = draw(robot, states if robot.nv < 20 else states // 4)
         for query in queries:
             robot.compiled().certificate(query)
-            times, answers = run(contest(robot, query, drawn), rounds)
-            counts = kernels.count_operations(robot.model, function(robot.model, query))
-            operations = min(sum(c.values()) for c in counts)
-            reference = next(
-                (name for name in times if name.endswith("InParallel")), min(list(times)[:2], key=times.__getitem__)
+            who = contest(robot, query, drawn)
+            answers = {one: np.array(call()) for one, call in who.items()}
+            taken = seconds_of(*who.values(), rounds=rounds, turn=TURN, before=1, warm_up=0)
+            ns = {one: 1e9 * t / len(answers[one]) for one, t in zip(who, taken, strict=True)}
+            operations = min(
+                sum(c.values()) for c in kernels.count_operations(robot.model, function(robot.model, query))
             )
-            base, truth = times[reference], answers[reference]
-            print(f"\n{name}, {query.replace('_', ' ')}: nv = {robot.nv}, {operations} operations")
-            moved = times.pop(MOVING, None)
-            for who, ns in times.items():
-                count = min(len(answers[who]), len(truth))
-                error = np.abs(answers[who][:count] - truth[:count]).max() / np.abs(truth).max()
-                print(f"  {who:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x  agrees to {error:.0e}")
-                rows.append([name, query, robot.nv, operations, who, ns, base / ns, error])
-            for limit, ns in ((MOVING, moved), ("limit: arithmetic", operations * operation * 1e9)):
-                if ns is not None:
-                    print(f"  {limit:<26}{ns:>10.1f} ns  {base / ns:>8.1f}x")
-    OUT.mkdir(exist_ok=True)
-    with (OUT / "bench_queries.csv").open("w", newline="") as file:
-        header = ["robot", "query", "nv", "operations", "who", "ns", "times", "error"]
-        csv.writer(file).writerows([header, *rows])
-    print(f"\nwrote {OUT / 'bench_queries.csv'}")
+            ns["limit: arithmetic"] = operations * operation * 1e9
+            best = min(list(ns)[:2], key=ns.__getitem__)
+            reference = next((one for one in ns if one.endswith("InParallel")), best)
+            truth = answers[reference]
+            for one, time in ns.items():
+                count, error = min(len(answers.get(one, truth)), len(truth)), None
+                if not one.startswith("limit"):
+                    error = np.abs(answers[one][:count] - truth[:count]).max() / np.abs(truth).max()
+                table.add(name, query, robot.nv, operations, one, time, ns[reference] / time, error)
+    table.save("queries")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--states", type=int, default=100_000)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--quick", action="store_true", help="arm, UR5, Panda and one chain only")
-    parser.add_argument("--derivatives", action="store_true", help="derivatives of forward dynamics")
-    parser.add_argument("--cached", action="store_true", help="reading kernels from the cache")
-    parser.add_argument("--engines", action="store_true", help="compiling against Pinocchio, query by query")
-    parser.add_argument("--sine", action="store_true", help="our sine against heyoka's")
-    options = parser.parse_args()
-    if options.cached:
-        cached()
-        return
-    chosen = robots(options.quick)
-    if options.derivatives:
+    given = options(__doc__, states=100_000, rounds=9, quick=False, derivatives=False)
+    chosen = robots(given.quick)
+    if given.derivatives:
         few = {name: robot for name, robot in chosen.items() if robot.nv < 20}
-        compare(few, ("forward_dynamics_derivatives",), options.states // 10, options.rounds)
-    elif options.engines:
-        engines(chosen)
-    elif options.sine:
-        sines(chosen)
+        compare(few, ("forward_dynamics_derivatives",), given.states // 10, given.rounds)
     else:
-        compare(chosen, ("forward_dynamics", "inverse_dynamics"), options.states, options.rounds)
+        compare(chosen, ("forward_dynamics", "inverse_dynamics"), given.states, given.rounds)
 
 
 if __name__ == "__main__":

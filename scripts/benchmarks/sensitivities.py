@@ -5,16 +5,17 @@ were asked for at 1e-11, relative to the largest entry. heyoka's var_ode_sys tak
 error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest. Last,
 the gradient of one number by many parameters: `tl.gradient` beside `tl.sensitivities`.
 
-    python scripts/bench_sensitivities.py [--scenes arm-swing,panda] [--accuracy 1e-6] [--runs 7] [--no-peers]
+    python -m scripts.benchmarks.sensitivities [--scenes arm-swing,panda] [--accuracy 1e-6] [--runs 7] [--no-peers]
 """
 
-import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 import twolink as tl
+from scripts.runner import FINGERS, once, options, seconds_of
 from twolink.algorithms.mechanism import parameter_names
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
@@ -24,25 +25,15 @@ from twolink.integrate.scene_equations import equations_of
 SAMPLES = 200  # a second
 COUNTS = (1, 4, 16, 64)  # of parameters
 DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
+cheapest = partial(seconds_of, warm_up=0, clock=time.process_time, pick=min)
 
 
 def scene_of(name: str) -> tl.Scene:
     """A bundled scene; "panda": the arm alone, falling from a bent posture, which all peers can simulate."""
     if name != "panda":
         return tl.load_scene(name)
-    robot = tl.load_robot("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    robot = tl.load_robot("panda", lock=FINGERS)
     return tl.Scene(robot, [0.1, -0.6, 0.2, -2.0, 0.1, 1.5, 0.4], effects=[tl.effects.Gravity()], duration=1.0)
-
-
-def cheapest(runs: int, *calls: Callable[[], object]) -> list[float]:
-    """The least processor seconds of each call, the calls in turn."""
-    best = [np.inf] * len(calls)
-    for _ in range(runs):
-        for i, call in enumerate(calls):
-            start = time.process_time()
-            call()
-            best[i] = min(best[i], time.process_time() - start)
-    return best
 
 
 def matrix(s: tl.Sensitivities) -> np.ndarray:
@@ -107,42 +98,34 @@ def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
     """The lines of one scene."""
     scene = scene_of(name)
     exact = matrix(tl.sensitivities(scene, ["q", "v"], None, 1e-11))
-    start = time.perf_counter()
-    s = tl.sensitivities(scene, ["q", "v"], None, accuracy)
-    first = time.perf_counter() - start
-    ours, motion = cheapest(runs, lambda: tl.sensitivities(scene, ["q", "v"], None, accuracy),
-                            lambda: tl.simulate(scene, None, accuracy))  # fmt: skip
-    error = distance(matrix(s), exact)
+    differentiate = partial(tl.sensitivities, scene, ["q", "v"], None, accuracy)
+    first, s = once(differentiate)
+    ours, motion = cheapest(differentiate, partial(tl.simulate, scene, None, accuracy), rounds=runs)
     print(f"{name}, accuracy {accuracy:g}: motion {motion * 1e3:.2f} ms ({s.run.cost.method})")
+
+    def line(who: str, price: float, error: float, more: str) -> None:
+        print(f"  {who:<8} {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {error:.1e}, {more}")
+
+    error = distance(matrix(s), exact)
     bar = max(float(s.error[x][-1]) for x in s.error) / np.abs(exact).max()
-    print(f"  twolink  {ours * 1e3:9.2f} ms  {ours / motion:7.1f} x the motion  error {error:.1e}, bar {bar:.1e}, "
-          f"first answer {first:.2f} s")  # fmt: skip
+    line("twolink", ours, error, f"bar {bar:.1e}, first answer {first:.2f} s")
     if not peers:
         return
     if equations_of(scene).breaks(scene.duration) or equations_of(scene).has_events:
         print("  peers differentiate smooth motions only")
         return
-    times, tolerance = s.run.t, max(accuracy, 1e-14)
-    while True:
-        start = time.perf_counter()
-        solve = by_heyoka(scene, times, tolerance)
-        built, off = time.perf_counter() - start, distance(solve(), exact)
-        if off <= error or tolerance <= 1e-14:
-            break
+    times, tolerance, off = s.run.t, 100 * max(accuracy, 1e-14), np.inf
+    while off > error and tolerance > 1e-14:
         tolerance /= 100
-    price = cheapest(runs, solve)[0]
-    print(f"  heyoka   {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {off:.1e}, no bar, "
-          f"compiled in {built:.1f} s")  # fmt: skip
-    step = float(times[1])
-    while True:
+        built, solve = once(partial(by_heyoka, scene, times, tolerance))
+        off = distance(solve(), exact)
+    line("heyoka", cheapest(solve, rounds=runs)[0], off, f"no bar, compiled in {built:.1f} s")
+    step, off = 5 * float(times[1]), np.inf
+    while off > error and step > 2e-4:
+        step /= 5
         solve = by_mujoco(scene, times, step)
         off = distance(solve(), exact)
-        if off <= error or step <= 2e-4:
-            break
-        step /= 5
-    price = cheapest(1, solve)[0]
-    print(f"  MuJoCo   {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {off:.1e}, no bar, "
-          f"steps of {step:g} s")  # fmt: skip
+    line("MuJoCo", cheapest(solve, rounds=1)[0], off, f"no bar, steps of {step:g} s")
 
 
 def by_many(name: str, accuracy: float, runs: int, counts: tuple[int, ...]) -> None:
@@ -169,23 +152,17 @@ def by_many(name: str, accuracy: float, runs: int, counts: tuple[int, ...]) -> N
         ends = abs(float(s.run.q[-1, 0])) + abs(float(s.run.v[-1, -1]))
         off = max(abs(ours.by[x][0] - value) / (ours.error[x][0] + ends * s.error[x][-1])
                   for x, value in zip(names, theirs, strict=True))  # fmt: skip
-        one, many = cheapest(runs, adjoint, forward)
+        one, many = cheapest(adjoint, forward, rounds=runs)
         print(f"  {len(names):4d} parameters: adjoint {one * 1e3:8.2f} ms, sensitivities {many * 1e3:8.2f} ms "
               f"({many / one:.2f} x); they differ by {off:.2g} of their bars")  # fmt: skip
 
 
 def main() -> None:
-    """The table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", default="arm-swing,panda")
-    parser.add_argument("--accuracy", type=float, default=1e-6)
-    parser.add_argument("--runs", type=int, default=7)
-    parser.add_argument("--no-peers", action="store_true")
-    args = parser.parse_args()
-    for name in args.scenes.split(","):
-        compare(name, args.accuracy, args.runs, peers=not args.no_peers)
-    for name in args.scenes.split(","):
-        by_many(name, args.accuracy, args.runs, COUNTS)
+    given = options(__doc__, scenes=("arm-swing", "panda"), accuracy=1e-6, runs=7, no_peers=False)
+    for name in given.scenes:
+        compare(name, given.accuracy, given.runs, peers=not given.no_peers)
+    for name in given.scenes:
+        by_many(name, given.accuracy, given.runs, COUNTS)
 
 
 if __name__ == "__main__":

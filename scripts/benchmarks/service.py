@@ -1,6 +1,6 @@
 """The service measured against a bare ASGI application on the same uvicorn, in the same run, on this machine.
 
-    python scripts/bench_service.py [--seconds 3] [--rounds 3] [--requests 100000]
+    python -m scripts.benchmarks.service [--seconds 3] [--rounds 3] [--requests 100000]
 
 Single states: POST forward-dynamics of the two-link arm by JSON, at 1, 16 and 64 connections, bare and service in turn;
 the servers on one core, the load on another, requests/s and latencies of the median round. The bare application reads
@@ -9,7 +9,6 @@ JSON, end to end: packing, sending, computing, sending back, unpacking. Memory: 
 tenth of the requests and after all of them.
 """
 
-import argparse
 import asyncio
 import contextlib
 import http.client
@@ -20,6 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -29,11 +29,12 @@ import numpy as np
 import uvloop
 
 import twolink as tl
+from scripts.runner import Table, options, print_bars, seconds_of
 
 BODY = b'{"q": [0.1, 0.2], "v": [0.3, 0.4], "tau": [1.0, 0.0]}'
 PATH = "/v1/robots/two_link/forward-dynamics"
 CONNECTIONS = (1, 16, 64)
-MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5e-3, 1e6, 0.02
+MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5.0, 1e6, 0.02  # p99 in ms
 SERVE = ["-m", "twolink", "serve", "--port", "0", "--log", "off", "--data"]
 
 
@@ -103,14 +104,13 @@ async def _requests(port: int, connections: int, seconds: float, requests: int) 
     return taken
 
 
-def load(served: tuple[int, int], connections: int, seconds: float, requests: int = 10**9) -> dict[str, float]:
-    """The outcome of requests: requests/s, p50 and p99 [s], and the server's CPU seconds a request."""
+def load(served: tuple[int, int], connections: int, seconds: float, requests: int = 10**9) -> tuple[float, ...]:
+    """What requests take: requests/s, p50 and p99 [ms], and the server's CPU time a request [us]."""
     port, pid = served
     before, start = _cpu_seconds(pid), time.perf_counter()
     taken = np.array(uvloop.run(_requests(port, connections, seconds, requests)))
     rate = len(taken) / (time.perf_counter() - start)
-    p50, p99 = np.quantile(taken, (0.5, 0.99))
-    return {"rate": rate, "p50": p50, "p99": p99, "cpu": (_cpu_seconds(pid) - before) / len(taken)}
+    return rate, *(1e3 * np.quantile(taken, (0.5, 0.99))), 1e6 * (_cpu_seconds(pid) - before) / len(taken)
 
 
 def _cpu_seconds(pid: int) -> float:
@@ -118,25 +118,25 @@ def _cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def single_states(seconds: float, rounds: int, data: str) -> list[dict[str, Any]]:
+def single_states(seconds: float, rounds: int, data: str) -> Table:
     """A row for each number of connections, with the medians of bare and service, measured in turn."""
-    rows = []
+    print("single states by JSON: requests/s, p50 and p99 in ms, the server's CPU time a request in us")
+    each = "{0}, 1/s >8.0f | p50 {0} >7.2f | p99 {0} >7.2f | CPU {0} >7.0f"
+    table = Table(f"connections >11 | {each.format('bare')} | {each.format('service')} | ratio >6.2f")
     cores = sorted(os.sched_getaffinity(0))
     os.sched_setaffinity(0, cores[-1:])  # the load is not where the servers are
-    with server([__file__, "--bare"], cores[0]) as bare_server, server([*SERVE, data], cores[0]) as service:
+    bare_command = ["-c", "from scripts.benchmarks.service import serve_bare; serve_bare()"]
+    with server(bare_command, cores[0]) as bare_server, server([*SERVE, data], cores[0]) as service:
         load(service, 16, 3.0)  # loads the robot; worker processes start meanwhile
         for connections in CONNECTIONS:
             pairs = [[load(one, connections, seconds) for one in (bare_server, service)] for _ in range(rounds)]
-            row: dict[str, Any] = {"connections": connections}
-            for name, measured in zip(("bare", "service"), zip(*pairs, strict=True), strict=True):
-                row[name] = {what: median(one[what] for one in measured) for what in measured[0]}
-            row["ratio"] = median(ours["rate"] / alone["rate"] for alone, ours in pairs)
-            rows.append(row)
+            cells = [median(column) for measured in zip(*pairs, strict=True) for column in zip(*measured, strict=True)]
+            table.add(connections, *cells, median(ours[0] / alone[0] for alone, ours in pairs))
     os.sched_setaffinity(0, cores)
-    return rows
+    return table
 
 
-def batches(rounds: int, port: int) -> dict[str, float]:
+def batches(rounds: int, port: int) -> tuple[float, float]:
     """States/s end to end, by npz and by JSON."""
     rng = np.random.default_rng(1)
     robot = tl.connect(f"http://127.0.0.1:{port}").robot("panda")
@@ -147,19 +147,13 @@ def batches(rounds: int, port: int) -> dict[str, float]:
         connection.request("POST", "/v1/robots/panda/forward-dynamics", body, {"Content-Type": "application/json"})
         return np.array(msgspec.json.decode(connection.getresponse().read())["a"])
 
-    rates = {}
-    for name, ask, count in (("npz", robot.forward_dynamics, 100_000), ("json", by_json, 1000)):
+    rates = []
+    for ask, count in ((robot.forward_dynamics, 100_000), (by_json, 1000)):
         arrays = {key: rng.uniform(-1, 1, (count, 9)) for key in ("q", "v", "tau")}
-        ask(**arrays)  # compiles, once
-        taken = []
-        for _ in range(max(9, rounds)):
-            start = time.perf_counter()
-            a = ask(**arrays)
-            taken.append(time.perf_counter() - start)
-        if a.shape != (count, 9):
-            raise SystemExit(f"{name}: {a.shape}")
-        rates[name] = count / median(taken)
-    return rates
+        if ask(**arrays).shape != (count, 9):
+            raise SystemExit("an answer of another shape")
+        rates.append(count / seconds_of(partial(ask, **arrays), rounds=max(9, rounds), warm_up=0)[0])
+    return rates[0], rates[1]
 
 
 def memory(requests: int, served: tuple[int, int]) -> list[float]:
@@ -172,46 +166,25 @@ def memory(requests: int, served: tuple[int, int]) -> list[float]:
     return sizes
 
 
-def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=3.0)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--requests", type=int, default=100_000)
-    parser.add_argument("--bare", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.bare:
-        serve_bare()
-    else:
-        _measure(options)
-
-
-def _measure(options: argparse.Namespace) -> None:
+def main() -> int:
+    given = options(__doc__, seconds=3.0, rounds=3, requests=100_000)
     with tempfile.TemporaryDirectory() as data:
-        rows = single_states(options.seconds, options.rounds, data)
+        rows = single_states(given.seconds, given.rounds, data).rows
         with server([*SERVE, data]) as served:
-            rates = batches(options.rounds, served[0])
-            sizes = memory(options.requests, served)
-    print("single states by JSON: requests/s, p50 and p99 in ms, the server's CPU time a request in us")
-    columns = f"{'p50':>7}{'p99':>7}{'CPU':>6}"
-    print(f"{'connections':>11}{'bare':>9}{columns}{'service':>9}{columns}{'ratio':>7}")
-    for row in rows:
-        line = f"{row['connections']:>11}"
-        for one in (row["bare"], row["service"]):
-            line += f"{one['rate']:>9.0f}{1e3 * one['p50']:>7.2f}{1e3 * one['p99']:>7.2f}{1e6 * one['cpu']:>6.0f}"
-        print(f"{line}{row['ratio']:>7.2f}")
-    print(f"batches of Panda states: {rates['npz']:,.0f} states/s by npz, {rates['json']:,.0f} by JSON")
+            npz, json = batches(given.rounds, served[0])
+            sizes = memory(given.requests, served)
+    print(f"batches of Panda states: {npz:,.0f} states/s by npz, {json:,.0f} by JSON")
     growth = sizes[1] / sizes[0] - 1
-    print(f"memory: {sizes[0]:.1f} MB, {sizes[1]:.1f} MB after {options.requests:,} requests ({growth:+.1%})")
-    goals = {
-        f"ratio >= {MIN_RATIO}": min(row["ratio"] for row in rows) >= MIN_RATIO,
-        f"p99 < {1e3 * MAX_P99:g} ms at 16": next(r["service"]["p99"] for r in rows if r["connections"] == 16)
-        < MAX_P99,
-        f">= {MIN_STATES:,.0f} states/s by npz": rates["npz"] >= MIN_STATES,
-        "no growth": growth < MAX_GROWTH,
-    }
-    print("goals: " + "; ".join(f"{goal}: {'yes' if met else 'NO'}" for goal, met in goals.items()))
+    print(f"memory: {sizes[0]:.1f} MB, {sizes[1]:.1f} MB after {given.requests:,} requests ({growth:+.1%})")
+    p99 = next(row[7] for row in rows if row[0] == 16)
+    met = print_bars([
+        (min(row[-1] for row in rows) >= MIN_RATIO, f"ratio at least {MIN_RATIO}"),
+        (p99 < MAX_P99, f"p99 below {MAX_P99:g} ms at 16"),
+        (npz >= MIN_STATES, f"at least {MIN_STATES:,.0f} states/s by npz"),
+        (growth < MAX_GROWTH, "no growth"),
+    ])  # fmt: skip
+    return 0 if met else 1
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -4,18 +4,18 @@ Both answer to the same accuracy. The grid's spacing must change the aim by no m
 that the search tells). A plain grid of that spacing is counted, not computed: one that zooms in around its best point
 finds the same place with fewer runs, the fewest without slopes. Both counts are shown; the bar is of the plain one.
 
-    python scripts/bench_throw.py [--throws pitch,bowl] [--points 7] [--accuracy 1e-7]
+    python -m scripts.benchmarks.throw [--throws pitch,bowl] [--points 7] [--accuracy 1e-7]
 
 Ends 0 if the search finds what the grid finds to 1e-6, with a tenth of the plain grid's runs.
 """
 
-import argparse
 import itertools
 import math
 import time
 
 import numpy as np
 
+from scripts.runner import once, options, print_bars
 from twolink.errors import TwolinkError
 from twolink.paper.throw import AIMS, SearchResult, search, throw
 from twolink.scenes import load_scene
@@ -52,30 +52,20 @@ def by_grid(found: SearchResult, points: int) -> tuple[float, dict[str, float], 
 
 
 def main() -> int:
-    """The table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--throws", default="pitch,bowl")
-    parser.add_argument("--points", type=int, default=7)
-    parser.add_argument("--accuracy", type=float, default=1e-7)
-    options = parser.parse_args()
-    good = True
-    for name in options.throws.split(","):
-        begin = time.process_time()
-        found = search(name, options.accuracy)
-        middle = time.process_time()
-        best, where, runs, plain = by_grid(found, options.points)
-        end, own, unit = time.process_time(), found.best.end, AIMS[name].unit
-        off, share = abs(own - best), found.found.simulations / plain
-        met = own >= best - NEAR and off <= NEAR and share <= SHARE
-        good &= met
-        print(f"{name}: {own:.9f} {unit} ± {found.best.errors['end']:.1e}, {found.found.simulations} runs, "
-              f"{middle - begin:.2f} s; zooming grid {best:.9f}, {runs} runs, {end - middle:.2f} s; plain grid "
-              f"{plain} runs")  # fmt: skip
-        times = ", ".join(f"{what} {found.best.times[what]:.7f} (grid {where[what]:.7f}) s" for what in where)
-        print(f"  {times}\n  {'met   ' if met else 'MISSED'}  distance {off:.1e} (bar 1e-6), runs 1 / {1 / share:.0f} "
-              f"of the plain grid's (bar 1 / 10), 1 / {runs / found.found.simulations:.1f} of the zooming one's"
-        )  # fmt: skip
-    return 0 if good else 1
+    given, met = options(__doc__, throws=("pitch", "bowl"), points=7, accuracy=1e-7), []
+    for name in given.throws:
+        taken, found = once(lambda name=name: search(name, given.accuracy), time.process_time)
+        longer, (best, where, runs, plain) = once(lambda found=found: by_grid(found, given.points), time.process_time)
+        own, ours = found.best.end, found.found.simulations
+        print(f"{name}: {own:.9f} {AIMS[name].unit} ± {found.best.errors['end']:.1e}, {ours} runs, {taken:.2f} s; "
+              f"zooming grid {best:.9f}, {runs} runs, {longer:.2f} s; plain grid {plain} runs")  # fmt: skip
+        print("  " + ", ".join(f"{what} {found.best.times[what]:.7f} (grid {t:.7f}) s" for what, t in where.items()))
+        met.append(print_bars([
+            (abs(own - best) <= NEAR, f"distance {abs(own - best):.1e} (bar {NEAR:g})"),
+            (ours <= SHARE * plain, f"runs 1 / {plain / ours:.0f} of the plain grid's (bar 1 / {1 / SHARE:g}), "
+                                    f"1 / {runs / ours:.1f} of the zooming one's"),
+        ]))  # fmt: skip
+    return 0 if all(met) else 1
 
 
 if __name__ == "__main__":

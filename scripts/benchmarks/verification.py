@@ -1,147 +1,92 @@
 """What does an error bar cost? Verified over unverified runs of bundled scenes, robots from rest, and worlds.
 
-    python scripts/bench_verification.py [--robots 12] [--rounds 5]
+    python -m scripts.benchmarks.verification [--robots 12] [--rounds 5]
 
 Median seconds after warm-up of `simulate` at the same accuracy with and without verification, and of the run that is
-returned without its error bar (alone): its tolerance is smaller where the first one does not do. Rows go to
-out/bench_verification.csv. Prints the table, and the bars for verified over alone: median at most 2, worst at most 3.
+returned without its error bar (alone): its tolerance is smaller where the first one does not do. --robots: of the
+catalogue, evenly. Prints the table, which goes to out/verification.csv, and the bars for verified over alone: median at
+most 2, worst at most 3.
 """
 
-import argparse
-import csv
 import statistics
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 import twolink as tl
+from scripts.runner import Table, options, print_bars, seconds_of
 from twolink.errors import TwolinkError
 
-OUT = Path(__file__).parents[1] / "out" / "bench_verification.csv"
 MEDIAN, WORST = 2.0, 3.0
 AT_LEAST = 0.2  # s: short runs are repeated for so long
+WARM_UP = 3  # code that is compiled later for speed is there then
+HEADS = ("kind <13 | what <23 | accuracy >8.0e | method <18 | setting >8.2g | unverified, ms >9.2f | alone, ms >9.2f "
+         "| verified, ms >9.2f | over unverified >6.2f | over alone >6.2f")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """A case. seconds; ratio: verified over unverified; alone_ratio: verified over the returned run alone."""
+class Measurements:
+    """The table of all cases."""
 
-    kind: str
-    what: str
-    accuracy: float
-    method: str
-    setting: float
-    unverified: float
-    alone: float
-    verified: float
+    def __init__(self, rounds: int) -> None:
+        self.rounds, self.table = rounds, Table(HEADS)
 
-    @property
-    def ratio(self) -> float:
-        return self.verified / self.unverified
+    def add(self, kind: str, what: str, accuracy: float, method: str, setting: float, *calls: partial[object]) -> None:
+        """A row: unverified, verified, and alone where that differs from unverified."""
+        times = [1e3 * seconds_of(call, rounds=self.rounds, warm_up=WARM_UP, at_least=AT_LEAST)[0] for call in calls]
+        plain, full, alone = times[0], times[1], times[-1] if len(times) == 3 else times[0]
+        self.table.add(kind, what, accuracy, method, setting, plain, alone, full, full / plain, full / alone)
 
-    @property
-    def alone_ratio(self) -> float:
-        return self.verified / self.alone
-
-
-def seconds(act: Callable[[], object], rounds: int) -> float:
-    """Median seconds after warm-up."""
-    for _ in range(3):  # code that is compiled later for speed is there then
-        act()
-    taken: list[float] = []
-    while len(taken) < rounds or sum(taken) < AT_LEAST:
-        start = time.perf_counter()
-        act()
-        taken.append(time.perf_counter() - start)
-    return statistics.median(taken)
-
-
-def of_run(kind: str, what: str, scene: tl.Scene, accuracy: float, rounds: int) -> Row:
-    """The row of a scene."""
-
-    def verified() -> tl.Trajectory:
-        return tl.simulate(scene, accuracy=accuracy)
-
-    run = verified()
-    assert run.cost is not None
-    cost = run.cost
-    setting = {"tolerance": cost.tolerance} if cost.tolerance else {"step": cost.step}
-    digits = {"precision": cost.precision} if cost.precision != "double" else {}
-
-    def alone() -> tl.Trajectory:
+    def scene(self, kind: str, what: str, scene: tl.Scene, accuracy: float) -> None:
+        verified = partial(tl.simulate, scene, accuracy=accuracy)
+        cost = verified().cost
+        assert cost is not None
+        digits = {"precision": cost.precision} if cost.precision != "double" else {}
+        setting = {"tolerance": cost.tolerance} if cost.tolerance else {"step": cost.step}
+        alone = partial(tl.simulate, scene, accuracy=accuracy, method=cost.method, verify=False, **setting, **digits)
         if cost.method == "stepped":
-            return tl.simulate(scene, step=cost.step, verify=False)
-        return tl.simulate(scene, accuracy=accuracy, method=cost.method, verify=False, **setting, **digits)
-
-    return Row(kind, what, accuracy, cost.method + "".join(f", {d}" for d in digits.values()), cost.setting,
-               seconds(lambda: tl.simulate(scene, accuracy=accuracy, verify=False), rounds), seconds(alone, rounds),
-               seconds(verified, rounds))  # fmt: skip
+            alone = partial(tl.simulate, scene, step=cost.step, verify=False)
+        self.add(kind, what, accuracy, ", ".join([cost.method, *digits.values()]), cost.setting,
+                 partial(tl.simulate, scene, accuracy=accuracy, verify=False), verified, alone)  # fmt: skip
 
 
-def of_worlds(what: str, scene: tl.Scene, q: np.ndarray, accuracy: float, rounds: int) -> Row:
-    """The row of many worlds."""
-    both = [seconds(lambda verify=verify: tl.simulate_many(scene, q, accuracy=accuracy, verify=verify), rounds)
-            for verify in (False, True)]  # fmt: skip
-    return Row("worlds", what, accuracy, "dop853", 0.0, both[0], both[0], both[1])
-
-
-def rows(robots: int, rounds: int) -> Iterator[Row]:
-    """All rows that can be made."""
-    names = [row[0] for row in tl.scenes().rows]
-    for name in names:
-        yield of_run("bundled", name, tl.load_scene(name), 1e-6, rounds)
+def measure(found: Measurements, robots: int) -> None:
+    """All cases that can be made."""
+    gravity = [tl.effects.Gravity()]
+    for name, *_ in tl.scenes().rows:
+        found.scene("bundled", name, tl.load_scene(name), 1e-6)
     catalogue = [row[0] for row in tl.robots().rows]
     chosen = catalogue if robots >= len(catalogue) else catalogue[:: max(1, len(catalogue) // robots)][:robots]
     for name in chosen:
         try:
-            robot = tl.load_robot(name)
-            scene = tl.Scene(robot, effects=[tl.effects.Gravity()], duration=1.0)
-            yield of_run("from rest", name, scene, 1e-6, rounds)
+            found.scene("from rest", name, tl.Scene(tl.load_robot(name), effects=gravity, duration=1.0), 1e-6)
         except TwolinkError as error:
             print(f"{name}: {error}"[:160])
     arm = tl.load_scene("arm-swing")
     for accuracy in (1e-9, 1e-11, 1e-12):
-        yield of_run("near rounding", "arm-swing", arm, accuracy, rounds)
-    ur5 = tl.load_robot("ur5")
+        found.scene("near rounding", "arm-swing", arm, accuracy)
     for accuracy in (1e-10, 1e-12):
-        scene = tl.Scene(ur5, effects=[tl.effects.Gravity()], duration=1.0)
-        yield of_run("near rounding", "ur5", scene, accuracy, rounds)
+        ur5 = tl.Scene(tl.load_robot("ur5"), effects=gravity, duration=1.0)
+        found.scene("near rounding", "ur5", ur5, accuracy)
     random = np.random.default_rng(0)
     for count, accuracy in ((64, 1e-6), (1024, 1e-6), (1024, 1e-10)):
-        yield of_worlds(f"{count} arms", arm, random.uniform(-2, 2, (count, 2)), accuracy, rounds)
+        many = partial(tl.simulate_many, arm, random.uniform(-2, 2, (count, 2)), accuracy=accuracy)
+        found.add("worlds", f"{count} arms", accuracy, "dop853", 0.0, partial(many, verify=False), many)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", type=int, default=12, help="of the catalogue, evenly")
-    parser.add_argument("--rounds", type=int, default=5)
-    options = parser.parse_args()
-    done: list[Row] = []
-    print(f"{'kind':<14}{'what':<24}{'accuracy':>9}  {'method':<18}{'unverified':>11}{'alone':>10}{'verified':>10}"
-          f"{'ratio':>7}{'alone':>7}")  # fmt: skip
-    for row in rows(options.robots, options.rounds):
-        done.append(row)
-        print(f"{row.kind:<14}{row.what:<24}{row.accuracy:>9.0e}  {row.method:<18}{1e3 * row.unverified:>8.2f} ms"
-              f"{1e3 * row.alone:>7.2f} ms{1e3 * row.verified:>7.2f} ms{row.ratio:>7.2f}{row.alone_ratio:>7.2f}",
-              flush=True)  # fmt: skip
-    OUT.parent.mkdir(exist_ok=True)
-    with OUT.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(Row)])
-        writer.writeheader()
-        writer.writerows(map(asdict, done))
-    ratios = [row.alone_ratio for row in done]
-    median, worst = statistics.median(ratios), max(ratios)
-    print(
-        f"\nverified over the same run alone: median {median:.2f} (bar {MEDIAN:g}), worst {worst:.2f} (bar {WORST:g})"
-    )
-    whole = [row.ratio for row in done]
-    print(
-        f"verified over unverified at the same accuracy: median {statistics.median(whole):.2f}, worst {max(whole):.2f}"
-    )
-    return 0 if median <= MEDIAN and worst <= WORST else 1
+    given = options(__doc__, robots=12, rounds=5)
+    found = Measurements(given.rounds)
+    measure(found, given.robots)
+    found.table.save("verification")
+    over_plain, over_alone = zip(*(row[-2:] for row in found.table.rows), strict=True)
+    median, worst = statistics.median(over_alone), max(over_alone)
+    print(f"verified over unverified at the same accuracy: median {statistics.median(over_plain):.2f}, worst "
+          f"{max(over_plain):.2f}")  # fmt: skip
+    met = print_bars([
+        (median <= MEDIAN, f"verified over the same run alone, median: {median:.2f} (bar: at most {MEDIAN:g})"),
+        (worst <= WORST, f"verified over the same run alone, worst: {worst:.2f} (bar: at most {WORST:g})"),
+    ])  # fmt: skip
+    return 0 if met else 1
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Many worlds: microseconds a world with and without error bars, and beside mujoco.rollout (RK4) at equal error.
 
-    python scripts/bench_worlds.py [--worlds 10000] [--rounds 3] [--quick] [--json FILE]
+    python -m scripts.benchmarks.worlds [--worlds 10000] [--rounds 3] [--quick]
 
 Worlds: the paper's arm, released at rest within 0.3 rad and within 1 rad of the horizontal, 10 s; UR5 and the arm with
 dry friction from random starts, 2 s. Accuracy 1e-6. `truth` is solved at a tolerance of 1e-14.
@@ -10,16 +10,13 @@ Needs mujoco for the comparison: pip install twolink[peers].
 """
 
 import argparse
-import json
-import statistics
-import time
-from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 
 import twolink as tl
+from scripts.runner import once, options, seconds_of
 from twolink import effects
 from twolink.dynamics.threads import thread_count
 from twolink.integrate.many_worlds import integrate_many
@@ -31,20 +28,6 @@ ACCURACY, SHARE = 1e-6, 0.9  # of worlds whose error is compared
 FEW = 64  # worlds of MuJoCo
 STEPS_AT_ONCE = 2000  # of mujoco.rollout, which keeps every state
 SHORTEST = 1e-6  # s: timesteps of MuJoCo
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--worlds", type=int, default=10_000)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--quick", action="store_true", help="1000 worlds, one round, no chaotic ones beside MuJoCo")
-    parser.add_argument("--json", type=Path, help="write the rows there too")
-    options = parser.parse_args()
-    if options.quick:
-        options.worlds, options.rounds = 1000, 1
-    rows = [measured(name, *some, options) for name, some in populations(options.worlds).items()]
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
 
 
 def populations(count: int) -> dict[str, tuple[tl.Scene, np.ndarray, np.ndarray, float]]:
@@ -61,56 +44,38 @@ def populations(count: int) -> dict[str, tuple[tl.Scene, np.ndarray, np.ndarray,
     }  # fmt: skip
 
 
-def measured(
-    name: str, scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, options: argparse.Namespace
-) -> dict[str, float | str]:
-    """One row: printed, and returned."""
-    ways: dict[str, Callable[[], tl.Worlds]] = {
-        "plain": lambda: tl.simulate_many(scene, q, v, duration=duration, accuracy=ACCURACY, verify=False),
-        "verified": lambda: tl.simulate_many(scene, q, v, duration=duration, accuracy=ACCURACY),
-    }
-    worlds = {way: run() for way, run in ways.items()}
-    seconds: dict[str, list[float]] = {way: [] for way in ways}
-    for _ in range(options.rounds):
-        for way, run in ways.items():
-            begin = time.perf_counter()
-            run()
-            seconds[way].append(time.perf_counter() - begin)
-    plain, verified = (1e6 * statistics.median(seconds[way]) / len(q) for way in ways)
-    kept = worlds["verified"].kept
-    row: dict[str, float | str] = {
-        "worlds": name, "number": len(q), "plain_us": plain, "verified_us": verified, "ratio": verified / plain,
-        "kept": 0.0 if kept is None else float(kept.mean()),
-    }  # fmt: skip
-    print(f"{name:18} {len(q):6} worlds: {plain:8.1f} us plain, {verified:8.1f} us verified (x {row['ratio']:.1f}), "
-          f"{row['kept']:.1%} within {ACCURACY:g}", flush=True)  # fmt: skip
+def measure(
+    name: str, scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, given: argparse.Namespace
+) -> None:
+    """The lines of one population."""
+    verified = partial(tl.simulate_many, scene, q, v, duration=duration, accuracy=ACCURACY)
+    taken = seconds_of(partial(verified, verify=False), verified, rounds=given.rounds)
+    plain, us = (1e6 * seconds / len(q) for seconds in taken)
+    worlds = verified()
+    kept = 0.0 if worlds.kept is None else float(worlds.kept.mean())
+    print(f"{name:18} {len(q):6} worlds: {plain:8.1f} us plain, {us:8.1f} us verified (x {us / plain:.1f}), "
+          f"{kept:.1%} within {ACCURACY:g}", flush=True)  # fmt: skip
     smooth = equations_of(scene).switching is None
-    if smooth and find_spec("mujoco") and not (options.quick and name == "arm, 1 rad"):
-        row |= beside_mujoco(scene, q[:FEW], v[:FEW], duration, worlds["verified"].q[:FEW], verified)
-    return row
+    if smooth and find_spec("mujoco") and not (given.quick and name == "arm, 1 rad"):
+        beside_mujoco(scene, q[:FEW], v[:FEW], duration, worlds.q[:FEW], us)
 
 
-def beside_mujoco(
-    scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, ours: np.ndarray, us: float
-) -> dict[str, float]:
-    """MuJoCo's time a world at our error, printed with the ratio. us: our time a world."""
+def beside_mujoco(scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, ours: np.ndarray, us: float) -> None:
+    """Print MuJoCo's time a world at our error, and the ratio. us: our time a world."""
     steps_by = step_map(equations_of(scene), METHODS["dop853"], whole=True)
     truth = integrate_many(steps_by, np.concatenate([q.T, v.T]), np.array([0.0, duration]), 1e-14)[0][-1, : q.shape[1]]
 
     def error(found: np.ndarray) -> float:
         return float(np.quantile(np.abs(found - truth.T).max(axis=1), SHARE))
 
-    wanted, step = error(ours), 0.004
-    while True:
+    wanted, step, reached = error(ours), 0.008, np.inf
+    while reached > wanted and step >= SHORTEST:
+        step /= 2
         found, seconds = rolled_out(scene, q, v, duration, step)
         reached = error(found)
-        if reached <= wanted or step < SHORTEST:
-            break
-        step /= 2
     theirs = 1e6 * seconds / len(q)
     print(f"{'':18} error {wanted:.1e}; mujoco.rollout at {step:.2e} s: error {reached:.1e}, {theirs:,.0f} us a world: "
           f"{theirs / us:,.0f} x", flush=True)  # fmt: skip
-    return {"error": wanted, "mujoco_error": reached, "mujoco_step": step, "mujoco_us": theirs, "times": theirs / us}
 
 
 def rolled_out(scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, step: float) -> tuple[np.ndarray, float]:
@@ -127,12 +92,23 @@ def rolled_out(scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, s
     state = np.concatenate([np.zeros((len(q), 1)), q, v], axis=1)
     with Rollout(nthread=thread_count()) as rollout:
         data = [mujoco.MjData(model) for _ in range(thread_count())]
-        begin = time.perf_counter()
-        while total:
-            now = min(total, STEPS_AT_ONCE)
-            state = rollout.rollout(model, data, state, nstep=now)[0][:, -1]
-            total -= now
-        return state[:, 1 : 1 + q.shape[1]], time.perf_counter() - begin
+
+        def run() -> np.ndarray:
+            now = state
+            for done in range(0, total, STEPS_AT_ONCE):
+                now = rollout.rollout(model, data, now, nstep=min(STEPS_AT_ONCE, total - done))[0][:, -1]
+            return now[:, 1 : 1 + q.shape[1]]
+
+        seconds, ends = once(run)
+    return ends, seconds
+
+
+def main() -> None:
+    given = options(__doc__, worlds=10_000, rounds=3, quick=False)
+    if given.quick:
+        given.worlds, given.rounds = 1000, 1
+    for name, population in populations(given.worlds).items():
+        measure(name, *population, given)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Draws docs/pictures/error-bar.png: a double pendulum by twolink with its error bar, and by peers at their defaults.
 
-python scripts/readme_picture.py            needs: pip install twolink[peers]
+python scripts/make/error_bar_picture.py            needs: pip install twolink[peers]
 
 The errors are against a Taylor series in extended precision, whose own error is checked by a second one.
 """

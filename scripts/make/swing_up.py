@@ -1,6 +1,6 @@
 """Make the scene swing-up: a torque at the shoulder brings an arm upright whose elbow has no motor; then a regulator.
 
-    python scripts/make_swing_up.py SCENE.toml
+    python scripts/make/swing_up.py SCENE.toml
 
 The shoulder follows a path from hanging to upright with a few free numbers, which Newton's method, from random guesses,
 chooses so that the elbow arrives upright and at rest too:
@@ -25,7 +25,7 @@ GUESSES, ROUNDS, STRIDE = 200, 12, 0.15  # rad: the longest change of a path in 
 SIZES = np.array([0.8, 0.4, 0.2, 0.1])  # rad, of random paths
 DAMPING = {"shoulder": 0.1, "elbow": 0.05}
 HEAD = """# The elbow has no motor. For two seconds the shoulder's torque follows a table that
-# scripts/make_swing_up.py planned; then a linear-quadratic regulator takes over. At 4 s the tip is
+# scripts/make/swing_up.py planned; then a linear-quadratic regulator takes over. At 4 s the tip is
 # pushed sideways with 1 N for 0.2 s.
 """
 ARM = tl.Scene(tl.load_robot("two_link"), effects=[E.Gravity()]).robot

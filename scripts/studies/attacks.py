@@ -1,6 +1,6 @@
 """Attacks on a service with default quotas, all at once, while its /health is asked and its memory measured.
 
-    python scripts/attack_service.py [--quick] [--seconds 60] [--only NAME ...]
+    python -m scripts.studies.attacks [--quick] [--seconds 60] [--only NAME,NAME]
 
 The attacks are those of tests/service/attacks.py, the hostile corpus among them. Each comes from an address of its own
 and from processes of lower priority, because those who attack bring their own processors. /health is asked every 20 ms
@@ -9,13 +9,11 @@ the proportional share (PSS) of the service and its worker processes. Exit code 
 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
-import argparse
 import asyncio
 import contextlib
 import http.client
 import multiprocessing
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -26,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the attacks are in the tests
+from scripts.runner import Bars, Some, options, print_bars
 from tests.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.service.serving import Served, serving
 
@@ -66,16 +64,16 @@ class Figures:
             f"memory: at most {self.memory:.0f} MB; the service {self.service:.0f}, its workers {self.workers:.0f}"
         )
 
-    def bars(self, *, busy: bool = False) -> dict[str, bool]:
+    def bars(self, *, busy: bool = False) -> Bars:
         """Each bar and whether it is met. busy: other programs use the machine; then a stall counts, not a delay."""
         limit = STALL if busy else MAX_P99
-        return {
-            f"/health p99 < {1e3 * limit:g} ms": _p99(self.health) < limit,
-            "every /health is answered": self.failures == 0,
-            f"memory < {MAX_MEMORY:g} MB": 0 < self.memory < MAX_MEMORY,
-            "no attack gets a 500": not any(outcome.get("500") for outcome in self.outcomes.values()),
-            "works as before afterwards": self.healthy,
-        }
+        return [
+            (_p99(self.health) < limit, f"/health p99 < {1e3 * limit:g} ms"),
+            (self.failures == 0, "every /health is answered"),
+            (0 < self.memory < MAX_MEMORY, f"memory < {MAX_MEMORY:g} MB"),
+            (not any(outcome.get("500") for outcome in self.outcomes.values()), "no attack gets a 500"),
+            (self.healthy, "works as before afterwards"),
+        ]
 
 
 def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
@@ -202,26 +200,14 @@ def _pss(pid: int) -> float:
     return 0.0
 
 
-def show(figures: Figures) -> None:
-    """Print the figures, and each bar."""
+def main() -> int:
+    given = options(__doc__, quick=False, seconds=60.0, only=Some(ATTACKS))
+    figures = attack(QUICK if given.quick else given.seconds, given.only)
     for name, outcomes in figures.outcomes.items():
         print(f"{name:<22}{'  '.join(f'{outcome}: {count}' for outcome, count in sorted(outcomes.items()))}")
     print(figures.summary())
-    for bar, met in figures.bars().items():
-        print(f"{'met   ' if met else 'MISSED'}  {bar}")
-
-
-def main() -> None:
-    """Attack, and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help=f"for {QUICK:g} seconds")
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--only", nargs="+", choices=ATTACKS, metavar="NAME", default=list(ATTACKS))
-    options = parser.parse_args()
-    figures = attack(QUICK if options.quick else options.seconds, options.only)
-    show(figures)
-    sys.exit(not all(figures.bars().values()))
+    return 0 if print_bars(figures.bars()) else 1
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -1,11 +1,11 @@
-"""scripts/compare_peers.py: its peers simulate the same robots, its reference is one, its tables say what is met."""
+"""scripts/benchmarks/peers.py: its peers simulate the same robots, its reference is one, its tables say what is met."""
 
 import mujoco
 import numpy as np
 import pytest
-from compare_peers import INTERVALS, compared_scenes, error_of, largest_difference, largest_growth
-from peers_report import Entry, print_scene
 
+from scripts.benchmarks.peers import INTERVALS, compared_scenes, error_of, largest_difference, largest_growth
+from scripts.benchmarks.peers_report import Entry, print_scene
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.peers import mujoco_peer, scipy_peer
 from twolink.hard.peers.task import Setting, task_of
