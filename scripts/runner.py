@@ -214,8 +214,8 @@ def study(
     """
     numbered = {"scenes": scenes, "seed": 0, "first": 0} if scenes else {}
     given = options(doc, **numbered, fresh=False, out=Path, **own)
-    chosen = {what: value for what, default in own.items() if what != "rest"
-              if (value := getattr(given, what)) != (list(default) if isinstance(default, tuple) else default)}  # fmt: skip
+    usual = {what: list(value) if isinstance(value, tuple) else value for what, value in own.items() if what != "rest"}
+    chosen = {what: getattr(given, what) for what, value in usual.items() if getattr(given, what) != value}
     words = "".join(f" {what} {'' if value is True else value}" for what, value in chosen.items())
     more = re.sub("[^a-z0-9.]+", "-", words).rstrip("-")
     path = given.out or OUT / f"{name}{f'-{given.seed}' if scenes else ''}{more}.csv"

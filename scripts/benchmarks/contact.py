@@ -1,12 +1,11 @@
-"""Bodies that touch: what an error costs beside MuJoCo and Drake, and long or large scenes by time stepping.
+"""Bodies that touch: what an error costs beside MuJoCo and Drake, and large scenes by time stepping.
 
 block       a block slides to rest, v0^2 / (2 mu g): error over seconds, located, stepped, and by the peers
-stack       ten boxes at rest for 100 s: how far they move
 spheres     spheres fall into a box: energy, overlap, seconds a step, beside MuJoCo's
 quadruped   Solo and ANYmal fall on their four feet and stand, under PD control: error over seconds, beside MuJoCo's
 Seconds are medians, of the processor for block and quadruped. Durations and steps in s are the part's own by default.
 
-    python -m scripts.benchmarks.contact [block stack spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
+    python -m scripts.benchmarks.contact [block spheres quadruped] [--count 500] [--duration 1] [--step 2e-3]
 """
 
 import time
@@ -23,7 +22,7 @@ from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import Setting, task_of
 
 E, G = tl.effects, 9.81
-PARTS = ("block", "stack", "spheres", "quadruped")
+PARTS = ("block", "spheres", "quadruped")
 STIFF = 10.0 ** -np.arange(3.0, 10.0)  # accuracies of Drake's stiff contact
 COLUMNS = "way <58 | error >9.1e | ms >11.3f | more <1"
 FEET = {"solo12": 0.0165, "anymal": 0.03}  # m
@@ -84,18 +83,6 @@ def block() -> None:
             continue
         for setting in own:
             line(f"{name} {module.VERSION}, {setting}", module.prepare(task, setting), lambda run: run.track.q)
-
-
-def stack(duration: float, step: float) -> None:
-    """Ten boxes on each other."""
-    names, edge = [f"b{k}" for k in range(10)], 0.2
-    shapes = {name: (E.Box((edge,) * 3),) for name in names}
-    scene = tl.Scene(free_robot(*((name, 1.0, (edge**2 / 6,) * 3) for name in names)),
-                     np.concatenate([[0, 0, edge * (k + 0.5), 0, 0, 0, 1] for k in range(10)]),
-                     effects=[E.Gravity(), E.Contact(("ground", "self"), 0.5, shapes=shapes)])  # fmt: skip
-    taken, run = once(lambda: tl.simulate(scene, duration, contact="stepped", step=step, samples=1, verify=False))
-    print(f"ten boxes, {duration:g} s, step {step:g} s: they move by {np.abs(run.q - run.q[0]).max():.1e} m, "
-          f"{taken * step / duration * 1e3:.2f} ms a step; {run.contact_record}")  # fmt: skip
 
 
 def spheres(count: int, duration: float, step: float) -> None:
@@ -208,8 +195,6 @@ def main() -> None:
     given = options(__doc__, rest=PARTS, count=500, duration=float, step=float)
     if "block" in given.rest:
         block()
-    if "stack" in given.rest:
-        stack(given.duration or 100.0, given.step or 1e-2)
     if "quadruped" in given.rest:
         for name in FEET:
             quadruped(name, given.duration or 2.0)

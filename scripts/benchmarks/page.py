@@ -3,7 +3,7 @@
     scripts/bench [--quick] [--html out/bench.html] [--only peers,queries]
 
 Each benchmark is a module of its own, which prints its tables and may write out/NAME.csv, from which the plot is made.
-Nothing else should run on the machine meanwhile.
+Nothing else should run on the machine meanwhile. --quick: short runs, to see whether all is well.
 """
 
 import csv
@@ -16,18 +16,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from importlib.metadata import version
+from importlib.metadata import distributions
 from pathlib import Path
 
 import numpy as np
 
-from scripts.benchmarks.peers_report import Entry, picture
-from scripts.runner import OUT, TOP, Some, options
+from scripts.runner import OUT, TOP, Some, once, options
 from twolink.io.atomic import write_atomic
 from twolink.show.figure import COLOURS, new_figure
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
-Columns = dict[str, np.ndarray]
+Rows = list[dict[str, str]]
 STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --ink: #1c1c1c; --soft: #f3f4f6; --line: #d0d4da }
 @media (prefers-color-scheme: dark) { :root { --paper: #15181c; --ink: #e6e6e6; --soft: #1f242a; --line: #3a424c } }
@@ -51,140 +50,90 @@ class Bench:
     title: str
     full: tuple[str, ...]
     quick: tuple[str, ...]
-    plot: Callable[[Columns], str] | None = None
+    plot: Callable[[Rows], str] = lambda _rows: ""
 
 
-def columns_of(path: Path) -> Columns:
-    """The columns of a table, numbers where all entries are."""
-    with path.open(newline="") as file:
-        names, *rows = csv.reader(file)
-    columns = {}
-    for name, values in zip(names, zip(*rows, strict=True), strict=True):
-        try:
-            columns[name] = np.array(values, dtype=float)
-        except ValueError:
-            columns[name] = np.array(values)
-    return columns
+def bars(axis: str, label: str, values: tuple[str, ...]) -> Callable[[Rows], str]:
+    """A plot of columns beside each other."""
+    return lambda rows: drawn(axis, {name: {row[label]: float(row[name]) for row in rows} for name in values})
 
 
-def bars(labels: list[str], groups: dict[str, np.ndarray], axis: str) -> str:
-    """Horizontal bars (labels) of each group, on a logarithmic axis."""
+def queries(rows: Rows) -> str:
+    """How many times as fast as Pinocchio's own parallel batches."""
+    groups: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if not any(word in row["who"] for word in ("InParallel", "loop", "limit")):
+            groups.setdefault(row["who"], {})[f"{row['robot']}, {row['query']}"] = float(row["times"])
+    return drawn("times as fast as abaInParallel or rneaInParallel", groups)
+
+
+def drawn(axis: str, groups: dict[str, dict[str, float]]) -> str:
+    """Horizontal bars by label, a colour for each group, on a logarithmic axis."""
+    labels = list(dict.fromkeys(label for group in groups.values() for label in group))
     figure, axes = new_figure(1, size=(9.0, 1.2 + 0.16 * len(labels) * (len(groups) + 1)))
-    plot, height = axes[0, 0], 0.8 / len(groups)
-    for i, (name, values) in enumerate(groups.items()):
+    plot, height, text = axes[0, 0], 0.8 / len(groups), io.StringIO()
+    for i, (name, group) in enumerate(groups.items()):
+        values = [group.get(label, np.nan) for label in labels]
         plot.barh(np.arange(len(labels)) + i * height, values, height, label=name, color=COLOURS[i])
     plot.set(xscale="log", xlabel=axis, yticks=np.arange(len(labels)) + 0.4 - height / 2, yticklabels=labels)
     plot.invert_yaxis()
     figure.legend(loc="outside upper left", ncols=4, fontsize=8, frameon=False)
-    return as_svg(figure)
-
-
-def as_svg(figure: object) -> str:
-    """The figure's SVG element."""
-    file = io.StringIO()
-    figure.savefig(file, format="svg")  # type: ignore[attr-defined]
-    text = file.getvalue()
-    return text[text.index("<svg") :]
-
-
-def peers(columns: Columns) -> str:
-    """Seconds against error, a line a contestant."""
-    names, path = ("scene", "contestant", "setting", "error_rad", "seconds"), OUT / "peers.svg"
-    rows = zip(*(columns[name].tolist() for name in names), strict=True)
-    picture([Entry(*row, None, 1) for row in rows], path)
-    text = path.read_text()
-    return text[text.index("<svg") :]
-
-
-def queries(columns: Columns) -> str:
-    """How many times as fast as Pinocchio's own parallel batches."""
-    rows = list(zip(*(columns[name].tolist() for name in ("robot", "query", "who", "times")), strict=True))
-    labels = list(dict.fromkeys(f"{robot}, {query}" for robot, query, _, _ in rows))
-    found = {(f"{robot}, {query}", who): float(times) for robot, query, who, times in rows}
-    everybody = dict.fromkeys(row[2] for row in rows)
-    names = [who for who in everybody if not (who.endswith("InParallel") or "loop" in who or who.startswith("limit"))]
-    groups = {who: np.array([found.get((label, who), np.nan) for label in labels]) for who in names}
-    return bars(labels, groups, "times as fast as abaInParallel or rneaInParallel")
-
-
-def plain(label: str, axis: str, **groups: str) -> Callable[[Columns], str]:
-    """Columns beside each other: their names on the plot, with those in the table."""
-    return lambda columns: bars(columns[label].tolist(), {name: columns[own].astype(float) for name, own in
-                                                          groups.items()}, axis)  # fmt: skip
+    figure.savefig(text, format="svg")
+    return text.getvalue()
 
 
 BENCHES = (
     # Every setting, with the full budget, takes half an hour: python -m scripts.benchmarks.peers.
-    Bench("peers", "Single trajectories, beside SciPy, MuJoCo and Drake", ("--quick", "--rounds", "3"),
-          ("--quick",), peers),
+    Bench("peers", "Single trajectories, beside SciPy, MuJoCo and Drake", ("--quick", "--rounds", "3"), ("--quick",),
+          lambda _rows: (OUT / "peers.svg").read_text()),
     Bench("queries", "Batches of queries, beside Pinocchio and MuJoCo", (),
           ("--quick", "--rounds", "3", "--states", "20000"), queries),
     Bench("worlds", "Many worlds, beside MuJoCo", (), ("--quick",)),
     Bench("first_answers", "The first answer of a new scene, beside SciPy", (), ("--quick",),
-          plain("scene", "seconds", cold="cold", cached="cached", again="again", scipy="scipy")),
+          bars("seconds", "scene", ("cold", "cached", "again", "scipy"))),
     Bench("effects", "What effects cost", (), ("--quick",),
-          plain("effects so far", "milliseconds of a run", run="run, ms")),
+          bars("milliseconds of a run", "effects so far", ("run, ms",))),
     Bench("sensitivities", "Sensitivities, beside heyoka", (), ("--runs", "3", "--no-peers")),
-    Bench("loops", "Closed chains of many loops", (), ("--numbers", "1,4,16"), ("--numbers", "1,4")),
+    Bench("loops", "Closed chains of many loops", ("--numbers", "1,4,16"), ("--numbers", "1,4")),
     Bench("service", "The service over HTTP", (), ("--seconds", "1", "--rounds", "1", "--requests", "5000")),
 )  # fmt: skip
 
 
-def run(bench: Bench, quick: bool) -> tuple[str, str, bool]:
-    """(what it printed, its plot, whether it went well)."""
-    started, table = time.time(), OUT / f"{bench.name}.csv"
+def section(bench: Bench, quick: bool) -> str:
+    """Run a benchmark. Returns its part of the page."""
+    started, path, plot = time.time(), OUT / f"{bench.name}.csv", ""
     command = [sys.executable, "-m", f"scripts.benchmarks.{bench.name}", *(bench.quick if quick else bench.full)]
-    done = subprocess.run(command, cwd=TOP, capture_output=True, text=True)
-    text = done.stdout if not done.returncode else f"{done.stdout}\n{done.stderr[-2000:]}"
-    fresh = table.exists() and table.stat().st_mtime >= started
-    plot = bench.plot(columns_of(table)) if bench.plot and fresh and not done.returncode else ""
-    return text.strip(), plot, not done.returncode
+    seconds, done = once(lambda: subprocess.run(command, cwd=TOP, capture_output=True, text=True))
+    print(f"{bench.name}: {seconds:.0f} s{', failed' * bool(done.returncode)}", flush=True)
+    if path.exists() and path.stat().st_mtime >= started and not done.returncode:
+        svg = bench.plot([*csv.DictReader(path.read_text("utf-8").splitlines())])
+        plot = svg and f'<div class="plot">{svg[svg.index("<svg") :]}</div>'
+    failed = '<p class="failed">It ended with an error, or a bar is missed.</p>' if done.returncode else ""
+    text = f"{done.stdout}\n{done.stderr[-2000:] if done.returncode else ''}".strip()
+    return f'<h2 id="{bench.name}">{escape(bench.title)}</h2>{failed}{plot}<pre>{escape(text)}</pre>'
 
 
-def processor() -> str:
-    """The processor's name and how many of it there are."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        name = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        name = platform.processor() or platform.machine()
-    return f"{name}, {os.cpu_count()} of them"
-
-
-def installed() -> str:
-    """The versions of the packages that are there."""
-    found = [f"Python {platform.python_version()}"]
-    for name in PACKAGES:
-        try:
-            found.append(f"{name} {version(name)}")
-        except ModuleNotFoundError:
-            continue
-    return ", ".join(found)
-
-
-def section(bench: Bench, text: str, plot: str, good: bool) -> str:
-    """One benchmark on the page."""
-    figure = f'<div class="plot">{plot}</div>' if plot else ""
-    failed = "" if good else '<p class="failed">It ended with an error, or a bar is missed.</p>'
-    return f'<h2 id="{bench.name}">{escape(bench.title)}</h2>{failed}{figure}<pre>{escape(text)}</pre>'
+def machine() -> str:
+    """The processor, how many of it there are, and the versions of the packages that are there."""
+    cpus, found = Path("/proc/cpuinfo"), {one.name: one.version for one in distributions()}
+    lines = cpus.read_text().splitlines() if cpus.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    versions = ", ".join(f"{name} {found[name]}" for name in PACKAGES if name in found)
+    return (
+        f"{[*names, platform.machine()][0]}, {os.cpu_count()} of them. Python {platform.python_version()}, {versions}"
+    )
 
 
 def main() -> None:
     given = options(__doc__, html=OUT / "bench.html", quick=False, only=Some(bench.name for bench in BENCHES))
-    parts, links = [], []
-    for bench in (bench for bench in BENCHES if bench.name in given.only):
-        start = time.perf_counter()
-        print(f"{bench.name} ... ", end="", flush=True)
-        text, plot, good = run(bench, given.quick)
-        print(f"{time.perf_counter() - start:.0f} s{'' if good else ', failed'}", flush=True)
-        parts.append(section(bench, text, plot, good))
-        links.append(f'<a href="#{bench.name}">{escape(bench.title.split(",")[0])}</a>')
+    chosen = [bench for bench in BENCHES if bench.name in given.only]
+    parts = [section(bench, given.quick) for bench in chosen]
+    links = " ".join(f'<a href="#{bench.name}">{escape(bench.title.split(",")[0])}</a>' for bench in chosen)
     kind = "Short runs. " if given.quick else ""
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>twolink: measurements</title><style>{STYLE}</style><h1>twolink: measurements</h1>"
-        f"<p>{kind}{time.strftime('%Y-%m-%d %H:%M')}. {escape(processor())}. {escape(installed())}.</p>"
-        f"<nav>{' '.join(links)}</nav>{''.join(parts)}</html>"
+        f"<p>{kind}{time.strftime('%Y-%m-%d %H:%M')}. {escape(machine())}.</p><nav>{links}</nav>{''.join(parts)}</html>"
     )
     print(f"wrote {write_atomic(given.html, lambda file: file.write(page.encode()))}")
 

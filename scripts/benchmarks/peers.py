@@ -12,7 +12,7 @@ Seconds: the solving call alone, after models are built and code is compiled; me
 contestants take turns.
 A method's settings end after the first that takes more than the budget. Needs: pip install twolink[peers].
 --quick: every other setting, a budget of 0.3 s instead of 1 s, one round instead of 3.
-Writes out/peers.csv and out/peers.png.
+Writes out/peers.csv and out/peers.svg.
 """
 
 import argparse
@@ -216,9 +216,9 @@ def main() -> None:
     packages |= {name: module.VERSION for name, module in modules.items()}
     print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
     entries = [entry for name in given.scene for entry in measure(name, *scenes[name], modules, given)]
-    picture(entries, OUT / "peers.png")
+    picture(entries, OUT / "peers.svg")
     columns = {f.name: np.array([getattr(entry, f.name) for entry in entries], object) for f in fields(Entry)}
-    print(f"\nwrote {write_table(OUT / 'peers.csv', columns, {})} and {OUT / 'peers.png'}")
+    print(f"\nwrote {write_table(OUT / 'peers.csv', columns, {})} and {OUT / 'peers.svg'}")
 
 
 if __name__ == "__main__":

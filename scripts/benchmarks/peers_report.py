@@ -45,17 +45,16 @@ def print_scene(entries: list[Entry], doubt: float) -> None:
     table = Table(HEADS)
     for e in entries:
         table.add(*astuple(e))
-    bars = BARS.get(entries[0].scene, {})
-    print(f"  {'error':<8}{'cheapest peer':<41}{'ms':>10}   {'twolink':<16}{'ms':>10}{'ratio':>8}  bar")
+    print()
+    table = Table("error <7.0e | cheapest peer <38 | ms >9.3f | twolink <15 | ours, ms >9.3f | ratio >6.1f | bar <4")
     for level in LEVELS:
-        if doubt > level / 10:
-            print(f"  {level:<8.0e}the reference is too coarse")
-            continue
         peer = _cheapest((e for e in entries if not e.ours), level)
         ours = _cheapest((e for e in entries if e.contestant == PLAIN), level)
-        peer_text = _shown(peer, f"{peer.contestant}, {peer.setting}" if peer else "", 41)
-        our_text = _shown(ours, ours.setting if ours else "", 16)
-        print(f"  {level:<8.0e}{peer_text}   {our_text}{_verdict(peer, ours, bars.get(level))}")
+        bar = _verdict(peer, ours, BARS.get(entries[0].scene, {}).get(level))
+        table.add(level, f"{peer.contestant}, {peer.setting}" if peer else "none gets there",
+                  peer and 1e3 * peer.seconds, ours.setting if ours else "none", ours and 1e3 * ours.seconds,
+                  peer.seconds / ours.seconds if peer and ours else None,
+                  bar if doubt <= level / 10 else "the reference is too coarse")  # fmt: skip
     _print_verifying(entries)
 
 
@@ -63,19 +62,14 @@ def _cheapest(entries: Iterable[Entry], level: float) -> Entry | None:
     return min((e for e in entries if e.error_rad <= level), key=lambda e: e.seconds, default=None)
 
 
-def _shown(entry: Entry | None, what: str, width: int) -> str:
-    return f"{what:<{width}}{entry.seconds * 1e3:>10.3f}" if entry else f"{'none gets there':<{width + 10}}"
-
-
 def _verdict(peer: Entry | None, ours: Entry | None, bar: float | None) -> str:
-    ratio = f"{peer.seconds / ours.seconds:>7.1f}x" if peer and ours else f"{'':>8}"
     if bar is None:
-        return f"{ratio}  none set"
+        return "none set"
     if ours is None:
-        return f"{ratio}  {bar:g}x missed"
+        return f"{bar:g}x missed"
     if peer is None:
-        return f"{ratio}  {bar:g}x met: no peer gets there"
-    return f"{ratio}  {bar:g}x {'met' if peer.seconds >= bar * ours.seconds else 'missed'}"
+        return f"{bar:g}x met: no peer gets there"
+    return f"{bar:g}x {'met' if peer.seconds >= bar * ours.seconds else 'missed'}"
 
 
 def _print_verifying(entries: list[Entry]) -> None:

@@ -1,16 +1,14 @@
 """Draws docs/pictures/error-bar.png: a double pendulum by twolink with its error bar, and by peers at their defaults.
 
-python scripts/make/error_bar_picture.py            needs: pip install twolink[peers]
+    python -m scripts.make.error_bar_picture          needs: pip install twolink[peers]
 
 The errors are against a Taylor series in extended precision, whose own error is checked by a second one.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 
 import twolink as tl
+from scripts.runner import TOP, options
 from twolink.hard import SimulationCase, select_cases
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.peers import NAMES, peer_module
@@ -18,11 +16,11 @@ from twolink.hard.peers.task import task_of
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
 SECONDS, SAMPLES, ACCURACY = 10.0, 100, 1e-6
-PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "error-bar.png"
+PICTURE = TOP / "docs" / "pictures" / "error-bar.png"
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    options(__doc__)
     (case,) = select_cases(["chaos"])
     if not isinstance(case, SimulationCase):
         raise TypeError(case)

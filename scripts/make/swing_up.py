@@ -1,6 +1,6 @@
 """Make the scene swing-up: a torque at the shoulder brings an arm upright whose elbow has no motor; then a regulator.
 
-    python scripts/make/swing_up.py SCENE.toml
+    python -m scripts.make.swing_up SCENE.toml
 
 The shoulder follows a path from hanging to upright with a few free numbers, which Newton's method, from random guesses,
 chooses so that the elbow arrives upright and at rest too:
@@ -10,13 +10,13 @@ chooses so that the elbow arrives upright and at rest too:
 The path that needs the smallest torque is kept.
 """
 
-import argparse
 import re
 from pathlib import Path
 
 import numpy as np
 
 import twolink as tl
+from scripts.runner import options
 
 E = tl.effects
 UP = np.array([np.pi / 2, 0.0])
@@ -77,9 +77,7 @@ def planned() -> np.ndarray:
 
 def main() -> None:
     """Write the scene."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("path", type=Path)
-    target = parser.parse_args().path
+    target = Path(options(__doc__, rest=()).rest[0])
     every = STEPS // KNOTS
     times, torques = np.linspace(0.0, TIME, STEPS + 1)[::every], planned()[::every]
     table = E.Sampled(tuple(times.round(9).tolist()), tuple(torques.round(6).tolist()), interpolation="cubic",

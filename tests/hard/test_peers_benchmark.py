@@ -62,7 +62,7 @@ def test_the_summary_says_what_is_met(capsys: pytest.CaptureFixture[str]) -> Non
     print_scene([*peers, entry("twolink", 1e-7, 0.02), entry("twolink, verified", 1e-7, 0.05)], doubt=1e-17)
     lines = capsys.readouterr().out.splitlines()
     verdicts = {line.split()[0]: line for line in lines if line.strip().startswith("1e-")}
-    assert verdicts["1e-03"].endswith("25.0x  20x met")
-    assert verdicts["1e-06"].endswith("50.0x  40x met")
+    assert verdicts["1e-03"].endswith("25.0 20x met")
+    assert verdicts["1e-06"].endswith("50.0 40x met")
     assert verdicts["1e-09"].endswith("50x missed")
     assert lines[-1].endswith("1e-03 2.50; bar 3x met")

@@ -7,7 +7,7 @@ incline   a ball or a block that slides along a plane until it rolls, rests, or 
 
 import functools
 import math
-from dataclasses import dataclass
+from typing import Any
 
 import mpmath as mp
 import numpy as np
@@ -20,12 +20,7 @@ from twolink import effects as fx
 DIGITS = 40
 
 
-@dataclass
-class _Ball:
-    radius: mp.mpf
-    mass: mp.mpf
-    x: list[mp.mpf]
-    v: list[mp.mpf]
+in_digits = np.vectorize(lambda x: mp.mpf(float(x)), otypes=[object])
 
 
 def billiard(random: np.random.Generator) -> Case:
@@ -55,41 +50,32 @@ def billiard(random: np.random.Generator) -> Case:
 def _billiard(places: np.ndarray, speeds: np.ndarray, radii: list[float], masses: list[float], e: float, g: float,
               times: np.ndarray) -> np.ndarray:  # fmt: skip
     with mp.workdps(DIGITS):
-        balls = [_Ball(mp.mpf(r), mp.mpf(m), [mp.mpf(float(a)) for a in x], [mp.mpf(float(a)) for a in v])
-                 for r, m, x, v in zip(radii, masses, places, speeds, strict=True)]  # fmt: skip
-        pull, t, out = [mp.mpf(0), mp.mpf(0), -mp.mpf(g)], mp.mpf(0), []
-        wait, hit = _next_impact(balls, pull)
+        x, v, radii, masses = map(in_digits, (places, speeds, radii, masses))
+        pull, t, out = in_digits([0.0, 0.0, -g]), mp.mpf(0), []
+        wait, hit = _next_impact(x, v, radii, pull)
         for time in times:
             while t + wait <= time:
-                _move(balls, pull, wait)
-                t += wait
-                _bounce(balls, hit, mp.mpf(e))
-                wait, hit = _next_impact(balls, pull)
+                x, v, t = x + v * wait + pull * wait**2 / 2, v + pull * wait, t + wait
+                _bounce(x, v, masses, hit, mp.mpf(e))
+                wait, hit = _next_impact(x, v, radii, pull)
             later = mp.mpf(float(time)) - t
-            out.append([float(x + v * later + a * later**2 / 2) for ball in balls
-                        for x, v, a in zip(ball.x, ball.v, pull, strict=True)])  # fmt: skip
+            out.append((x + v * later + pull * later**2 / 2).ravel().astype(float))
     return np.array(out)
 
 
-def _next_impact(balls: list[_Ball], pull: list[mp.mpf]) -> tuple[mp.mpf, tuple[int, int]]:
+def _next_impact(x: np.ndarray, v: np.ndarray, radii: np.ndarray, pull: np.ndarray) -> tuple[mp.mpf, tuple[int, int]]:
     """How long until the next impact, and of what: (ball, ball), or (ball, -1 - axis)."""
-    best, what = mp.inf, (0, 0)
-    for i, ball in enumerate(balls):
+    found = []
+    for i, radius in enumerate(radii):
         for axis in range(3):
             for side in (1, -1):
-                gap, rate, a = 1 - side * ball.x[axis] - ball.radius, -side * ball.v[axis], -side * pull[axis]
-                when = _falls_to_zero(a / 2, rate, gap)
-                if when < best:
-                    best, what = when, (i, -1 - axis)
+                wait = _falls_to_zero(-side * pull[axis] / 2, -side * v[i, axis], 1 - side * x[i, axis] - radius)
+                found.append((wait, (i, -1 - axis)))
         for k in range(i):
-            other = balls[k]
-            x = [p - q for p, q in zip(ball.x, other.x, strict=True)]
-            v = [p - q for p, q in zip(ball.v, other.v, strict=True)]
-            when = _falls_to_zero(sum(b * b for b in v), 2 * sum(p * b for p, b in zip(x, v, strict=True)),
-                                  sum(p * p for p in x) - (ball.radius + other.radius) ** 2)  # fmt: skip
-            if when < best:
-                best, what = when, (i, k)
-    return best, what
+            line, rate = x[i] - x[k], v[i] - v[k]
+            wait = _falls_to_zero(rate @ rate, 2 * (line @ rate), line @ line - (radius + radii[k]) ** 2)
+            found.append((wait, (i, k)))
+    return min(found, key=lambda one: one[0])
 
 
 def _falls_to_zero(a: mp.mpf, b: mp.mpf, c: mp.mpf) -> mp.mpf:
@@ -102,25 +88,15 @@ def _falls_to_zero(a: mp.mpf, b: mp.mpf, c: mp.mpf) -> mp.mpf:
     return 2 * c / (-b + mp.sqrt(square))
 
 
-def _move(balls: list[_Ball], pull: list[mp.mpf], t: mp.mpf) -> None:
-    for ball in balls:
-        ball.x = [x + v * t + a * t * t / 2 for x, v, a in zip(ball.x, ball.v, pull, strict=True)]
-        ball.v = [v + a * t for v, a in zip(ball.v, pull, strict=True)]
-
-
-def _bounce(balls: list[_Ball], hit: tuple[int, int], e: mp.mpf) -> None:
-    ball, k = balls[hit[0]], hit[1]
+def _bounce(x: np.ndarray, v: np.ndarray, masses: np.ndarray, hit: tuple[int, int], e: mp.mpf) -> None:
+    i, k = hit
     if k < 0:
-        ball.v[-1 - k] *= -e
+        v[i, -1 - k] *= -e
         return
-    other = balls[k]
-    line = [p - q for p, q in zip(ball.x, other.x, strict=True)]
-    length = mp.sqrt(sum(x * x for x in line))
-    n = [x / length for x in line]
-    rate = sum((p - q) * x for p, q, x in zip(ball.v, other.v, n, strict=True))
-    push = -(1 + e) * rate / (1 / ball.mass + 1 / other.mass)
-    ball.v = [v + push / ball.mass * x for v, x in zip(ball.v, n, strict=True)]
-    other.v = [v - push / other.mass * x for v, x in zip(other.v, n, strict=True)]
+    line = x[i] - x[k]
+    n = line / mp.sqrt(line @ line)
+    push = -(1 + e) * ((v[i] - v[k]) @ n) / (1 / masses[i] + 1 / masses[k])
+    v[i], v[k] = v[i] + push / masses[i] * n, v[k] - push / masses[k] * n
 
 
 def spin(random: np.random.Generator) -> Case:
@@ -138,45 +114,38 @@ def spin(random: np.random.Generator) -> Case:
     return Case(f"ball, mu = {mu}, e = {e}", scene, duration, accuracy_of(random), functools.partial(_spin, start))
 
 
-def _spin(start: tuple, times: np.ndarray) -> np.ndarray:
+def _spin(start: tuple[Any, ...], times: np.ndarray) -> np.ndarray:
     """Flights and impulses; then sliding against the slip, whose direction stays, and rolling."""
     with mp.workdps(DIGITS):
-        radius, height, speed, turning, mass, moment, mu, e, g = start
-        r, mu, e, g, mass, moment = (mp.mpf(float(x)) for x in (radius, mu, e, g, mass, moment))
-        x, v = [mp.mpf(0), mp.mpf(0), mp.mpf(height) - r], [mp.mpf(float(a)) for a in speed]
-        w, t, out = [mp.mpf(float(a)) for a in turning], mp.mpf(0), []
+        r, height, v, w, mass, moment, mu, e, g = map(in_digits, start)
+        x, t, out = in_digits([0.0, 0.0, 0.0]), mp.mpf(0), []
+        x[2] = height - r
         resting, gain = False, 1 / mass + r * r / moment
 
-        def slip() -> tuple[list[mp.mpf], mp.mpf]:
-            s = [v[0] - r * w[1], v[1] + r * w[0]]
-            return s, mp.sqrt(s[0] ** 2 + s[1] ** 2)
+        def slip() -> tuple[np.ndarray, mp.mpf]:
+            """Its direction and size."""
+            s = v[:2] + r * np.array([-w[1], w[0]])
+            size = mp.sqrt(s @ s)
+            return s / size if size else 0 * s, size
 
-        def push(p: list[mp.mpf]) -> None:
-            v[0], v[1] = v[0] + p[0] / mass, v[1] + p[1] / mass
-            w[0], w[1] = w[0] + r * p[1] / moment, w[1] - r * p[0] / moment
-
-        for time in times:
-            time = mp.mpf(float(time))
+        for time in in_digits(times):
             while not resting:
                 wait = (v[2] + mp.sqrt(v[2] ** 2 + 2 * g * x[2])) / g
                 if t + wait > time:
                     break
-                x, v[2], t = [x[0] + v[0] * wait, x[1] + v[1] * wait, mp.mpf(0)], v[2] - g * wait, t + wait
-                normal = mass * (1 + e) * -v[2]
-                s, size = slip()
-                most = min(mu * normal, size / gain)
-                push([-most * a / size for a in s] if size else [mp.mpf(0)] * 2)
+                x[:2], x[2], v[2], t = x[:2] + v[:2] * wait, mp.mpf(0), v[2] - g * wait, t + wait
+                unit, size = slip()
+                push = -min(mu * mass * (1 + e) * -v[2], size / gain) * unit
+                v[:2], w[:2] = v[:2] + push / mass, w[:2] + r / moment * np.array([push[1], -push[0]])
                 v[2] *= -e
                 resting = v[2] < mp.mpf(10) ** -25
-            later = time - t
-            if not resting:
-                out.append([x[0] + v[0] * later, x[1] + v[1] * later, x[2] + v[2] * later - g * later**2 / 2 + r])
-                continue
-            s, size = slip()
-            slides = min(later, size / (mu * g * mass * gain)) if mu else later
-            unit = [a / size if size else mp.mpf(0) for a in s]
-            out.append([*(x[k] + v[k] * later - mu * g * unit[k] * (slides**2 / 2 + slides * (later - slides))
-                          for k in range(2)), r])  # fmt: skip
+            later, (unit, size) = time - t, slip()
+            if resting:
+                slides = min(later, size / (mu * g * mass * gain)) if mu else later
+                lost = mu * g * (slides**2 / 2 + slides * (later - slides))
+                out.append([*(x[:2] + v[:2] * later - lost * unit), r])
+            else:
+                out.append([*(x[:2] + v[:2] * later), x[2] + v[2] * later - g * later**2 / 2 + r])
         return np.array(out, dtype=float)
 
 
