@@ -29,12 +29,13 @@ import numpy as np
 import uvloop
 
 import twolink as tl
-from scripts.runner import Table, options, print_bars, seconds_of
+from scripts.runner import TOP, Table, options, print_bars, seconds_of
 
 BODY = b'{"q": [0.1, 0.2], "v": [0.3, 0.4], "tau": [1.0, 0.0]}'
 PATH = "/v1/robots/two_link/forward-dynamics"
 CONNECTIONS = (1, 16, 64)
 MIN_RATIO, MAX_P99, MIN_STATES, MAX_GROWTH = 0.35, 5.0, 1e6, 0.02  # p99 in ms
+BARE = ["-c", "from scripts.benchmarks.service import serve_bare; serve_bare()"]
 SERVE = ["-m", "twolink", "serve", "--port", "0", "--log", "off", "--data"]
 
 
@@ -68,7 +69,7 @@ def serve_bare() -> None:
 def server(command: list[str], core: int | None = None) -> Iterator[tuple[int, int]]:
     """A server process while it is needed, on one of the cores if `core` is its number: its port and process id."""
     pinned = [] if core is None else ["taskset", "-c", str(core)]
-    process = subprocess.Popen([*pinned, sys.executable, *command], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*pinned, sys.executable, *command], stdout=subprocess.PIPE, text=True, cwd=TOP)
     try:
         line = process.stdout.readline() if process.stdout else ""
         address = re.search(r"http://[\d.]+:(\d+)/", line)
@@ -125,8 +126,7 @@ def single_states(seconds: float, rounds: int, data: str) -> Table:
     table = Table(f"connections >11 | {each.format('bare')} | {each.format('service')} | ratio >6.2f")
     cores = sorted(os.sched_getaffinity(0))
     os.sched_setaffinity(0, cores[-1:])  # the load is not where the servers are
-    bare_command = ["-c", "from scripts.benchmarks.service import serve_bare; serve_bare()"]
-    with server(bare_command, cores[0]) as bare_server, server([*SERVE, data], cores[0]) as service:
+    with server(BARE, cores[0]) as bare_server, server([*SERVE, data], cores[0]) as service:
         load(service, 16, 3.0)  # loads the robot; worker processes start meanwhile
         for connections in CONNECTIONS:
             pairs = [[load(one, connections, seconds) for one in (bare_server, service)] for _ in range(rounds)]

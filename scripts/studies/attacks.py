@@ -9,7 +9,6 @@ the proportional share (PSS) of the service and its worker processes. Exit code 
 under 100 ms and always answered, memory under 2 GB, no answer 500, and all well afterwards.
 """
 
-import asyncio
 import contextlib
 import http.client
 import multiprocessing
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.benchmarks.service import BARE, server
 from scripts.runner import Bars, Some, options, print_bars
 from tests.service.attacks import ATTACKS, Target, prepare, rounds
 from tests.service.serving import Served, serving
@@ -80,14 +80,11 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
     """Start a service, attack it, and measure."""
     figures = Figures()
     prepare()
-    with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served:
+    with tempfile.TemporaryDirectory() as folder, serving(Path(folder) / "data") as served, server(BARE) as (bare, _):
         port = int(served.url.rpartition(":")[2])
         _ask(port, "/v1/robots/panda/bias", b'{"q": [0,0,0,0,0,0,0,0,0]}')  # both robots are loaded
         _ask(port, "/v1/robots/two_link/bias", b'{"q": [0,0]}')
         queue = _fork.SimpleQueue()
-        bare = _fork.Process(target=_bare_server, args=(queue,), daemon=True)
-        bare.start()
-        bare_port = int(queue.get())
         end = time.monotonic() + seconds
         attackers = [
             _fork.Process(target=_attacker, args=(name, Target(port, f"127.0.1.{i}", end), queue), daemon=True)
@@ -95,7 +92,7 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
         ]
         watches = [
             threading.Thread(target=_watch_memory, args=(figures, served, end)),
-            threading.Thread(target=_watch_latency, args=(figures, (port, bare_port), end)),
+            threading.Thread(target=_watch_latency, args=(figures, (port, bare), end)),
         ]
         for one in (*attackers, *watches):
             one.start()
@@ -104,7 +101,6 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
             figures.outcomes[name] = Counter(counts)
         for one in (*attackers, *watches):
             one.join()
-        bare.kill()
         figures.healthy = _works(served, port)
     return figures
 
@@ -139,22 +135,6 @@ def _works(served: Served, port: int) -> bool:
     except OSError:
         return False
     return served.process.poll() is None and answers == [200, 200] and "unexpected" not in served.log
-
-
-def _bare_server(queue: "multiprocessing.SimpleQueue[int]") -> None:
-    """A server that answers every request at once; its port goes to the queue."""
-
-    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(asyncio.IncompleteReadError):  # the client has gone
-            while await reader.readuntil(b"\r\n\r\n"):
-                writer.write(b"HTTP/1.1 200 OK\r\ncontent-length: 2\r\n\r\nok")
-
-    async def serve() -> None:
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        queue.put(server.sockets[0].getsockname()[1])
-        await server.serve_forever()
-
-    asyncio.run(serve())
 
 
 def _watch_latency(figures: Figures, ports: tuple[int, int], end: float) -> None:
