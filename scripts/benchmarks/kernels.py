@@ -44,8 +44,7 @@ print(json.dumps([robot.nv, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss /
 
 def certify(names: list[str]) -> None:
     """The table, two processes a robot."""
-    columns = " | ".join(f"{name} >17.1e | {name[:1]} made, s >7.2f | {name[:1]} read, s >7.3f" for name in FUNCTIONS)
-    table = Table(f"robot <28 | nv >4 | MB >6.0f | {columns}")
+    table = Table("robot <28 | nv >4 | MB >5.0f | query <16 | made, s >8.2f | read, s >8.3f | error >8.1e")
     for name in names:
         with tempfile.TemporaryDirectory() as cache:
             done = [new_process(CODE, name, cache=cache) for _ in range(2)]
@@ -53,10 +52,9 @@ def certify(names: list[str]) -> None:
             print(f"{name:<28} refused: {done[0].stderr.strip().splitlines()[-1]}"[:160])
             continue
         (nv, memory, made), (_, _, read) = (json.loads(one.stdout) for one in done)
-        cells = [cell for (cold, worst), (warm, _) in zip(made, read, strict=True) for cell in (worst, cold, warm)]
-        if nv:
-            table.add(name, nv, memory, *cells)
-    worst = max((max(row[3::3]) for row in table.rows), default=0.0)
+        for query, (cold, worst), (warm, _) in zip(FUNCTIONS, made, read, strict=True) if nv else ():
+            table.add(name, nv, memory, query, cold, warm, worst)
+    worst = max((row[-1] for row in table.rows), default=0.0)
     print(f"\nworst error {worst:.1e}")
 
 

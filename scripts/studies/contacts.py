@@ -18,7 +18,6 @@ import itertools
 import time
 import traceback
 from dataclasses import dataclass, replace
-from typing import Any
 
 import coal
 import numpy as np
@@ -134,24 +133,19 @@ def broken_law(one: Case, run: tl.Trajectory) -> str:
 
 def lowest_distance(robot: tl.Robot, pairs: tuple[Pair, ...], q: np.ndarray) -> float:
     """Coal's smallest distance of any pair at configurations q (n, nq); negative where bodies overlap."""
-    solids = list(dict.fromkeys(s for pair in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)))
-    geometry = collision_model(robot.model, solids)
-    data, places = robot.model.createData(), geometry.createData()
-    shapes = {solid: item.geometry for solid, item in zip(solids, geometry.geometryObjects, strict=True)}
-    half = {plane: coal.Halfspace(np.array(plane.normal) / np.linalg.norm(plane.normal), plane.height)
-            for pair in pairs for plane in (pair.second,) if isinstance(plane, Plane)}  # fmt: skip
-    lowest = np.inf
+    bodies = list(dict.fromkeys(body for pair in pairs for body in (pair.first, pair.second)))
+    solids = [body for body in bodies if isinstance(body, Solid)]
+    geometry, numbers = collision_model(robot.model, solids), {solid: k for k, solid in enumerate(solids)}
+    for plane in (body for body in bodies if isinstance(body, Plane)):
+        half = coal.Halfspace(np.array(plane.normal) / np.linalg.norm(plane.normal), plane.height)
+        ground = pin.GeometryObject(f"plane {len(numbers)}", 0, pin.SE3.Identity(), half)
+        numbers[plane] = geometry.addGeometryObject(ground)
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(numbers[pair.first], numbers[pair.second]))
+    data, places, lowest = robot.model.createData(), geometry.createData(), np.inf
     for state in q:
-        pin.updateGeometryPlacements(robot.model, data, geometry, places, state)
-        at: dict[Any, Any] = {
-            s: coal.Transform3s(m.rotation, m.translation) for s, m in zip(solids, places.oMg, strict=True)
-        }
-        for pair in pairs:
-            second = pair.second
-            shape, place = (half[second], coal.Transform3s.Identity()) if isinstance(second, Plane) else (
-                shapes[second], at[second])  # fmt: skip
-            lowest = min(lowest, coal.distance(shapes[pair.first], at[pair.first], shape, place, coal.DistanceRequest(),
-                                               coal.DistanceResult()))  # fmt: skip
+        pin.computeDistances(robot.model, data, geometry, places, state)
+        lowest = min(lowest, *(result.min_distance for result in places.distanceResults))
     return float(lowest)
 
 
