@@ -69,16 +69,16 @@ def serve_bare() -> None:
 def server(command: list[str], core: int | None = None) -> Iterator[tuple[int, int]]:
     """A server process while it is needed, on one of the cores if `core` is its number: its port and process id."""
     pinned = [] if core is None else ["taskset", "-c", str(core)]
-    process = subprocess.Popen([*pinned, sys.executable, *command], stdout=subprocess.PIPE, text=True, cwd=TOP)
-    try:
-        line = process.stdout.readline() if process.stdout else ""
-        address = re.search(r"http://[\d.]+:(\d+)/", line)
-        if address is None:
-            raise SystemExit(f"the server did not start: {line!r}")
-        yield int(address.group(1)), process.pid
-    finally:
-        process.terminate()
-        process.wait(20)
+    command = [*pinned, sys.executable, *command]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=TOP) as process:
+        try:
+            line = process.stdout.readline() if process.stdout else ""
+            address = re.search(r"http://[\d.]+:(\d+)/", line)
+            if address is None:
+                raise SystemExit(f"the server did not start: {line!r}")
+            yield int(address.group(1)), process.pid
+        finally:
+            process.terminate()
 
 
 async def _requests(port: int, connections: int, seconds: float, requests: int) -> list[float]:
