@@ -1,17 +1,18 @@
 """Error bars hold on random scenes: smooth ones against Taylor series of 19 digits, others against closed forms.
 
-scripts/honest_bars.py is the study over all kinds of scenes; here are some of its scenes, and how it keeps its rows.
+scripts/studies/error_bars.py is the study over all kinds of scenes; here are some of them, and how it keeps its rows.
 """
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from honest_bars import SAMPLES, Row, check, print_bars, print_table, read_rows, study
-from honest_scenes import KINDS, WORLDS
-from random_robots import random_scene
 
 import twolink as tl
+from scripts.runner import collect, print_bars, read_rows
+from scripts.studies.error_bars import SAMPLES, Row, check, show
+from scripts.studies.scenes.exact import KINDS, WORLDS
+from scripts.studies.scenes.robots import random_scene
 from twolink.errors import AccuracyError
 from twolink.hard.extended_precision import extended_reference
 from twolink.hard.truths import distance
@@ -47,35 +48,33 @@ def test_bars_of_random_scenes_hold(number: int) -> None:
     assert row.samples == (WORLDS if row.kind == "worlds" else SAMPLES)
 
 
-def test_the_study_goes_on_where_it_was_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_study_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
     path, checked = tmp_path / "rows.csv", []
 
-    def checks_until(last: int) -> None:
-        def one(number: int, seed: int) -> Row:
+    def rows_until(last: int) -> list[Row]:
+        def one(number: int) -> list[Row]:
             if number == last:
                 raise KeyboardInterrupt
             checked.append(number)
-            return Row(number, KINDS[number], "a, b", "taylor", 1e-6, "kept", 60, seed, 0.5, total_seconds=0.1)
+            return [Row(number, KINDS[number], "a, b", "taylor", 1e-6, "kept", 60, 1, 0.5, total_seconds=0.1)]
 
-        monkeypatch.setattr("honest_bars.check", one)
+        return collect(path, Row, range(5), one)
 
-    checks_until(3)
     with pytest.raises(KeyboardInterrupt):
-        study(5, 1, path)
+        rows_until(3)
     with path.open("a") as file:
         file.write("3,long,half a ro")
-    checks_until(9)
-    rows = study(5, 1, path)
+    rows = rows_until(9)
     assert checked == [0, 1, 2, 3, 4]
     assert [row.scene for row in rows] == [0, 1, 2, 3, 4]
-    assert rows == read_rows(path)
+    assert rows == read_rows(path, Row)
     assert all(row.fails for row in rows)
-    assert not print_bars(rows)
+    assert not print_bars(show(rows))
 
 
 @pytest.mark.slow
 def test_error_bars_of_many_random_scenes(tmp_path: Path) -> None:
     """Two scenes more of each kind than a block has, so that two blocks of robots are tried."""
-    rows = study(64, 1, tmp_path / "rows.csv")
-    print_table(rows)
+    rows = collect(tmp_path / "rows.csv", Row, range(64), lambda number: [check(number, 1)])
+    show(rows)
     assert not [row for row in rows if row.fails]

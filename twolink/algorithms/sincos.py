@@ -3,7 +3,7 @@
 x = k pi + r with |r| <= pi / 2, then sin x = (-1)^k sin r and cos x = (-1)^k cos r, by two polynomials in r^2 that
 share the reduction. Nothing branches and nothing is looked up, so a compiler keeps whole vectors of states in
 registers; calls of a library's sine and cosine would interrupt them twice an angle. Measured against heyoka's (with
-SLEEF) by `scripts/bench_queries.py --sine`, forward dynamics of columns of states on one thread: arm 3.8 ns a state
+SLEEF) by `scripts.benchmarks.kernels --sine`, forward dynamics of columns of states on one thread: arm 3.8 ns a state
 against 5.7 ns (50 % slower), Panda 35 ns against 39 to 42 ns (12 to 17 % slower).
 
 k is rounded by adding and subtracting 1.5 * 2^52, where neighbouring doubles are 1 apart. k pi is subtracted in three

@@ -18,7 +18,7 @@ REPEATS = 10  # calls
 PATIENCE = 2.0  # s
 
 # Seconds that Pinocchio takes for a state of a batch, (constant, for each of nv), and that tracing, compiling and
-# certifying take, (constant, for each of nv^2). Rounded from `scripts/bench_queries.py --engines` on two cores, for
+# certifying take, (constant, for each of nv^2). Rounded from `scripts.benchmarks.kernels --engines` on two cores, for
 # the arm, UR5, Panda, ANYmal, Talos and chains of 2 to 30 links. For example: UR5 forward dynamics 0.13 s, 1.2e-6 s;
 # Panda mass matrix 0.10 s, 2.7e-6 s; ANYmal bias 0.27 s, 3.2e-6 s, derivatives of forward dynamics 3.4 s, 3.4e-5 s.
 _STATE = {

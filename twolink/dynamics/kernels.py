@@ -32,7 +32,7 @@ WIDE_CHUNK_BYTES = 2**20  # of a function of more than STREAMS numbers, whose ro
 KEPT_BYTES = 2**25  # of buffers
 STREAMS = 48  # rows of a large batch that a core can follow at once: with more of them, chunks are faster
 LANES = 16  # chunks are multiples of it, as of every vector length that is compiled
-THREADS_FROM = 1_000_000  # operations in a call from which heyoka's threads pay (scripts/bench_queries.py)
+THREADS_FROM = 1_000_000  # operations in a call from which heyoka's threads pay (scripts/benchmarks/queries.py)
 SHARED_FROM = 4_000_000  # operations in a batch from which threads that share its chunks pay
 SINE = 20  # operations of our sine or cosine
 SMALL = 200  # operations of a kernel that is small
@@ -239,7 +239,7 @@ def build(model: pin.Model, function: Function, parameters: Sequence[str] = ()) 
     inputs = [x for values in arguments.values() for x in values] + list(constants.values())
     outputs.append(_guard(module, model, inputs, outputs, list(traced.reach.values()), variables))
     # The instructions of a small kernel wait for each other's results: two vectors at a time use the waiting time. A
-    # large kernel would run out of registers (scripts/bench_queries.py).
+    # large kernel would run out of registers (scripts/benchmarks/queries.py).
     options = {"batch_size": 2 * module.recommended_simd_size()} if _work(counts[variant]) <= SMALL else {}
     compiled = module.cfunc(outputs, vars=variables, **options)
     sizes = (*(size for _, size in function.arguments), *(1 for _ in parameters))

@@ -27,7 +27,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 PARALLEL_FROM = 64
 """States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves
-(scripts/bench_queries.py). The choice depends on nothing else, since the parallel loops round differently."""
+(scripts/benchmarks/queries.py). The choice depends on nothing else, since the parallel loops round differently."""
 
 THREADS_FROM = 10_000
 """States times nv from which these loops use threads: 2 ms of work. OpenMP's threads turn idly for 4 ms after a call,

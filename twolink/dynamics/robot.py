@@ -129,7 +129,7 @@ class Robot(RobotModel):
             if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(q, v, tau)):
                 a: Array = pin.aba(self.model, self.data, q, v, tau)
                 if isfinite(total + sum(a.tolist())):
-                    return a  # as `_answer`, a tenth faster (scripts/bench_overhead.py)
+                    return a  # as `_answer`, a tenth faster (scripts/benchmarks/overhead.py)
             return self._answer("forward_dynamics", engine, q, v, tau)
         if method == "aba" and self._is_compiled("forward_dynamics", engine, q, v, tau):
             return self.compiled().forward_dynamics(q, v, tau, f_ext)

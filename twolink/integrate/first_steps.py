@@ -13,7 +13,7 @@ from twolink.integrate.step_building import Map
 
 QUICK = 0.5  # s: whole steps that compile in less are compiled at once
 SHARE = 0.5  # of the time for whole steps, that parts may take
-# s of an evaluation within a step, and of each world in it, rounded from `scripts/bench_first_answer.py --parts`
+# s of an evaluation within a step, and of each world in it, rounded from `scripts.benchmarks.first_answers --parts`
 EVALUATION, WORLD = 2.5e-5, 6e-7
 LOSS = 2.5e-10  # s of an operation without optimization: in rates of 8,000 to 16,000, alone and in batches
 _spent: dict[str, float] = {}  # s, by the name of the steps, in this process

@@ -120,7 +120,7 @@ def gradient(
     Notes
     -----
     What the motion costs grows with the number of its degrees of freedom, not with that of the parameters; each event
-    adds differences by every parameter. `sensitivities` costs less for few (scripts/bench_sensitivities.py).
+    adds differences by every parameter. `sensitivities` costs less for few (scripts/benchmarks/sensitivities.py).
 
     The error bar comes from second solutions, as that of `sensitivities`. The derivatives are those along the finer
     one.

@@ -1,8 +1,8 @@
 """Running the service with uvicorn.
 
 The service is one process with a pool of computing processes. The process answers small queries; batches, jobs and
-uploads run in the pool. `scripts/bench_service.py` measures how many. Whoever needs more puts several services behind a
-reverse proxy.
+uploads run in the pool. `scripts/benchmarks/service.py` measures how many. Whoever needs more puts several services
+behind a reverse proxy.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Peers: other simulators that solve the same scene, for the hard cases and for scripts/compare_peers.py.
+"""Peers: other simulators that solve the same scene, for the hard cases and for scripts/benchmarks/peers.py.
 
 A PeerTask goes in: a robot, an initial state, times, and those effects that peers have as well. States at the times
 come out. Every peer is a module with the same functions, and takes its model from the numbers of the pin.Model:

@@ -1,0 +1,169 @@
+"""Sensitivities: what they cost beside the motion, and beside heyoka's variational equations and MuJoCo's differences.
+
+Every price is the least processor time of several runs, in turn. `error` is the largest distance to sensitivities that
+were asked for at 1e-11, relative to the largest entry. heyoka's var_ode_sys takes the tolerance that gives no larger an
+error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest. Last,
+the gradient of one number by many parameters: `tl.gradient` beside `tl.sensitivities`.
+
+    python -m scripts.benchmarks.sensitivities [--scenes arm-swing,panda] [--accuracy 1e-6] [--runs 7] [--no-peers]
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+import twolink as tl
+from scripts.runner import FINGERS, once, options, seconds_of
+from twolink.algorithms.mechanism import parameter_names
+from twolink.algorithms.namespaces import Expressions
+from twolink.dynamics.kernels import heyoka
+from twolink.integrate.formulas import traced_rate
+from twolink.integrate.scene_equations import equations_of
+
+SAMPLES = 200  # a second
+COUNTS = (1, 4, 16, 64)  # of parameters
+DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
+cheapest = partial(seconds_of, warm_up=0, clock=time.process_time, pick=min)
+
+
+def scene_of(name: str) -> tl.Scene:
+    """A bundled scene; "panda": the arm alone, falling from a bent posture, which all peers can simulate."""
+    if name != "panda":
+        return tl.load_scene(name)
+    robot = tl.load_robot("panda", lock=FINGERS)
+    return tl.Scene(robot, [0.1, -0.6, 0.2, -2.0, 0.1, 1.5, 0.4], effects=[tl.effects.Gravity()], duration=1.0)
+
+
+def matrix(s: tl.Sensitivities) -> np.ndarray:
+    """d(q, v)/d(q0, v0) at the samples, (n, 2 nv, 2 nv)."""
+    return np.concatenate([np.concatenate([s.q[x], s.v[x]], axis=1) for x in ("q", "v")], axis=2)
+
+
+def distance(s: np.ndarray, exact: np.ndarray) -> float:
+    """The largest error, relative to the largest entry."""
+    return float(np.abs(s - exact).max() / np.abs(exact).max())
+
+
+def by_heyoka(scene: tl.Scene, times: np.ndarray, tolerance: float) -> Callable[[], np.ndarray]:
+    """heyoka's variational equations, compiled; a call solves them."""
+    module, equations = heyoka(), equations_of(scene)
+    size, numbers = equations.moving, equations.start[equations.moving :].tolist()  # which are constant
+    x = np.array([module.expression(f"x{i}") for i in range(size)] + numbers, dtype=object)
+    xp = Expressions(module)
+    rates = [xp.lift(e) for e in traced_rate(equations, module.time, x, xp)[:size]]
+    x = x[:size]
+    system = module.var_ode_sys(list(zip(x, rates, strict=True)), module.var_args.vars, order=1)
+    integrator = module.taylor_adaptive(system, equations.start[:size].tolist(), tol=tolerance, compact_mode=True)
+    start = integrator.state.copy()
+
+    def solve() -> np.ndarray:
+        integrator.time, integrator.state[:] = 0.0, start
+        states = integrator.propagate_grid(times)[-1]
+        return np.asarray(states[:, size:].reshape(-1, size, size))
+
+    return solve
+
+
+def by_mujoco(scene: tl.Scene, times: np.ndarray, step: float) -> Callable[[], np.ndarray]:
+    """Central differences of MuJoCo's runs with RK4."""
+    import mujoco
+
+    from twolink.hard.peers import mujoco_peer
+    from twolink.hard.peers.task import task_of
+
+    model = mujoco_peer.build(task_of(scene, times))
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, step
+    data, nv, each = mujoco.MjData(model), scene.robot.nv, round((times[1] - times[0]) / step)
+    start = np.concatenate([scene.q, scene.v])
+
+    def run(change: np.ndarray) -> np.ndarray:
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:] = np.split(start + change, 2)
+        out = [start + change]
+        for _ in times[1:]:
+            mujoco.mj_step(model, data, each)
+            out.append(np.concatenate([data.qpos, data.qvel]))
+        return np.array(out)
+
+    def solve() -> np.ndarray:
+        columns = [(run(d) - run(-d)) / (2 * DIFFERENCE) for d in DIFFERENCE * np.eye(2 * nv)]
+        return np.stack(columns, axis=2)
+
+    return solve
+
+
+def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
+    """The lines of one scene."""
+    scene = scene_of(name)
+    exact = matrix(tl.sensitivities(scene, ["q", "v"], None, 1e-11))
+    differentiate = partial(tl.sensitivities, scene, ["q", "v"], None, accuracy)
+    first, s = once(differentiate)
+    ours, motion = cheapest(differentiate, partial(tl.simulate, scene, None, accuracy), rounds=runs)
+    print(f"{name}, accuracy {accuracy:g}: motion {motion * 1e3:.2f} ms ({s.run.cost.method})")
+
+    def line(who: str, price: float, error: float, more: str) -> None:
+        print(f"  {who:<8} {price * 1e3:9.2f} ms  {price / motion:7.1f} x the motion  error {error:.1e}, {more}")
+
+    error = distance(matrix(s), exact)
+    bar = max(float(s.error[x][-1]) for x in s.error) / np.abs(exact).max()
+    line("twolink", ours, error, f"bar {bar:.1e}, first answer {first:.2f} s")
+    if not peers:
+        return
+    if equations_of(scene).breaks(scene.duration) or equations_of(scene).has_events:
+        print("  peers differentiate smooth motions only")
+        return
+    times, tolerance, off = s.run.t, 100 * max(accuracy, 1e-14), np.inf
+    while off > error and tolerance > 1e-14:
+        tolerance /= 100
+        built, solve = once(partial(by_heyoka, scene, times, tolerance))
+        off = distance(solve(), exact)
+    line("heyoka", cheapest(solve, rounds=runs)[0], off, f"no bar, compiled in {built:.1f} s")
+    step, off = 5 * float(times[1]), np.inf
+    while off > error and step > 2e-4:
+        step /= 5
+        solve = by_mujoco(scene, times, step)
+        off = distance(solve(), exact)
+    line("MuJoCo", cheapest(solve, rounds=1)[0], off, f"no bar, steps of {step:g} s")
+
+
+def by_many(name: str, accuracy: float, runs: int, counts: tuple[int, ...]) -> None:
+    """The gradient of one number by many parameters: by the adjoint, and along the sensitivities to all of them."""
+    scene = scene_of(name)
+    model = scene.robot.model
+    known = [one for one in parameter_names(model) if not one.endswith((".damping", ".armature"))]
+    print(f"{name}: the gradient of q[0] v[-1] at the end by many parameters, accuracy {accuracy:g}")
+    for count in counts:
+        names = known[: min(count, len(known))]
+
+        def number(run: tl.Trajectory) -> float:
+            return float(run.q[-1, 0] * run.v[-1, -1])
+
+        def forward(names: list[str] = names) -> tuple[np.ndarray, tl.Sensitivities]:
+            s = tl.sensitivities(scene, names, None, accuracy)
+            q, v = s.run.q[-1], s.run.v[-1]
+            return np.array([s.q[x][-1, 0, 0] * v[-1] + q[0] * s.v[x][-1, -1, 0] for x in names]), s
+
+        def adjoint(names: list[str] = names) -> tl.Gradient:
+            return tl.gradient(scene, number, names, None, accuracy)
+
+        (theirs, s), ours = forward(), adjoint()
+        ends = abs(float(s.run.q[-1, 0])) + abs(float(s.run.v[-1, -1]))
+        off = max(abs(ours.by[x][0] - value) / (ours.error[x][0] + ends * s.error[x][-1])
+                  for x, value in zip(names, theirs, strict=True))  # fmt: skip
+        one, many = cheapest(adjoint, forward, rounds=runs)
+        print(f"  {len(names):4d} parameters: adjoint {one * 1e3:8.2f} ms, sensitivities {many * 1e3:8.2f} ms "
+              f"({many / one:.2f} x); they differ by {off:.2g} of their bars")  # fmt: skip
+
+
+def main() -> None:
+    given = options(__doc__, scenes=("arm-swing", "panda"), accuracy=1e-6, runs=7, no_peers=False)
+    for name in given.scenes:
+        compare(name, given.accuracy, given.runs, peers=not given.no_peers)
+    for name in given.scenes:
+        by_many(name, given.accuracy, given.runs, COUNTS)
+
+
+if __name__ == "__main__":
+    main()

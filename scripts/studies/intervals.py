@@ -1,0 +1,114 @@
+"""Do the stated intervals hold? `tl.identify` and `tl.fit` on simulated measurements with noise, again and again.
+
+    python -m scripts.studies.intervals [--scenes 100] [--seed 0] [--first 0] [--cases arm,panda,fit]
+        [--noise 0,1e-5] [--methods weighted]
+
+arm, panda: `tl.identify` from motions that are known exactly and torques with noise; also from positions alone, with a
+noise of 1e-5 rad (an encoder of 19 bits). fit: `tl.fit` of an arm that falls with damping, from 3 s of joint angles
+with a noise of 2e-3 rad. A repetition asks which true values are inside their 95 % intervals. Rows go to
+out/intervals-SEED.csv. Ends 0 if the share of each case is above 95 % less three standard deviations, as of repetitions
+whose intervals hold or fail together.
+"""
+
+import argparse
+import functools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+import twolink as tl
+from scripts.runner import FINGERS, Bars, Some, Table, study
+from twolink.simulation.world_scenes import world_scene
+
+NOISE = {"arm": 0.05, "panda": 0.1}  # N m
+ANGLES = 2e-3  # rad: the noise of those that are fitted
+TRUE = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4, "q.elbow": 0.72}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A repetition of a case. inside: 1 for each true value inside its interval, else 0. seconds: of the processor."""
+
+    repetition: int
+    case: str
+    inside: str
+    seconds: float
+
+
+@functools.cache
+def robot_of(name: str) -> tl.Robot:
+    return tl.load_robot(name, lock=FINGERS if name == "panda" else None)
+
+
+@functools.cache
+def motion(robot: tl.Robot) -> tuple[np.ndarray, ...]:
+    """t, q, v, a of a Fourier series of five harmonics, and the torques."""
+    rng = np.random.default_rng(0)
+    t, k = np.linspace(0, 10.0, 400), 2 * np.pi / 10.0 * np.arange(1, 6)[:, None]
+    sines, cosines = rng.uniform(-0.5, 0.5, (2, 5, robot.nv))
+    q = np.sin(k * t).T @ (sines / k) - np.cos(k * t).T @ (cosines / k)
+    v = np.cos(k * t).T @ sines + np.sin(k * t).T @ cosines
+    a = -np.sin(k * t).T @ (sines * k) + np.cos(k * t).T @ (cosines * k)
+    return t, q, v, a, robot.inverse_dynamics(q, v, a)
+
+
+def identified(name: str, shake: float, method: str, random: np.random.Generator) -> np.ndarray:
+    """Which base parameters are inside their intervals."""
+    robot = robot_of(name)
+    t, q, v, a, tau = motion(robot)
+    noisy = tau + NOISE[name] * random.standard_normal(tau.shape)
+    if shake:
+        found = tl.identify(robot, t, q + shake * random.standard_normal(q.shape), None, noisy, method=method)
+    else:
+        found = tl.identify(robot, t, q, v, noisy, a=a, method=method)
+    return np.abs(found.estimate - found.matrix @ found.selection.nominal) <= found.half_width
+
+
+@functools.cache
+def fall() -> tuple[tl.Scene, np.ndarray, np.ndarray]:
+    """The guess, times, and true joint angles of an arm that falls."""
+    effects = [tl.effects.Gravity(), tl.effects.JointDamping({"shoulder": 0.3, "elbow": 0.2})]
+    robot, times = tl.load_robot("arm"), np.linspace(0.0, 3.0, 151)
+    truth = world_scene(tl.Scene(robot, [1.0, TRUE["q.elbow"]], effects=effects),
+                        {name: value for name, value in TRUE.items() if name != "q.elbow"})  # fmt: skip
+    return tl.Scene(robot, [1.0, 0.7], effects=effects), times, tl.simulate(truth, 3.0, 1e-10).at(times)[0]
+
+
+def fitted(random: np.random.Generator) -> list[bool]:
+    """Which numbers of the scene are inside their intervals."""
+    guess, times, q = fall()
+    found = tl.fit(guess, {"t": times, "q": q + ANGLES * random.standard_normal(q.shape)}, list(TRUE))
+    return [low <= TRUE[name] <= high for name, (low, high) in found.intervals.items()]
+
+
+def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
+    """A repetition of every case, all with the same random numbers."""
+    calls = {f"{name}, {f'positions, {shake:g} rad' if shake else 'q, v, a'}, {method}":
+             functools.partial(identified, name, shake, method) for name in given.cases if name != "fit"
+             for shake in given.noise for method in given.methods}  # fmt: skip
+    if "fit" in given.cases:
+        calls["fit"] = fitted
+    for case, call in calls.items():
+        start = time.process_time()
+        inside = call(np.random.default_rng(number + 1_000_000 * given.seed))
+        yield Row(number, case, "".join("01"[bool(x)] for x in inside), round(time.process_time() - start, 3))
+
+
+def show(rows: list[Row], _given: argparse.Namespace) -> Bars:
+    """The share of intervals that hold, of all values, and of the worst and the best."""
+    bars, table = [], Table("case <40 | runs >5 | values >6 | inside >7.4f | worst >7.3f | best >7.3f | cpu s >7.3f")
+    for case in dict.fromkeys(row.case for row in rows):
+        some = [row for row in rows if row.case == case]
+        inside = np.array([[mark == "1" for mark in row.inside] for row in some])
+        each, share = inside.mean(axis=0), inside.mean()
+        table.add(case, len(some), len(each), share, each.min(), each.max(), np.mean([row.seconds for row in some]))
+        least = 0.95 - 3 * np.sqrt(0.95 * 0.05 / len(some))
+        bars.append((share >= least, f"{case}: {share:.4f} (bar: {least:.4f})"))
+    return bars
+
+
+if __name__ == "__main__":
+    raise SystemExit(study(__doc__, "intervals", Row, rows_of, show, cases=Some((*NOISE, "fit")), noise=(0.0, 1e-5),
+                           methods=("weighted",)))  # fmt: skip
