@@ -5,7 +5,7 @@
 Arms of 2 to 6 joints with stops near the start, restitution 0 to 0.9, damping, dry friction, drives with limits of
 effort. Every answer has passed its certificate of laws. The second way knows no events: Moreau's time stepping over
 Pinocchio's M and h, with impulses of stops and friction by projected Gauss-Seidel, of steps h and h / 2. Where these
-two agree, the answer must agree with them.
+two agree, the answer must agree with them, or with steps 25 times smaller.
 
 agrees; apart: the two steps differ too much to judge (impacts that hinge on less than the steps show); WRONG: the
 steps agree, and the answer is elsewhere; refused: a named error, by code; CRASH: any other error. Rows go to
