@@ -3,9 +3,9 @@
     python -m scripts.benchmarks.verification [--robots 12] [--rounds 5]
 
 Median seconds after warm-up, by the best code, of `simulate` at the same accuracy with and without verification, and of
-the run that is returned without its error bar (alone): its tolerance is smaller where the first one does not do. --robots: of the
-catalogue, evenly. Prints the table, which goes to out/verification.csv, and the bars for verified over alone: median at
-most 2, worst at most 3.
+the run that is returned without its error bar (alone): its tolerance is smaller where the first one does not do.
+--robots: of the catalogue, evenly. Prints the table, which goes to out/verification.csv, and the bars for verified over
+alone: median at most 2, worst at most 3.
 """
 
 import statistics
