@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import twolink as tl
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 
 ARM = {"forearm.mass": 1.9, "effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4, "q.elbow": 0.72}
 
@@ -33,7 +33,7 @@ def coverage(repetitions: int, noise: float) -> None:
     effects = [tl.effects.Gravity(), tl.effects.JointDamping({"shoulder": 0.3, "elbow": 0.2})]
     robot, times = tl.load_robot("arm"), np.linspace(0.0, 3.0, 151)
     guess = tl.Scene(robot, [1.0, 0.7], effects=effects)
-    truth = world_scene(tl.Scene(robot, [1.0, ARM["q.elbow"]], effects=effects),
+    truth = scene_with(tl.Scene(robot, [1.0, ARM["q.elbow"]], effects=effects),
                         {name: value for name, value in ARM.items() if name != "q.elbow"})  # fmt: skip
     q, _ = tl.simulate(truth, 3.0, 1e-10).at(times)
     inside, start = [], time.process_time()
@@ -49,7 +49,7 @@ def plain(title: str, scene: tl.Scene, true: Mapping[str, float], change: Callab
           names: list[str], duration: float) -> None:  # fmt: skip
     """A plain fit of two numbers that `change` sets in a model, beside ours of `names`."""
     times = np.linspace(0.0, duration, int(50 * duration) + 1)
-    q, _ = tl.simulate(world_scene(scene, true), duration, 1e-9).at(times)
+    q, _ = tl.simulate(scene_with(scene, true), duration, 1e-9).at(times)
     measured = noisy(q, 1e-3, 0)
 
     def residuals(x: np.ndarray) -> np.ndarray:

@@ -89,7 +89,8 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
     chosen = dict(parameters or {})
     values = nominal_values(model)
     for name, value in chosen.items():
-        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
+        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
+                      code="unknown-parameter")  # fmt: skip
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     bodies, joints = body_names(model), range(1, model.njoints)
     return Mechanism(
@@ -119,7 +120,8 @@ def parameter_names(model: pin.Model) -> tuple[str, ...]:
 def nominal(model: pin.Model, name: str) -> float:
     """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
     values = nominal_values(model)
-    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
+    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
+                      code="unknown-parameter")  # fmt: skip
     return values[name]
 
 

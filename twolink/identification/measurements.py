@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
-from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import QueryError
 from twolink.identification.differentiation import SMALLEST, rate, smooth
+from twolink.io.joint_columns import read_columns
 from twolink.io.tables import read_table
 from twolink.robots.joint_layout import turns
 
@@ -182,19 +182,11 @@ def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:
 
 def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str) -> dict[str, Any]:
     """The same from columns by name; `where` they are from, for messages."""
-    out: dict[str, Any] = {"t": content.get("t"), "v": None, "a": None}
+    out: dict[str, Any] = {"t": content.get("t")}
     for name in ("q", "v", "a", "tau"):
-        if name in content:
-            out[name] = np.asarray(content[name])
-            continue
-        size = robot.nq if name == "q" else robot.nv
-        numbered, by_joint = [f"{name}{i}" for i in range(size)], [c for c, _ in joint_columns(robot.joints, name)]
-        wanted = numbered if numbered[0] in content else by_joint
-        missing = [column for column in wanted if column not in content]
-        if not missing:
-            out[name] = np.column_stack([content[column] for column in wanted])
-        elif name in ("q", "tau") or len(missing) < len(wanted):
-            raise _missing(where, missing[0], list(content))
+        out[name], lacking = read_columns(content, robot.joints, name)
+        if lacking and (name in ("q", "tau") or len(lacking) < robot.nv):
+            raise _missing(where, lacking[0], list(content))
     if out["t"] is None:
         raise _missing(where, "t", list(content))
     return out

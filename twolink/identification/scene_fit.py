@@ -74,8 +74,10 @@ def fit(
 
     Raises
     ------
+    SceneError
+        A name is unknown (code "unknown-parameter"), or there are no derivatives by it (code "sensitivity-undefined").
     QueryError
-        For arguments that do not fit; codes "unknown-parameter", "mixed-parameters", "column-missing", "times",
+        For arguments that do not fit; codes "mixed-parameters", "column-missing", "times",
         "too-few-samples", "constant-data", "units", "nothing-identifiable".
     AccuracyError
         The scene's own motion cannot be simulated, or its sensitivities do not exist.

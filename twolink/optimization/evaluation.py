@@ -1,7 +1,7 @@
 """One evaluation: objective and constraints at values of the variables, with their derivatives.
 
-The derivatives come from the sensitivities of the one run (`neighbours`). Where there are none - a number that they do
-not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
+The derivatives come from the sensitivities of the one run (`run_variation`). Where there are none - a number that they
+do not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
 stand in, and the evaluation says so.
 """
 
@@ -14,15 +14,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.optimization.neighbours import Neighbours, NotFollowedError
 from twolink.optimization.objectives import Objective, value_of
-from twolink.optimization.variables import Variables, derivative_of
+from twolink.optimization.run_variation import NotFollowedError, variation_by
+from twolink.optimization.variables import Variables
 from twolink.scenes import Scene
+from twolink.scenes.parameters import named_parameters
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.trajectory import Trajectory
 
+LARGEST = 1e-3  # of the distance of the bounds: the largest change of a variable along a run
 STEP = 1e-4  # of the distance of the bounds: of differences of runs
 FAILURES = 3  # motions without derivatives, after which these are not tried any more
 SHARPER = 1e-3  # of the accuracy: of a second try to tell the events of a motion apart
@@ -68,8 +70,8 @@ class Evaluator:
             self.by_runs = dict.fromkeys(self.variables.names, "asked for")
         for name in self.variables.names if not self.by_runs else ():
             try:
-                neighbours = wanted_of(self.variables.scene, [derivative_of(self.variables.scene, name)[0]]).neighbours
-                if set(neighbours.constants) - {name} or neighbours.has_friction:
+                variation = wanted_of(self.variables.scene, [name]).variation
+                if set(variation.constants) - {name} or variation.has_friction:
                     self.by_runs[name] = "energy and torques change with it, besides the motion"
             except SceneError as error:
                 self.by_runs[name] = error.what
@@ -104,19 +106,19 @@ class Evaluator:
         finer: times as accurate, and with twice the samples above 1. Where derivatives need a more accurate run to
         tell its events apart, that is it. Raises TwolinkError where there are none.
         """
-        wrt, samples = list(dict.fromkeys(derivative_of(scene, name)[0] for name in names)), self._samples(finer)
         for accuracy in (self.accuracy / finer, self.accuracy / finer * SHARPER):
             self.simulations += 1
             try:
-                s = sensitivities(scene, wrt, self.duration, accuracy, samples=samples)
+                s = sensitivities(scene, names, self.duration, accuracy, samples=self._samples(finer))
                 break
             except AccuracyError as error:
                 if error.code != "sensitivity-undefined" or accuracy < self.accuracy / finer:
                     raise
         _require_whole(s.run)
-        widths = dict(zip(self.variables.names, self.variables.width.tolist(), strict=True))
         functions = list(self.functions.values())
-        return s.run, {name: Neighbours(s, scene, name, widths[name]).derivative(functions) for name in names}
+        largest = dict(zip(self.variables.names, LARGEST * self.variables.width, strict=True))
+        return s.run, {parameter.name: variation_by(s, scene, parameter).derivative(functions, largest[parameter.name])
+                       for parameter in named_parameters(scene, names, "wrt")}  # fmt: skip
 
     def run(self, scene: Scene, finer: float = 1.0, *, verify: bool = False) -> Trajectory:
         """A run. finer: as in `along`."""

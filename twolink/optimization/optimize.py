@@ -78,7 +78,7 @@ def optimize(
     Raises
     ------
     SceneError
-        An argument does not fit: codes "unknown-variable", "bounds", "objective", "unknown-objective",
+        An argument does not fit: codes "unknown-parameter", "bounds", "objective", "unknown-objective",
         "another-search".
     AccuracyError
         No start can be simulated.

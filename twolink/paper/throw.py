@@ -24,8 +24,8 @@ from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
 from twolink.optimization.optimize import optimize
 from twolink.optimization.optimum import Optimum
 from twolink.optimization.search import Progress
-from twolink.optimization.variables import scene_with
 from twolink.scenes import Scene, load_scene
+from twolink.scenes.parameters import scene_with
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.scene_run import simulate

@@ -6,9 +6,9 @@ import numpy as np
 
 from twolink.errors import SceneError
 from twolink.scenes import Scene
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 from twolink.sweeps.design import Design
-from twolink.sweeps.quantities import cells, variant
+from twolink.sweeps.quantities import run_inputs, variant
 from twolink.sweeps.runs import groups
 
 
@@ -38,7 +38,7 @@ def run_scene(
     at = np.unravel_index(number, design.shape)
     values = design.in_block(tuple(slice(i, i + 1) for i in at))
     of, _ = next(groups(accuracy, design.quantities, values))
-    own = cells(variant(scene, of.off, of.robot), of.off, of.accuracy, design.quantities, values)
-    changed = world_scene(own.scene, {name: float(numbers[0]) for name, numbers in own.parameters.items()})
+    own = run_inputs(variant(scene, of.off, of.robot), of.off, of.accuracy, design.quantities, values)
+    changed = scene_with(own.scene, {name: float(numbers[0]) for name, numbers in own.parameters.items()})
     made = Scene(changed.base, own.q[0], own.v[0], changed.effects, duration, scene.title)
     return made, of.accuracy, {name: numbers.tolist()[0] for name, numbers in values.items()}

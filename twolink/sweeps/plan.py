@@ -16,6 +16,7 @@ from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.sweeps.design import RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
+from twolink.sweeps.quantities import OF_VARIANTS
 from twolink.sweeps.runs import Columns, Task, ways
 
 BATCH, SINGLE = 4096, 64  # runs of a block at most
@@ -92,7 +93,7 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
 
 def _check_robots(design: Design, request: Request) -> None:
     """Require that what varies, and what is kept, is the same for all robots. Raises SceneError."""
-    odd = [name for name, what in design.quantities.items() if what.kind in ("q", "v", "parameter")]
+    odd = [name for name, what in design.quantities.items() if what.kind not in OF_VARIANTS]
     if odd:
         raise SceneError(f"{odd[0]} belongs to one robot", where="vary['robot']", argument="vary",
                          remedy="vary the accuracy or effects beside robots")  # fmt: skip

@@ -179,7 +179,7 @@ def _fill_new(zarr: Any, path: Path, plan: Plan, before: Mapping[str, Any] | Non
         what = design.quantities[name]
         kind = str if what.kind == "robot" else numbers.dtype
         _array(group, name, kind, numbers.shape, numbers.shape, dimension_of(name, design),
-               {"units": what.units, "long_name": what.description})[:] = numbers  # fmt: skip
+               {"units": what.unit, "long_name": what.about})[:] = numbers  # fmt: skip
     if design.kind != "grid":
         _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})[:] = np.arange(
             design.runs
