@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 import twolink as tl
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
-from twolink.identification.pseudo_inertia import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
+from twolink.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
 from twolink.scenes.parameters import scene_with
 
 E = tl.effects

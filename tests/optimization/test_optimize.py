@@ -8,9 +8,8 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.optimization.evaluation import Evaluator
+from twolink.optimization.evaluation import Evaluator, variables_of
 from twolink.optimization.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
-from twolink.optimization.variables import variables_of
 from twolink.scenes.parameters import named_parameters, parameters_of, scene_with
 
 INERTIAL = """<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""

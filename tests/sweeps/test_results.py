@@ -12,8 +12,8 @@ import twolink as tl
 from twolink.errors import SceneError, ShowError
 from twolink.sweeps import load_study, open_sweep, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
 from twolink.sweeps.plot import _colours, _edges
+from twolink.sweeps.results import column, turns_of
 from twolink.sweeps.studies import SweepStudy, bundled_studies
-from twolink.sweeps.tables import column, turns_of
 
 pytest.importorskip("zarr")
 ARM = tl.load_scene("arm-swing")

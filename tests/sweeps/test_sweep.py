@@ -14,7 +14,7 @@ import twolink as tl
 from twolink import effects
 from twolink.errors import MissingExtraError, SceneError, TwolinkError
 from twolink.sweeps import open_sweep, store
-from twolink.sweeps.origin import origin
+from twolink.sweeps.plan import origin
 
 pytest.importorskip("heyoka")
 pytest.importorskip("zarr")

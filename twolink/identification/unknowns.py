@@ -1,7 +1,7 @@
 """What is looked for by simulation: names, and coordinates z in which every value is one that can be.
 
 z = 0 is the scene as it is, and a change of z by 1 about as large as the value itself. A mass is m0 exp(z). The ten
-parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`pseudo_inertia`); other
+parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`consistency`); other
 values are linear in z. Derivatives are complex steps (Squire and Trapp 1998).
 """
 
@@ -17,7 +17,7 @@ from twolink.algorithms.mechanism import body_names
 from twolink.dynamics.regressors import BODY_PARAMETERS
 from twolink.effects import Constants, JointDamping
 from twolink.errors import QueryError, SceneError
-from twolink.identification.pseudo_inertia import central, from_central, log_cholesky_chart, size_of
+from twolink.identification.consistency import central, from_central, log_cholesky_chart, size_of
 from twolink.robots.physical_checks import is_impossible
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, scene_with

@@ -21,8 +21,7 @@ from twolink.effects.torque import Torque
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError, require_known
 from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
-from twolink.optimization.optimize import optimize
-from twolink.optimization.optimum import Optimum
+from twolink.optimization.optimize import Optimum, optimize
 from twolink.optimization.search import Progress
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.parameters import scene_with

@@ -16,7 +16,7 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.threads import one_thread
-from twolink.errors import AccuracyError, TwolinkError
+from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.integrate.compile_time import reproducible
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
@@ -26,6 +26,7 @@ from twolink.simulation.sampling import sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.world_solving import can_be_finer
 from twolink.simulation.worlds import differs_beyond_numbers, simulate_many
+from twolink.sweeps.design import Design
 from twolink.sweeps.outputs import (
     DONE,
     FAILED,
@@ -263,3 +264,35 @@ def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
     taken = np.searchsorted(run.t, times[reached])
     for name, states in (("q_samples", run.q), ("v_samples", run.v)):
         group.out[name][group.rows[i], reached] = states[taken]
+
+
+def run_scene(
+    scene: Scene, design: Design, accuracy: float, duration: float, number: int
+) -> tuple[Scene, float, dict[str, Any]]:
+    """The scene of one run, its accuracy, and what varies.
+
+    Parameters
+    ----------
+    scene : Scene
+        That of the sweep.
+    design : Design
+        Its runs, of `make_design`.
+    accuracy, duration : float
+        Of the sweep: rad or m, s.
+    number : int
+        The run in C order: the last dimension changes fastest.
+
+    Raises
+    ------
+    SceneError
+        There is no such run, or it cannot be made into a scene (its row in the store has the same reason).
+    """
+    if not 0 <= number < design.runs:
+        raise SceneError(f"there is no run {number}", argument="run", remedy=f"0 to {design.runs - 1}")
+    at = np.unravel_index(number, design.shape)
+    values = design.in_block(tuple(slice(i, i + 1) for i in at))
+    of, _ = next(groups(accuracy, design.quantities, values))
+    own = run_inputs(variant(scene, of.off, of.robot), of.off, of.accuracy, design.quantities, values)
+    changed = scene_with(own.scene, {name: float(numbers[0]) for name, numbers in own.parameters.items()})
+    made = Scene(changed.base, own.q[0], own.v[0], changed.effects, duration, scene.title)
+    return made, of.accuracy, {name: numbers.tolist()[0] for name, numbers in values.items()}
