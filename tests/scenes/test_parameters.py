@@ -85,3 +85,25 @@ def test_derivatives_are_by_the_links_own_mass_where_a_payload_is_released() -> 
     weights = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
     ends = [weight * tl.simulate(forearm_of(1.0 + k * step), accuracy=1e-11).q[-1] for k, weight in weights.items()]
     assert np.abs(s.q["forearm.mass"][-1, :, 0] - sum(ends) / step).max() <= s.error["forearm.mass"][-1] + 1e-7
+
+
+@pytest.mark.parametrize("name", ["forearm.first_moment.z", "forearm.origin_inertia.yy"])
+def test_moments_of_a_link_are_parameters(name: str) -> None:
+    """Names that `tl.fit` takes: worlds that have others, and derivatives; the other nine parameters stay."""
+    value, step = named_parameters(ARM, [name], "wrt")[0].nominal, 1e-4
+    body = ARM.robot.model.inertias[2].toDynamicParameters()
+    other = scene_with(ARM, {name: value + step}).robot.model.inertias[2].toDynamicParameters()
+    assert np.sort(np.abs(other - body))[-2:] == pytest.approx([0.0, step], abs=1e-12)
+    shifts = np.array([1, -1, 2, -2]) * step
+    worlds = tl.simulate_many(ARM, parameters={name: value + shifts}, duration=0.5, accuracy=1e-11)
+    truth = np.array([2 / 3, -2 / 3, -1 / 12, 1 / 12]) @ worlds.q / step
+    s = tl.sensitivities(ARM, [name], 0.5, 1e-8)
+    assert np.abs(truth).max() > 0.01
+    assert np.abs(s.q[name][-1, :, 0] - truth).max() <= s.error[name][-1] + 1e-6 * np.abs(truth).max()
+
+
+def test_a_moment_is_set_after_the_mass_whatever_their_order() -> None:
+    values = {"forearm.first_moment.z": -0.3, "forearm.mass": 1.7}
+    for some in (values, dict(reversed(values.items()))):
+        body = scene_with(ARM, some).robot.model.inertias[2].toDynamicParameters()
+        assert body[[0, 3]] == pytest.approx([1.7, -0.3])

@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 import scipy.linalg
 
+from twolink.algorithms.mechanism import BODY_PARAMETERS
 from twolink.dynamics import Robot
-from twolink.dynamics.regressors import BODY_PARAMETERS
 from twolink.errors import QueryError, nearest
 
 

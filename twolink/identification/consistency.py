@@ -35,7 +35,7 @@ _ORIGIN = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 def pseudo_inertia(body: np.ndarray) -> np.ndarray:
-    """P (4, 4) of the ten parameters (`dynamics.regressors.BODY_PARAMETERS`): second and first moment, mass."""
+    """P (4, 4) of the ten parameters (`algorithms.mechanism.BODY_PARAMETERS`): second and first moment, mass."""
     inertia, first = _symmetric(body[4:], _ORIGIN), body[1:4, None]
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     return np.asarray(np.block([[second, first], [first.T, body[:1, None]]]))

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag
 
-from twolink.algorithms.mechanism import body_names
-from twolink.dynamics.regressors import BODY_PARAMETERS
+from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.effects import Constants, JointDamping
 from twolink.errors import QueryError, SceneError
 from twolink.identification.consistency import central, from_central, log_cholesky_chart, size_of

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twolink.algorithms.differences import derivative
-from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
+from twolink.algorithms.mechanism import mechanism, moments, nominal, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loop import Loop
@@ -165,7 +165,9 @@ def _acts(scene: Scene, name: str) -> bool:
 
 def _changes(scene: Scene, name: str, released: bool) -> bool:
     """Whether a parameter acts through constants of the robot. released: some of these change when it is released."""
-    return changes_robot(_part(scene, name)) if name.startswith(PREFIX) else released and not name.endswith(DAMPING)
+    if name.startswith(PREFIX):
+        return changes_robot(_part(scene, name))
+    return (released and not name.endswith(DAMPING)) or name in moments(scene.robot.model)
 
 
 def _part(scene: Scene, name: str) -> Effect:

@@ -1,7 +1,8 @@
 """Parameters: the numbers of a scene by name, and the scene with other values of them.
 
     q.JOINT, v.JOINT          the initial state; q.JOINT.2, ... where a joint has several coordinates
-    LINK.mass, gravity.z, ... physical constants of the robot (`algorithms.mechanism.parameter_names`)
+    LINK.mass, gravity.z, ... physical constants of the robot (`algorithms.mechanism.parameter_names`), and moments of a
+                              link about its joint (`algorithms.mechanism.moments`)
     effects.1.damping.elbow   a number of an effect: its place in the scene, then fields, keys and positions
 
 Keys are names of joints and links, which may have dots, so that a name is read along the effect (`path_of`).
@@ -15,7 +16,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from twolink.algorithms.mechanism import nominal_values, split_name
+from twolink.algorithms.mechanism import moments, nominal_values, split_name
 from twolink.effects.effect import Effect
 from twolink.effects.sampled import Sampled
 from twolink.effects.switching import SwitchingEffect
@@ -29,7 +30,8 @@ PREFIX = "effects."
 Kind = Literal["q", "v", "constant", "effect", "table", "switch", "accuracy", "robot"]
 _DAMPING = ".damping"
 _NOT_NEGATIVE = (".mass", ".armature", _DAMPING, ".inertia.xx", ".inertia.yy", ".inertia.zz")
-_UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity": "m/s^2"}
+_UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity": "m/s^2",
+          "first_moment": "kg m", "origin_inertia": "kg m^2"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -58,17 +60,19 @@ class Parameter:
 
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
-    """The parameters of a scene by name, without the values of tables."""
-    found = [*coordinates_of(scene), *_constants(scene), *_numbers(scene.effects)]
+    """The parameters of a scene by name, without moments of links and values of tables."""
+    constants = _constants(nominal_values(scene.robot.model), acts=True)
+    found = [*coordinates_of(scene), *constants, *_numbers(scene.effects)]
     return {parameter.name: parameter for parameter in found}
 
 
 def named_parameters(scene: Scene, names: Iterable[str], argument: str, others: Iterable[str] = ()) -> list[Parameter]:
-    """The parameters of these names, also values of tables ("effects.3.inputs.elbow.values.2").
+    """The parameters of these names, also moments and values of tables ("effects.3.inputs.elbow.values.2").
 
     Raises SceneError, code "unknown-parameter", with the nearest right name, of parameters or of `others`.
     """
     known, found = parameters_of(scene), []
+    known |= {one.name: one for one in _constants(moments(scene.robot.model), acts=False)}
     for name in names:
         parameter = known.get(name) or _value_of_table(scene, str(name))
         if parameter is None:
@@ -125,13 +129,13 @@ def coordinates_of(scene: Scene) -> Iterator[Parameter]:
             yield Parameter(name, "v", float(scene.v[i]), rate, f"velocity {about}", entries=(i,))
 
 
-def _constants(scene: Scene) -> Iterator[Parameter]:
-    """The physical constants of the robot."""
-    for name, value in nominal_values(scene.robot.model).items():
+def _constants(values: Mapping[str, float], *, acts: bool) -> Iterator[Parameter]:
+    """Physical constants of the robot."""
+    for name, value in values.items():
         owner, part, entry = split_name(name)
         about = f"{part}.{entry} of {owner}" if owner and entry else f"{entry or part} of {owner or part}"
         lowest = 0.0 if name.endswith(_NOT_NEGATIVE) else -math.inf
-        yield Parameter(name, "constant", value, _UNITS.get(part, "SI units"), about, lowest, acts=True)
+        yield Parameter(name, "constant", value, _UNITS.get(part, "SI units"), about, lowest, acts=acts)
 
 
 def _numbers(effects: Sequence[Effect]) -> Iterator[Parameter]:
