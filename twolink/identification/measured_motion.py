@@ -129,7 +129,8 @@ def _columns(measurements: Any) -> dict[str, np.ndarray]:
 
 def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The values (n, nq or nv) of q or v, and the degrees of freedom (c,) that were measured."""
-    size, v = robot.nq if letter == "q" else robot.nv, letter == "v"
+    of_q = letter == "q"
+    size = robot.nq if of_q else robot.nv
     for name in content:
         if name.startswith(f"{letter}."):
             known = [*(column for column, _ in joint_columns(robot.joints, letter)),
@@ -141,20 +142,20 @@ def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: i
     whole, lacking = read_columns(table, robot.joints, letter)
     if lacking and f"{letter}0" in table:
         raise _missing(lacking[0], content)
-    out = np.tile(robot.neutral if letter == "q" else np.zeros(size), (count, 1)) if whole is None else whole
+    out = np.tile(robot.neutral if of_q else np.zeros(size), (count, 1)) if whole is None else whole
     dofs = list(range(robot.nv)) if whole is not None else []
     for joint in robot.joints if whole is None else ():
         own, lacking = read_columns(table, [joint], letter)
         if joint.kind == "cos-sin" and f"q.{joint.name}" in table:
             angle = table[f"q.{joint.name}"]
             own, lacking = np.column_stack([np.cos(angle), np.sin(angle)]), []
-        part = joint.v if v else joint.q
+        part = joint.q if of_q else joint.v
         if own is not None:
             out[:, part] = own
             dofs += range(joint.v.start, joint.v.stop)
         elif len(lacking) < part.stop - part.start:
             raise _missing(lacking[0], content)
-    checked = array("v", out, size) if v else configuration("q", out, size, robot.joints)
+    checked = configuration("q", out, size, robot.joints) if of_q else array("v", out, size)
     if checked.shape != (count, size):
         raise QueryError(f"expected shape ({count}, {size}), got {checked.shape}", argument=letter,
                          remedy="give one row for each of the times t")  # fmt: skip
