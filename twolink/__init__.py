@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from twolink.identification.identify import identify
     from twolink.identification.scene_fit import fit
     from twolink.optimization.gradient import Gradient, gradient
-    from twolink.optimization.optimize import optimize
-    from twolink.optimization.optimum import Optimum
+    from twolink.optimization.optimize import Optimum, optimize
     from twolink.service.client import connect
     from twolink.show.progress import progress_bar
     from twolink.simulation.energy_balance import Book, energy_book, loop_forces
@@ -42,7 +41,7 @@ _IMPORTED_WHEN_USED = {
     "identify": "twolink.identification.identify",
     "Gradient": "twolink.optimization.gradient",
     "gradient": "twolink.optimization.gradient",
-    "Optimum": "twolink.optimization.optimum",
+    "Optimum": "twolink.optimization.optimize",
     "optimize": "twolink.optimization.optimize",
     "Book": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",

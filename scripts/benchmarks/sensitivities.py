@@ -2,8 +2,7 @@
 
 Every price is the least processor time of several runs, in turn. `error` is the largest distance to sensitivities that
 were asked for at 1e-11, relative to the largest entry. heyoka's var_ode_sys takes the tolerance that gives no larger an
-error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest. Last,
-the gradient of one number by many parameters: `tl.gradient` beside `tl.sensitivities`.
+error than ours; MuJoCo's RK4 takes central differences with the time step, down to 1e-4 s, that comes nearest.
 
     python -m scripts.benchmarks.sensitivities [--scenes arm-swing,panda] [--accuracy 1e-6] [--runs 7] [--no-peers]
 """
@@ -16,14 +15,12 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import FINGERS, once, options, seconds_of
-from twolink.algorithms.mechanism import parameter_names
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.scene_equations import equations_of
 
 SAMPLES = 200  # a second
-COUNTS = (1, 4, 16, 64)  # of parameters
 DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts
 cheapest = partial(seconds_of, warm_up=0, clock=time.process_time, pick=min)
 
@@ -128,41 +125,10 @@ def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
     line("MuJoCo", cheapest(solve, rounds=1)[0], off, f"no bar, steps of {step:g} s")
 
 
-def by_many(name: str, accuracy: float, runs: int, counts: tuple[int, ...]) -> None:
-    """The gradient of one number by many parameters: by the adjoint, and along the sensitivities to all of them."""
-    scene = scene_of(name)
-    model = scene.robot.model
-    known = [one for one in parameter_names(model) if not one.endswith((".damping", ".armature"))]
-    print(f"{name}: the gradient of q[0] v[-1] at the end by many parameters, accuracy {accuracy:g}")
-    for count in counts:
-        names = known[: min(count, len(known))]
-
-        def number(run: tl.Trajectory) -> float:
-            return float(run.q[-1, 0] * run.v[-1, -1])
-
-        def forward(names: list[str] = names) -> tuple[np.ndarray, tl.Sensitivities]:
-            s = tl.sensitivities(scene, names, None, accuracy)
-            q, v = s.run.q[-1], s.run.v[-1]
-            return np.array([s.q[x][-1, 0, 0] * v[-1] + q[0] * s.v[x][-1, -1, 0] for x in names]), s
-
-        def adjoint(names: list[str] = names) -> tl.Gradient:
-            return tl.gradient(scene, number, names, None, accuracy)
-
-        (theirs, s), ours = forward(), adjoint()
-        ends = abs(float(s.run.q[-1, 0])) + abs(float(s.run.v[-1, -1]))
-        off = max(abs(ours.by[x][0] - value) / (ours.error[x][0] + ends * s.error[x][-1])
-                  for x, value in zip(names, theirs, strict=True))  # fmt: skip
-        one, many = cheapest(adjoint, forward, rounds=runs)
-        print(f"  {len(names):4d} parameters: adjoint {one * 1e3:8.2f} ms, sensitivities {many * 1e3:8.2f} ms "
-              f"({many / one:.2f} x); they differ by {off:.2g} of their bars")  # fmt: skip
-
-
 def main() -> None:
     given = options(__doc__, scenes=("arm-swing", "panda"), accuracy=1e-6, runs=7, no_peers=False)
     for name in given.scenes:
         compare(name, given.accuracy, given.runs, peers=not given.no_peers)
-    for name in given.scenes:
-        by_many(name, given.accuracy, given.runs, COUNTS)
 
 
 if __name__ == "__main__":

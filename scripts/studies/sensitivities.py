@@ -30,14 +30,14 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import all_effect_numbers, nominal_value
+from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of, structure_of, with_parameters
+from twolink.scenes.parameters import effect_numbers, scene_with
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
-from twolink.simulation.world_scenes import world_scene
 
 SAMPLES, LONGEST, PATIENCE = 40, 4.0, 20.0  # of a scene; s of motion; s of a run
 COLUMNS = 4  # compared of a scene, drawn at random
@@ -104,7 +104,7 @@ def named(scene: tl.Scene, random: np.random.Generator) -> list[str]:
     constants = [name for name in parameter_names(scene.robot.model)
                  if nominal(scene.robot.model, name) and not (has_loops and ".origin." in name)
                  and not name.endswith(".damping")]  # fmt: skip
-    numbers = [name for name, value in all_effect_numbers(scene).items() if np.isfinite(value) and value
+    numbers = [name for name, value in effect_numbers(scene).items() if np.isfinite(value) and value
                and not any(part in name for part in ("normal", "point", "inertia", "direction"))]  # fmt: skip
     chosen = list(random.choice(constants, 1))
     if numbers:
@@ -115,7 +115,7 @@ def named(scene: tl.Scene, random: np.random.Generator) -> list[str]:
 def beside(scene: tl.Scene, name: str, column: int, shift: float) -> tl.Scene:
     """The scene with one number moved."""
     if name not in ("q", "v"):
-        return world_scene(scene, {name: number_of(scene, name) + shift})
+        return scene_with(scene, {name: number_of(scene, name) + shift})
     change = np.zeros(scene.robot.nv)
     change[column] = shift
     q = scene.robot.integrate(scene.q, change) if name == "q" else scene.q
@@ -207,7 +207,7 @@ def tangent(robot: tl.Robot, q: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 def number_of(scene: tl.Scene, name: str) -> float:
     """The value that a constant has in a scene."""
-    own = all_effect_numbers(scene)
+    own = effect_numbers(scene)
     return own[name] if name in own else nominal(scene.robot.model, name)
 
 

@@ -27,7 +27,7 @@ def test_a_sweep_from_the_command_line(tmp_path: Path) -> None:
     again = call(*ARM, *vary, *out[:2])
     assert again.returncode == 0, again.stderr
     assert "9 of 9 runs finished (100.0%); 3 failed" in again.stdout
-    assert "no body has -1" in again.stdout
+    assert "expected at least 0, got -1" in again.stdout
     status = answer("sweep", "arm-swing", *out[:2], "--status")
     assert (status["total"], status["pending"]) == (9, 0)
 

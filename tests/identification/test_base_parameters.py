@@ -97,7 +97,7 @@ def test_a_mass_alone_keeps_centre_and_inertia_of_its_link() -> None:
             1, pin.Inertia(model.inertias[1].mass + 1, model.inertias[1].lever, model.inertias[1].inertia)
         )
     )
-    from twolink.identification.selection import select
+    from twolink.identification.base_parameters import select
 
     column = robot.regressor(q, v, v) @ select(robot, ["upper_arm.mass"]).columns
     difference = heavier.inverse_dynamics(q, v, v) - robot.inverse_dynamics(q, v, v)

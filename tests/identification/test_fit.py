@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import twolink as tl
-from twolink.errors import QueryError, TwolinkError
+from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.identification import base_parameters, write_urdf
-from twolink.identification.pseudo_inertia import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
-from twolink.simulation.world_scenes import world_scene
+from twolink.identification.consistency import body_of, central, from_central, log_cholesky_chart, pseudo_inertia
+from twolink.scenes.parameters import scene_with
 
 E = tl.effects
 ARM = tl.load_robot("arm")
@@ -27,7 +27,7 @@ def motion_of(scene: tl.Scene, times: np.ndarray = TIMES) -> tuple[np.ndarray, n
     return tl.simulate(scene, float(times[-1]), 1e-9).at(times)
 
 
-Q, V = motion_of(world_scene(SCENE, TRUE))
+Q, V = motion_of(scene_with(SCENE, TRUE))
 
 
 def noisy(values: np.ndarray, seed: int = 0, size: float = NOISE) -> np.ndarray:
@@ -67,7 +67,7 @@ def test_ctrl_c_keeps_the_best_so_far() -> None:
         if len(labels) == 5:
             raise KeyboardInterrupt
 
-    start = world_scene(SCENE, {"forearm.mass": 1.2})
+    start = scene_with(SCENE, {"forearm.mass": 1.2})
     found = tl.fit(start, {"t": TIMES, "q": Q}, list(TRUE), progress=interrupt)
     assert found.interrupted
     assert not found.converged
@@ -83,7 +83,7 @@ def test_dry_friction_is_found_through_its_events() -> None:
     true = scene.effects[1].kinetic["axle"]
     times = np.linspace(0.0, 2.0, 101)
     q, _ = motion_of(scene, times)
-    found = tl.fit(world_scene(scene, {name: 0.9 * true}), {"t": times, "q": noisy(q)}, [name])
+    found = tl.fit(scene_with(scene, {name: 0.9 * true}), {"t": times, "q": noisy(q)}, [name])
     low, high = found.intervals[name]
     assert low <= true <= high
     assert found.values[name] == pytest.approx(true, rel=0.01)
@@ -94,7 +94,7 @@ def test_dry_friction_is_found_through_its_events() -> None:
 
 def test_one_joint_alone_and_a_start_that_is_not_known() -> None:
     names = ["forearm.mass", "q.shoulder", "v"]
-    found = tl.fit(world_scene(SCENE, {"effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4}),
+    found = tl.fit(scene_with(SCENE, {"effects.1.damping.elbow": 0.25, "effects.1.damping.shoulder": 0.4}),
                    pd.DataFrame({"t": TIMES, "q.elbow": noisy(Q[:, 1])}), names)  # fmt: skip
     assert found.channels == ("q.elbow",)
     truth = {"forearm.mass": 1.9, "q.shoulder": 1.0, "v.shoulder": 0.0, "v.elbow": 0.0}
@@ -129,7 +129,7 @@ def test_outliers_move_a_robust_fit_little() -> None:
 
 
 def test_a_stated_noise_counts_until_the_residuals_contradict_it() -> None:
-    data, scene = {"t": TIMES, "q": noisy(Q)}, world_scene(SCENE, {n: x for n, x in TRUE.items() if "damping" in n})
+    data, scene = {"t": TIMES, "q": noisy(Q)}, scene_with(SCENE, {n: x for n, x in TRUE.items() if "damping" in n})
     stated = tl.fit(scene, data, ["forearm.mass"], sigma={"q.shoulder": NOISE, "q.elbow": NOISE})
     assert np.array_equal(stated.noise, [NOISE, NOISE])
     wrong = tl.fit(scene, data, ["forearm.mass"], sigma=NOISE / 10)
@@ -140,7 +140,7 @@ def test_a_stated_noise_counts_until_the_residuals_contradict_it() -> None:
 def test_a_common_factor_of_all_masses_cannot_be_told_and_is_not_fitted() -> None:
     """M q'' + h = 0 under gravity alone is the same motion for any factor of all inertias."""
     scene = tl.Scene(ARM, [1.0, 0.7], effects=[E.Gravity()])
-    heavy = world_scene(scene, {"forearm.mass": 1.9})
+    heavy = scene_with(scene, {"forearm.mass": 1.9})
     q, _ = motion_of(heavy)
     bodies = ["*.mass", "*.first_moment.*", "*.origin_inertia.*"]
     found = tl.fit(scene, {"t": TIMES, "q": noisy(q, size=1e-4)}, bodies)
@@ -161,7 +161,7 @@ def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
     push = E.Torque({"shoulder": E.Sine(4.0, 1.1), "elbow": E.Sine(1.0, 2.3)})
     scene = tl.Scene(ARM, [0.5, 0.7], effects=[E.Gravity(), push])
     times = np.linspace(0.0, 3.0, 151)
-    q, v = motion_of(world_scene(scene, {"forearm.mass": 1.8}), times)
+    q, v = motion_of(scene_with(scene, {"forearm.mass": 1.8}), times)
     bodies = ["upper_arm.*", "forearm.*"]
     found = tl.fit(scene, {"t": times, "q": noisy(q, size=1e-5), "v": noisy(v, size=1e-5)}, bodies)
     base = base_parameters(ARM)
@@ -171,7 +171,7 @@ def test_what_is_told_of_driven_links_are_pinocchios_base_parameters() -> None:
     assert len(found.combinations) == len(base.combinations)
     angle = ours - ours @ np.linalg.pinv(base.matrix) @ base.matrix
     assert np.abs(angle).max() < 1e-4 * np.abs(ours).max()
-    truth = ours @ world_scene(scene, {"forearm.mass": 1.8}).robot.parameter_values[:20]
+    truth = ours @ scene_with(scene, {"forearm.mass": 1.8}).robot.parameter_values[:20]
     assert np.mean(np.abs(found.estimate - truth) <= found.half_width) >= 5 / 6
     for inertia in found.found.model.inertias.tolist()[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(np.asarray(inertia.toDynamicParameters()))).min() > 0
@@ -184,7 +184,7 @@ def test_a_motion_that_a_plain_fit_loses_is_found_in_segments() -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [1.5, 1.0], [4.0, 0.0], effects=[E.Gravity()])
     times = np.linspace(0.0, 8.0, 201)
     true = {"forearm.mass": 1.1, "gravity.z": -9.5}
-    q = noisy(motion_of(world_scene(scene, true), times)[0], size=1e-3)
+    q = noisy(motion_of(scene_with(scene, true), times)[0], size=1e-3)
     start = np.concatenate([scene.q, scene.v])
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -269,5 +269,5 @@ def test_data_that_cannot_be_used_are_refused_with_what_is_wrong(case: str) -> N
     with pytest.raises(TwolinkError) as caught:
         call()
     assert caught.value.code == code
-    assert isinstance(caught.value, QueryError)
+    assert isinstance(caught.value, SceneError if code == "unknown-parameter" else QueryError)
     assert caught.value.remedy

@@ -9,7 +9,7 @@ import twolink as tl
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate import first_steps, scene_equations, taylor_code
 from twolink.lagrange.pinocchio_arm import arm_urdf
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 
 STIFFNESS, MASS = 3.0, 1.0
 
@@ -63,7 +63,7 @@ def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callab
         tl.sensitivities(arm(), names, 0.5)
         assert compilations() > 0
         for values in ({names[1]: 2.5}, {names[0]: 8.0}):
-            found = tl.sensitivities(world_scene(arm(), values), names, 0.5)
+            found = tl.sensitivities(scene_with(arm(), values), names, 0.5)
             assert compilations() == 0
     exact = tl.sensitivities(arm(stiffness=8.0), names, 0.5)
     for name in names:

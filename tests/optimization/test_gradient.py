@@ -6,7 +6,7 @@ import pytest
 import twolink as tl
 from tests.simulation.test_sensitivities import CONSTANTS, EVENTS, GRAVITY, differences, moved
 from twolink.errors import AccuracyError, SceneError
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 
 EIGHT = {1: 4 / 5, -1: -4 / 5, 2: -1 / 5, -2: 1 / 5, 3: 4 / 105, -3: -4 / 105, 4: -1 / 280, -4: 1 / 280}
 
@@ -90,7 +90,7 @@ def test_what_the_objective_itself_takes_from_constants_counts() -> None:
     scene = tl.load_scene("arm-swing")
     found = tl.gradient(scene, "energy", ["forearm.mass", "upper_arm.mass"], 0.5, 1e-8)
     for name in found.by:
-        ends = [tl.simulate(world_scene(scene, {name: v}), 0.01).energy[0] for v in (1.1, 0.9)]
+        ends = [tl.simulate(scene_with(scene, {name: v}), 0.01).energy[0] for v in (1.1, 0.9)]
         assert found.by[name][0] == pytest.approx((ends[0] - ends[1]) / 0.2, abs=1e-7)
 
 

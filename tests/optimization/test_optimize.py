@@ -8,9 +8,9 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.optimization.evaluation import Evaluator
+from twolink.optimization.evaluation import Evaluator, variables_of
 from twolink.optimization.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
-from twolink.optimization.variables import scene_with, values_of, variables_of
+from twolink.scenes.parameters import named_parameters, parameters_of, scene_with
 
 INERTIAL = """<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
 LIMIT = """<limit lower="-99" upper="99" effort="1000" velocity="100"/>"""
@@ -180,9 +180,9 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("wrt", "objective", "code", "part"),
     [
-        ({"effects.0.field": (0, 1)}, "energy", "unknown-variable", "effects.0.field."),
+        ({"effects.0.field": (0, 1)}, "energy", "unknown-parameter", "effects.0.field."),
         ({}, "energy", "no-variables", "expected bounds by name"),
-        ({"v.elbo": (0, 1)}, "energy", "unknown-variable", "did you mean 'v.elbow'"),
+        ({"v.elbo": (0, 1)}, "energy", "unknown-parameter", "did you mean 'v.elbow'"),
         ({"v.elbow": (1, 0)}, "energy", "bounds", "(1, 0)"),
         ({"v.elbow": (0, float("inf"))}, "energy", "bounds", "v.elbow"),
         ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
@@ -204,6 +204,11 @@ def test_errors_name_parameter_value_and_expectation(wrt, objective, code: str, 
 
 def test_numbers_of_a_scene_have_names_and_can_be_changed() -> None:
     scene = tl.load_scene("pitch")
+
+    def values_of(scene: tl.Scene) -> dict[str, float]:
+        names = [*parameters_of(scene), "effects.3.inputs.elbow.values.0"]
+        return {parameter.name: parameter.nominal for parameter in named_parameters(scene, names, "wrt")}
+
     values = values_of(scene)
     assert values["effects.5.at"] == 0.095595
     assert values["effects.3.inputs.elbow.values.0"] == -70.0

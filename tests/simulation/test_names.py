@@ -9,8 +9,7 @@ import pytest
 import twolink as tl
 from tests.command import TOP, answer
 from twolink.errors import TwolinkError
-from twolink.integrate.effect_numbers import path_of
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import path_of, scene_with
 
 E = tl.effects
 TEXT = (TOP / "urdf" / "arm.urdf").read_text(encoding="utf-8")
@@ -59,8 +58,8 @@ def test_runs_and_their_derivatives(names: dict[str, str]) -> None:
 
 def test_numbers_are_changed_where_they_are(names: dict[str, str]) -> None:
     constants = {name: x for name, x in NUMBERS.items() if name[1] != "."}
-    moved = world_scene(scene_of(names), {renamed(name, names): x for name, x in constants.items()})
-    assert np.array_equal(tl.simulate(moved).q, tl.simulate(world_scene(scene_of(PLAIN), constants)).q)
+    moved = scene_with(scene_of(names), {renamed(name, names): x for name, x in constants.items()})
+    assert np.array_equal(tl.simulate(moved).q, tl.simulate(scene_with(scene_of(PLAIN), constants)).q)
     assert not np.array_equal(tl.simulate(moved).q, tl.simulate(scene_of(names)).q)
 
 
@@ -104,5 +103,5 @@ def test_a_name_that_is_nowhere() -> None:
     assert path_of(damping, "damping.joint.0") == ("damping", "joint.0")
     assert path_of(damping, "damping.joint") == ("damping", "joint")
     assert path_of(damping, "damping.joint.0.1") is None
-    with pytest.raises(TwolinkError, match=r"no number 'effects.1.damping.knee'"):
-        world_scene(scene_of(PLAIN), {"effects.1.damping.knee": 1.0})
+    with pytest.raises(TwolinkError, match=r"no parameter 'effects.1.damping.knee'"):
+        scene_with(scene_of(PLAIN), {"effects.1.damping.knee": 1.0})

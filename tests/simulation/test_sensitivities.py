@@ -9,7 +9,7 @@ import twolink as tl
 from twolink.algorithms.mechanism import nominal, with_nominal
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import effect_numbers, with_number
+from twolink.scenes.parameters import effect_numbers, with_number
 
 CART = """<robot name="cart"><link name="rail"/><link name="cart"><inertial><mass value="2"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -293,6 +293,6 @@ def test_names_that_mean_nothing_are_named() -> None:
     scene = tl.load_scene("arm-swing")
     with pytest.raises(SceneError, match=r"forearm\.mass") as caught:
         tl.sensitivities(scene, ["forearm.mas"], 1.0)
-    assert caught.value.code == "unknown-sensitivity"
+    assert caught.value.code == "unknown-parameter"
     with pytest.raises(SceneError, match="names nothing"):
         tl.sensitivities(scene, [], 1.0)

@@ -3,8 +3,8 @@
 import numpy as np
 
 import twolink as tl
+from twolink.scenes.parameters import scene_with
 from twolink.simulation.sensitivities import sensitivities_at
-from twolink.simulation.world_scenes import world_scene
 
 NAMES = ["forearm.mass", "q"]
 TABLE = tl.effects.Sampled((0.0, 0.35, 0.8, 2.0), (0.5, -1.0, 2.0, 0.0))
@@ -19,7 +19,7 @@ def matrix(s: tl.Sensitivities, name: str) -> np.ndarray:
 def test_code_for_any_numbers_gives_the_same_derivatives_within_their_bars() -> None:
     times = np.linspace(0.0, 1.0, 21)
     for mass in (1.5, 1.9):
-        own = world_scene(SCENE, {"forearm.mass": mass})
+        own = scene_with(SCENE, {"forearm.mass": mass})
         s, t = (sensitivities_at(own, NAMES, times, 1e-7, any_numbers=shared) for shared in (True, False))
         assert np.abs(s.run.q - t.run.q).max() <= s.run.error[-1] + t.run.error[-1]
         for name in NAMES:

@@ -8,8 +8,8 @@ from tests.simulation.test_sensitivities import TWO, differences, moved, require
 from twolink import effects as fx
 from twolink.effects.conditions import FrameReaches, JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import all_effect_numbers, with_number
 from twolink.robots.shapes import AnyShape
+from twolink.scenes.parameters import effect_numbers, with_number
 
 ARM = tl.load_robot("two_link")
 GRAVITY = fx.Gravity()
@@ -48,7 +48,7 @@ def changed(scene: tl.Scene, name: str, shift: float) -> tl.Scene:
     """The scene with another number in an effect."""
     _, place, *path = name.split(".")
     effects = list(scene.effects)
-    effects[int(place)] = with_number(effects[int(place)], path, all_effect_numbers(scene)[name] + shift)
+    effects[int(place)] = with_number(effects[int(place)], path, effect_numbers(scene)[name] + shift)
     return scene.with_effects(effects)
 
 

@@ -101,7 +101,7 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
         ({"duration": -1}, SceneError, "above 0 s"),
         ({"q": np.zeros((2, 3, 2))}, SceneError, "reshape"),
         ({"q": np.zeros((0, 2))}, SceneError, "there are no worlds"),
-        ({"parameters": {"upper_arm.mass": -0.2}}, SceneError, "no body has -0.2"),
+        ({"parameters": {"upper_arm.mass": -0.2}}, SceneError, "expected at least 0, got -0.2"),
         ({"parameters": {"forearm.mass": "x"}}, SceneError, "expected numbers, got 'x'"),
         ({"parameters": [1.0]}, SceneError, "expected values by name, got list"),
         ({"samples": -1}, SceneError, "samples: expected a whole number from 0"),

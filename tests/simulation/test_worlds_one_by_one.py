@@ -10,7 +10,7 @@ import twolink as tl
 from twolink import effects
 from twolink.algorithms.mechanism import nominal
 from twolink.errors import SceneError
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 
 pytest.importorskip("heyoka")
 ARM = tl.load_robot("two_link")
@@ -114,7 +114,7 @@ def test_loops_with_constants_of_their_own() -> None:
     scene = tl.Scene(ARM, effects=[effects.Gravity(), effects.Coupling("elbow", "shoulder", 1.0, offset=0.2)])
     worlds = tl.simulate_many(scene, q=[[0.0, 0.2]], parameters={"forearm.mass": [1.0, 3.0]}, duration=0.5)
     for i, mass in enumerate([1.0, 3.0]):
-        own = world_scene(scene, {"forearm.mass": mass})
+        own = scene_with(scene, {"forearm.mass": mass})
         check(worlds, i, tl.Scene(own.base, [0.0, 0.2], effects=own.effects), 0.5)
     assert np.ptp(worlds.q, axis=0).min() > 1e-3
 
@@ -136,11 +136,11 @@ def test_a_scene_of_a_world_is_what_run_time_parameters_say() -> None:
     values = {name: nominal(scene.robot.model, name) + 0.1 * (i + 1) for i, name in enumerate(names)}
     values["effects.1.damping.elbow"] = 0.7
     worlds = tl.simulate_many(scene, parameters=values, duration=0.5, accuracy=1e-9)
-    check(worlds, 0, world_scene(scene, values), 0.5)
+    check(worlds, 0, scene_with(scene, values), 0.5)
     for name in values:
         some = {other: value for other, value in values.items() if other != name}
-        other = tl.simulate(world_scene(scene, some), 0.1, 1e-6, method="scipy-dop853", samples=10)
-        whole = tl.simulate(world_scene(scene, values), 0.1, 1e-6, method="scipy-dop853", samples=10)
+        other = tl.simulate(scene_with(scene, some), 0.1, 1e-6, method="scipy-dop853", samples=10)
+        whole = tl.simulate(scene_with(scene, values), 0.1, 1e-6, method="scipy-dop853", samples=10)
         assert np.abs(other.q[-1] - whole.q[-1]).max() > 1e-4, name
 
 

@@ -12,8 +12,8 @@ import twolink as tl
 from twolink.errors import SceneError, ShowError
 from twolink.sweeps import load_study, open_sweep, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
 from twolink.sweeps.plot import _colours, _edges
+from twolink.sweeps.results import column, turns_of
 from twolink.sweeps.studies import SweepStudy, bundled_studies
-from twolink.sweeps.tables import column, turns_of
 
 pytest.importorskip("zarr")
 ARM = tl.load_scene("arm-swing")
@@ -116,7 +116,7 @@ def test_tables_have_a_row_for_each_run(store: Path, tmp_path: Path) -> None:
         assert float(row["end.q.elbow"]) == float(column(there, "end.q.elbow"))
         assert float(row["error"]) == float(there.error)
         failed = [row for row in rows if int(row["status"]) == 3]
-        assert all("no body has -1" in row["reason"] for row in failed)
+        assert all("expected at least 0, got -1" in row["reason"] for row in failed)
         assert len(failed) == 6
     with pytest.raises(SceneError, match="not a format"):
         write_sweep_table(data, tmp_path / "x.xls")

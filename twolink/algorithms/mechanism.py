@@ -67,6 +67,11 @@ class Mechanism:
         return parents
 
 
+# The ten parameters of a body in which its forces are linear, about the origin of the joint that carries it.
+BODY_PARAMETERS = (
+    "mass", "first_moment.x", "first_moment.y", "first_moment.z", "origin_inertia.xx", "origin_inertia.xy",
+    "origin_inertia.yy", "origin_inertia.xz", "origin_inertia.yz", "origin_inertia.zz",
+)  # fmt: skip
 _WORLD = Joint("revolute", ZERO, (), ())
 _COORDINATES = ("x", "y", "z")
 _MOMENTS = tuple(_COORDINATES[i] + _COORDINATES[j] for i, j in sp.ENTRIES)
@@ -89,7 +94,8 @@ def single_bodies(model: pin.Model, parameters: Mapping[str, Scalar] | None = No
     chosen = dict(parameters or {})
     values = nominal_values(model)
     for name, value in chosen.items():
-        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
+        require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
+                      code="unknown-parameter")  # fmt: skip
         values[name] = float(value) if isinstance(value, (int, float, np.floating)) else value
     bodies, joints = body_names(model), range(1, model.njoints)
     return Mechanism(
@@ -117,14 +123,17 @@ def parameter_names(model: pin.Model) -> tuple[str, ...]:
 
 
 def nominal(model: pin.Model, name: str) -> float:
-    """The model's own value of a parameter, SI units. Raises QueryError for an unknown name."""
+    """The model's own value of a parameter, or of a moment of a link, SI units. Raises QueryError for other names."""
     values = nominal_values(model)
-    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters")
+    if name not in values:
+        values |= moments(model)
+    require_known(name, values, QueryError, "there is no parameter {!r}", argument="parameters",
+                      code="unknown-parameter")  # fmt: skip
     return values[name]
 
 
 def with_nominal(model: pin.Model, name: str, value: float) -> None:
-    """Give a model, which is changed, another value of a parameter."""
+    """Give a model, which is changed, another value of a parameter, or of a moment of a link."""
     owner, part, entry = split_name(name)
     bodies = {link: i for i, link in enumerate(body_names(model))}
     if part == "gravity":
@@ -145,6 +154,11 @@ def with_nominal(model: pin.Model, name: str, value: float) -> None:
             rotational[j, k] = rotational[k, j] = value
             body.inertia = rotational
         model.inertias[bodies[owner]] = body
+        return
+    if f"{part}.{entry}" in BODY_PARAMETERS:
+        body = model.inertias[bodies[owner]].toDynamicParameters()
+        body[BODY_PARAMETERS.index(f"{part}.{entry}")] = value
+        model.inertias[bodies[owner]] = pin.Inertia.FromDynamicParameters(body)
         return
     joint = model.getJointId(owner)
     if part == "origin":
@@ -184,6 +198,13 @@ def nominal_values(model: pin.Model) -> dict[str, float]:
             values[f"{name}.armature"] = float(model.armature[model.joints[i].idx_v])
             values[f"{name}.damping"] = float(model.damping[model.joints[i].idx_v])
     return values
+
+
+def moments(model: pin.Model) -> dict[str, float]:
+    """First moments [kg m] and inertias [kg m^2] of the links about the joints that carry them, by name."""
+    bodies = zip(body_names(model)[1:], list(model.inertias)[1:], strict=True)
+    return {f"{link}.{part}": float(value) for link, body in bodies
+            for part, value in zip(BODY_PARAMETERS[1:], body.toDynamicParameters()[1:], strict=True)}  # fmt: skip
 
 
 def body_names(model: pin.Model) -> list[str]:

@@ -236,8 +236,8 @@ def _directions(scene: Scene, vary: Sequence[str]) -> Array:
         wanted = wanted_of(scene, names)
     except SceneError as error:
         raise error.at("vary", SceneError, argument="vary") from None
-    if wanted.neighbours.names:
-        raise SceneError(f"{wanted.neighbours.names[0]!r} is not of the start", argument="vary",
+    if wanted.variation.names:
+        raise SceneError(f"{wanted.variation.names[0]!r} is not of the start", argument="vary",
                          remedy='such as ["q"] or ["q.elbow", "v"]')  # fmt: skip
     return wanted.start[:states]
 

@@ -3,14 +3,10 @@
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.mechanism import body_names
+from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.dynamics.pinocchio_queries import Array, Query
 from twolink.robots.model import RobotModel
 
-BODY_PARAMETERS = (
-    "mass", "first_moment.x", "first_moment.y", "first_moment.z", "origin_inertia.xx", "origin_inertia.xy",
-    "origin_inertia.yy", "origin_inertia.xz", "origin_inertia.yz", "origin_inertia.zz",
-)  # fmt: skip
 JOINT_PARAMETERS = ("armature", "damping", "friction")
 
 

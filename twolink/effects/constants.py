@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.mechanism import body_names, parameter_names, with_nominal
+from twolink.algorithms.mechanism import body_names, moments, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect, check_name, finite
 from twolink.errors import SceneError
@@ -23,8 +23,9 @@ class Constants(Effect, frozen=True):
     ----------
     values : mapping of str to float
         By name, SI units: LINK.mass, LINK.com.x|y|z, LINK.inertia.xx|xy|xz|yy|yz|zz (about the centre of mass),
-        JOINT.origin.x|y|z, JOINT.armature, gravity.x|y|z (`algorithms.mechanism.parameter_names`). A link has the value
-        that is written here also where an earlier payload changed it.
+        JOINT.origin.x|y|z, JOINT.armature, gravity.x|y|z (`algorithms.mechanism.parameter_names`); after these, about
+        the joint, LINK.first_moment.x|y|z and LINK.origin_inertia.xx|xy|yy|xz|yz|zz. A link has the value that is
+        written here also where an earlier payload changed it, but not what is released later.
     """
 
     values: Annotated[
@@ -33,7 +34,7 @@ class Constants(Effect, frozen=True):
 
     def check(self, robot: Robot) -> None:
         """Require names of constants that forward dynamics uses, and masses and armatures that are not negative."""
-        known = [name for name in parameter_names(robot.model) if not name.endswith(_DAMPING)]
+        known = [name for name in parameter_names(robot.model) if not name.endswith(_DAMPING)] + [*moments(robot.model)]
         for name in map(str, self.values):
             if name.endswith(_DAMPING):
                 raise SceneError("damping acts as an effect", where=f"values.{name}", remedy="use joint-damping")
@@ -43,14 +44,15 @@ class Constants(Effect, frozen=True):
 
     def change(self, model: pin.Model) -> None:
         """Set them in the model. Raises SceneError, code "impossible-body"."""
-        for name, value in self.values.items():
-            with_nominal(model, name, float(value))
+        of_origin = moments(model)
+        for name in sorted(self.values, key=lambda name: name in of_origin):
+            with_nominal(model, name, float(self.values[name]))
         for body, link in zip(model.inertias, body_names(model), strict=True):
-            moments = np.linalg.eigvalsh(body.inertia)
-            if moments[0] < -ROUNDING * moments[-1] and any(
-                name.startswith(f"{link}.inertia.") for name in self.values
+            principal, parts = np.linalg.eigvalsh(body.inertia), ("inertia", "origin_inertia", "first_moment")
+            if principal[0] < -ROUNDING * principal[-1] and any(
+                name.startswith(tuple(f"{link}.{part}." for part in parts)) for name in self.values
             ):
-                numbers = ", ".join(f"{moment:.6g}" for moment in moments)
+                numbers = ", ".join(f"{moment:.6g}" for moment in principal)
                 what = f"no body has principal moments of inertia of {numbers} kg m^2"
                 raise SceneError(what, where=f"values.{link}.inertia", remedy="give those of a real body",
                                  code="impossible-body")  # fmt: skip

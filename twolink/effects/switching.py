@@ -212,18 +212,22 @@ class Switching:
     def acting(
         self, dropped: frozenset[int] = frozenset(), constraints: Sequence[tuple[int, Loop]] = ()
     ) -> tuple[tuple[int, Effect], ...]:
-        """The effects that act, with their places, without those dropped, and with the constraints of contacts."""
+        """The effects that act, with their places, without those dropped, and with the constraints of contacts.
+
+        What is released changes the robot last: constants that other effects set are those of the robot without it.
+        """
         placed: list[tuple[int, Effect]] = []
         for place, effect in enumerate(self.effects):
             if not isinstance(effect, SwitchingEffect):
                 placed.append((place, effect))
             elif place not in dropped:
                 placed += [(place, own) for own in effect.acting()]
+        placed.sort(key=lambda one: isinstance(self.effects[one[0]], SwitchingEffect) and changes_robot(one[1]))
         return (*placed, *constraints)
 
     def robot_with(self, effects: Sequence[Effect]) -> Robot:
         """The robot with the constants that these effects change."""
-        changing, now = ([e for e in some if type(e).change is not Effect.change] for some in (self.effects, effects))
+        changing, now = ([e for e in some if changes_robot(e)] for some in (self.effects, effects))
         if changing == now:
             return self.robot
 
@@ -233,6 +237,11 @@ class Switching:
                 effect.change(model)
 
         return self.base.changed(change)
+
+
+def changes_robot(effect: Effect) -> bool:
+    """Whether an effect changes constants of the robot."""
+    return type(effect).change is not Effect.change
 
 
 def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switching | None:

@@ -17,10 +17,9 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
-from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import QueryError
-from twolink.identification.base_parameters import base_parameters
-from twolink.identification.selection import select
+from twolink.identification.base_parameters import base_parameters, select
+from twolink.io.joint_columns import joint_columns
 from twolink.io.tables import write_table
 
 HARMONICS = 5

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.identification.estimate import Estimate
+from twolink.identification.result import Estimate
 from twolink.scenes import Scene
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from twolink.errors import AccuracyError, QueryError, TwolinkError
 from twolink.identification import regression
 from twolink.identification.base_parameters import BaseParameters, independent
 from twolink.identification.measured_motion import MeasuredMotion
-from twolink.identification.segments import later_starts, segment_ends
-from twolink.identification.shooting import Shooting, Shot, State
+from twolink.identification.shooting import MultipleShooting, Shot, State, later_starts, segment_ends
 from twolink.identification.unknowns import Unknowns
 
 METHODS = ("weighted", "robust")
@@ -37,7 +36,7 @@ class Point:
     shooting: what simulates. converged: whether the least squares ended before they had to.
     """
 
-    shooting: Shooting
+    shooting: MultipleShooting
     z: np.ndarray
     starts: list[State]
     shot: Shot
@@ -107,7 +106,7 @@ def _diagonal(like: np.ndarray, bound: np.ndarray) -> np.ndarray:
     return out
 
 
-class Search:
+class LeastSquaresSearch:
     """The search for one measured motion: by least squares in z and the starts of later segments.
 
     interrupted: Ctrl-C ended it; what it gives then is the best so far.
@@ -126,7 +125,7 @@ class Search:
         self.simulations = 1
         self.first: Shot | None = None
         try:
-            self.first = Shooting(unknowns, data, [], accuracy)(np.zeros(len(unknowns.names)), [])
+            self.first = MultipleShooting(unknowns, data, [], accuracy)(np.zeros(len(unknowns.names)), [])
         except AccuracyError:  # errors grow too fast for one piece; segments can start where all joints were measured
             if not in_segments or len(data.of_q) < data.robot.nv:
                 raise
@@ -137,7 +136,7 @@ class Search:
     def point_with(self, count: int) -> Point:
         """Where the search ends with so many segments."""
         ends = segment_ends(count, self.data)
-        shooting = Shooting(self.unknowns, self.data, ends, self.accuracy)
+        shooting = MultipleShooting(self.unknowns, self.data, ends, self.accuracy)
         z, starts = np.zeros(len(self.unknowns.names)), later_starts(ends, self.data, self.first)
         noise = GUESS * self.spread if self.known is None else self.known
         first = shooting(z, starts) if ends or self.first is None else self.first

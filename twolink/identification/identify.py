@@ -9,11 +9,10 @@ from scipy.special import stdtrit
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import one_of, positive
 from twolink.errors import QueryError
-from twolink.identification.base_parameters import BaseParameters, base_parameters, independent
+from twolink.identification.base_parameters import BaseParameters, Selection, base_parameters, independent, select
 from twolink.identification.measurements import Measurements, measurements, require_reach
 from twolink.identification.regression import METHODS, fit
 from twolink.identification.result import Identification
-from twolink.identification.selection import Selection, select
 
 _UNEXPLAINED = 0.3  # of the torques: residuals above it ask for the reason
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles

@@ -10,11 +10,10 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
-from twolink.dynamics.named_queries import joint_columns
 from twolink.errors import QueryError, require_known
 from twolink.identification.measurements import check_units, checked_times, require_reach, wrong_units
+from twolink.io.joint_columns import joint_columns, read_columns
 from twolink.io.tables import read_table
-from twolink.robots.joint_layout import JointLayout
 
 DEGREES = {180 / np.pi: "is it in degrees?", np.pi / 180: "are the scene's angles in degrees?",
            1e3: "is it in millimetres?"}  # fmt: skip
@@ -130,47 +129,41 @@ def _columns(measurements: Any) -> dict[str, np.ndarray]:
 
 def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The values (n, nq or nv) of q or v, and the degrees of freedom (c,) that were measured."""
-    size = robot.nq if letter == "q" else robot.nv
-    out = np.tile(robot.neutral if letter == "q" else np.zeros(size), (count, 1))
-    names = [name for name, _ in joint_columns(robot.joints, letter)]
-    whole = letter in content or f"{letter}0" in content
-    if letter in content:
-        out = np.asarray(content[letter])
-    elif whole:
-        out = np.column_stack([_column(content, f"{letter}{i}", count) for i in range(size)])
-    angles = [f"{letter}.{joint.name}" for joint in robot.joints]
+    of_q = letter == "q"
+    size = robot.nq if of_q else robot.nv
     for name in content:
         if name.startswith(f"{letter}."):
-            require_known(name, [*names, *angles], QueryError, "there is no column {!r}", argument="measurements",
+            known = [*(column for column, _ in joint_columns(robot.joints, letter)),
+                     *(f"{letter}.{joint.name}" for joint in robot.joints)]  # fmt: skip
+            require_known(name, known, QueryError, "there is no column {!r}", argument="measurements",
                           code="column-missing")  # fmt: skip
-    dofs: list[int] = []
-    for joint in robot.joints:
-        part, own = _own_columns(joint, letter, names)
-        if whole:
+    table = {name: _column(name, values, count) if name != letter else values for name, values in content.items()
+             if name.partition(".")[0] == letter or (name[:1] == letter and name[1:].isdigit())}  # fmt: skip
+    whole, lacking = read_columns(table, robot.joints, letter)
+    if lacking and f"{letter}0" in table:
+        raise _missing(lacking[0], content)
+    out = np.tile(robot.neutral if of_q else np.zeros(size), (count, 1)) if whole is None else whole
+    dofs = list(range(robot.nv)) if whole is not None else []
+    for joint in robot.joints if whole is None else ():
+        own, lacking = read_columns(table, [joint], letter)
+        if joint.kind == "cos-sin" and f"q.{joint.name}" in table:
+            angle = table[f"q.{joint.name}"]
+            own, lacking = np.column_stack([np.cos(angle), np.sin(angle)]), []
+        part = joint.q if of_q else joint.v
+        if own is not None:
+            out[:, part] = own
             dofs += range(joint.v.start, joint.v.stop)
-        elif joint.kind == "cos-sin" and letter == "q" and f"q.{joint.name}" in content:
-            angle = _column(content, f"q.{joint.name}", count)
-            out[:, part] = np.column_stack([np.cos(angle), np.sin(angle)])
-            dofs.append(joint.v.start)
-        elif any(name in content for name in own):
-            out[:, part] = np.column_stack([_column(content, name, count) for name in own])
-            dofs += range(joint.v.start, joint.v.stop)
-    checked = configuration("q", out, size, robot.joints) if letter == "q" else array("v", out, size)
+        elif len(lacking) < part.stop - part.start:
+            raise _missing(lacking[0], content)
+    checked = configuration("q", out, size, robot.joints) if of_q else array("v", out, size)
     if checked.shape != (count, size):
         raise QueryError(f"expected shape ({count}, {size}), got {checked.shape}", argument=letter,
                          remedy="give one row for each of the times t")  # fmt: skip
     return checked, np.array(dofs, dtype=int)
 
 
-def _own_columns(joint: JointLayout, letter: str, names: list[str]) -> tuple[slice, list[str]]:
-    part = joint.q if letter == "q" else joint.v
-    return part, names[part]
-
-
-def _column(content: Mapping[str, np.ndarray], name: str, count: int) -> np.ndarray:
-    if name not in content:
-        raise _missing(name, content)
-    values = array(name, content[name], None)
+def _column(name: str, given: np.ndarray, count: int) -> np.ndarray:
+    values = array(name, given, None)
     if values.shape != (count,):
         raise QueryError(f"expected {count} values, one for each time, got shape {values.shape}", argument=name,
                          remedy="give one for each of the times t")  # fmt: skip

@@ -11,9 +11,9 @@ from twolink.dynamics.arguments import array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
-from twolink.identification.fit_search import METHODS, Linearized, Point, Progress, Search
+from twolink.identification.fit_search import METHODS, LeastSquaresSearch, Linearized, Point, Progress
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
-from twolink.identification.segments import can_be_cut, segment_counts
+from twolink.identification.shooting import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
@@ -74,8 +74,10 @@ def fit(
 
     Raises
     ------
+    SceneError
+        A name is unknown (code "unknown-parameter"), or there are no derivatives by it (code "sensitivity-undefined").
     QueryError
-        For arguments that do not fit; codes "unknown-parameter", "mixed-parameters", "column-missing", "times",
+        For arguments that do not fit; codes "mixed-parameters", "column-missing", "times",
         "too-few-samples", "constant-data", "units", "nothing-identifiable".
     AccuracyError
         The scene's own motion cannot be simulated, or its sensitivities do not exist.
@@ -100,8 +102,9 @@ def fit(
     if not isinstance(scene, Scene):
         raise QueryError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
     data = measured_motion(scene.robot, measurements)
-    search = Search(unknowns_of(scene, parameters), data, _noise_of(sigma, data), method, accuracy_of(accuracy),
-                    in_segments=segments != 1 and can_be_cut(scene), progress=progress)  # fmt: skip
+    unknowns, noise = unknowns_of(scene, parameters), _noise_of(sigma, data)
+    search = LeastSquaresSearch(unknowns, data, noise, method, accuracy_of(accuracy),
+                                in_segments=segments != 1 and can_be_cut(scene), progress=progress)  # fmt: skip
     points: list[Point] = []
     for count in segment_counts(segments, search.growth, data, scene):
         try:
@@ -116,12 +119,12 @@ def fit(
     return _result(search, best, method, confidence)
 
 
-def _unexplained(search: Search, point: Point) -> float:
+def _unexplained(search: LeastSquaresSearch, point: Point) -> float:
     """The share of what was measured that residuals are, in the channel where it is largest."""
     return float((np.sqrt(np.mean(point.shot.residuals**2, axis=0)) / search.spread).max())
 
 
-def _result(search: Search, point: Point, method: str, confidence: float) -> SceneFit:
+def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: float) -> SceneFit:
     """Values, covariance and numerical errors at the end of a search."""
     unknowns, data, shooting = search.unknowns, search.data, point.shooting
     fine = Point(shooting, point.z, point.starts, shooting(point.z, point.starts, search.accuracy / _FINER),

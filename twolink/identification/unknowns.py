@@ -1,11 +1,11 @@
 """What is looked for by simulation: names, and coordinates z in which every value is one that can be.
 
 z = 0 is the scene as it is, and a change of z by 1 about as large as the value itself. A mass is m0 exp(z). The ten
-parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`pseudo_inertia`); other
+parameters of a body, where all of them are looked for, are its log-Cholesky parameters (`consistency`); other
 values are linear in z. Derivatives are complex steps (Squire and Trapp 1998).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -13,15 +13,13 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import block_diag
 
-from twolink.algorithms.mechanism import body_names, nominal, parameter_names
-from twolink.dynamics.regressors import BODY_PARAMETERS
+from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.effects import Constants, JointDamping
-from twolink.errors import QueryError, SceneError, nearest
-from twolink.identification.pseudo_inertia import central, from_central, log_cholesky_chart, size_of
-from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
+from twolink.errors import QueryError, SceneError
+from twolink.identification.consistency import central, from_central, log_cholesky_chart, size_of
 from twolink.robots.physical_checks import is_impossible
 from twolink.scenes import Scene
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, scene_with
 
 _STEP = 1e-30
 _CENTRAL = ("mass", "com.x", "com.y", "com.z",
@@ -78,7 +76,7 @@ class Unknowns:
                 change[letter][dofs[joint]] = values
             else:
                 constants.update(zip(group.constants, values.tolist(), strict=True))
-        own = world_scene(self.scene, constants) if constants else self.scene
+        own = scene_with(self.scene, constants) if constants else self.scene
         self._require_bodies(own)
         q, v = robot.integrate(own.q, change["q"]), own.v + change["v"]
         return Scene(own.base, q, v, own.effects, own.duration, own.title)
@@ -101,23 +99,25 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
 
     Raises
     ------
+    SceneError
+        A name is unknown (code "unknown-parameter") or cannot be looked for (code "sensitivity-undefined").
     QueryError
-        Codes "unknown-parameter", with the nearest right name, and "mixed-parameters".
+        Code "mixed-parameters".
     """
     if isinstance(parameters, str) or not isinstance(parameters, Sequence) or not parameters:
         what, remedy = f"expected a list of names, got {parameters!r:.60}", 'such as ["forearm.mass", "q.elbow"]'
         raise QueryError(what, argument="parameters", remedy=remedy)
-    model, constants = scene.robot.model, [i for i, e in enumerate(scene.effects) if isinstance(e, Constants)]
-    numbers = {name: value for name, value in all_effect_numbers(scene).items()
-               if np.isfinite(value) and int(name.split(".")[1]) not in constants}  # fmt: skip
-    links = body_names(model)[1:]
+    constants = [i for i, effect in enumerate(scene.effects) if isinstance(effect, Constants)]
+    numbers = {name: parameter.nominal for name, parameter in parameters_of(scene).items()
+               if np.isfinite(parameter.nominal) and parameter.kind in ("constant", "effect")
+               and not name.startswith(tuple(f"{PREFIX}{i}." for i in constants))}  # fmt: skip
+    links = body_names(scene.robot.model)[1:]
     of_bodies = {f"{link}.{part}": link for link in links for part in (*BODY_PARAMETERS, *_CENTRAL)}
-    patterned = [f"{link}.{part}" for link in links for part in BODY_PARAMETERS]
     of_state = [f"{letter}.{joint.name}" for letter in "qv" for joint in scene.robot.joints]
-    others = [name for name in (*parameter_names(model), *numbers) if name not in of_bodies]
-    known = [*of_bodies, *others, *of_state]
-    found = dict.fromkeys(name for text in parameters
-                          for name in _named(scene, str(text), known, [*patterned, *numbers, *of_state]))  # fmt: skip
+    known = dict.fromkeys([*of_bodies, *numbers, *of_state])
+    patterned = [f"{link}.{part}" for link in links for part in BODY_PARAMETERS]
+    patterned += [name for name in numbers if name.startswith(PREFIX)] + of_state
+    found = dict.fromkeys(name for text in parameters for name in _named(scene, str(text), known, patterned))
     by_link: dict[str, list[str]] = {}
     groups = []
     for name in found:
@@ -126,24 +126,24 @@ def unknowns_of(scene: Scene, parameters: Sequence[str]) -> Unknowns:
         elif name in of_state:
             groups.append(_state(scene, name))
         else:
-            value = numbers[name] if name in numbers else nominal(model, name)
-            groups.append(_number(name, value))
+            groups.append(_number(name, numbers[name]))
     bodies = [_body(scene, link, links.index(link), parts) for link, parts in by_link.items()]
     return Unknowns(scene, [*bodies, *groups])
 
 
-def _named(scene: Scene, text: str, known: Sequence[str], patterned: Sequence[str]) -> list[str]:
+def _named(scene: Scene, text: str, known: Collection[str], patterned: Sequence[str]) -> list[str]:
     """The names that a text stands for: its own, the joints of "q" and "v", or those that fit a pattern."""
     if text in ("q", "v"):
         return [f"{text}.{joint.name}" for joint in scene.robot.joints]
     joint, _, kind = text.rpartition(".")
     if kind in ("damping", "friction") and not text.startswith(PREFIX) and joint in scene.robot.joint_names:
-        raise QueryError(f"the scene has no effect whose number is {text!r}", argument="parameters",
+        raise SceneError(f"the scene has no effect whose number is {text!r}", argument="parameters",
                          remedy=_of_an_effect(scene, joint, kind), code="unknown-parameter")  # fmt: skip
     fitting = [text] if text in known else [name for name in patterned if fnmatchcase(name, text)]
     if not fitting:
-        raise QueryError(f"there is no parameter {text!r}", argument="parameters", remedy=nearest(text, known),
-                         code="unknown-parameter")  # fmt: skip
+        about = named_parameters(scene, [text], "parameters", known)[0].about
+        raise SceneError(f"there are no derivatives by {text!r}: {about}", argument="parameters",
+                         remedy="look for another number", code="sensitivity-undefined")  # fmt: skip
     return fitting
 
 

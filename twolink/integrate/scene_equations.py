@@ -23,13 +23,14 @@ from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
 from twolink.integrate.constraints import all_constraints
-from twolink.integrate.effect_numbers import PREFIX, numbers_of, physical, with_effect_numbers
+from twolink.integrate.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
 from twolink.integrate.state import Array
 from twolink.io.fingerprints import kernel_key
 from twolink.scenes import Scene
+from twolink.scenes.parameters import PREFIX, numbers_of
 
 _kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
 

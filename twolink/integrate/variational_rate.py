@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twolink.algorithms.differences import derivative
 from twolink.algorithms.duals import Dual, DualNamespace
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
@@ -134,11 +135,11 @@ def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
                            along[:, :moving].reshape(-1, STATES)])  # fmt: skip
     ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)
 
-    def rate(shift: float) -> Array:
+    def rate(k: float) -> Array:
         """(width, moving, states)."""
-        return np.array([rate_by_pinocchio(equations, 0.0, x + shift * d)[:moving] for d in along])
+        return np.array([rate_by_pinocchio(equations, 0.0, x + k * STEP * d)[:moving] for d in along])
 
-    theirs = (8.0 * (rate(STEP) - rate(-STEP)) - (rate(2 * STEP) - rate(-2 * STEP))) / (12.0 * STEP)
+    theirs = derivative(rate, STEP)
     scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=(0, 1)) + np.nan_to_num(np.abs(ours[0])).max(axis=0)
     error = np.abs(ours[1:] - theirs).max(axis=(0, 1)) / scale
     if equations.constraints is not None or not np.isfinite(theirs).all():

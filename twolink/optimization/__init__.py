@@ -6,7 +6,6 @@ alone. This room knows no scene by name, no command line and no service.
 """
 
 from twolink.optimization.gradient import Gradient, gradient
-from twolink.optimization.optimize import optimize
-from twolink.optimization.optimum import Optimum
+from twolink.optimization.optimize import Optimum, optimize
 
 __all__ = ["Gradient", "Optimum", "gradient", "optimize"]

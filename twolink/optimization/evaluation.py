@@ -1,28 +1,85 @@
-"""One evaluation: objective and constraints at values of the variables, with their derivatives.
+"""Variables, and one evaluation at values of them: objective and constraints, with their derivatives.
 
-The derivatives come from the sensitivities of the one run (`neighbours`). Where there are none - a number that they do
-not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
+The derivatives come from the sensitivities of the one run (`run_variation`). Where there are none - a number that they
+do not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
 stand in, and the evaluation says so.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.optimization.neighbours import Neighbours, NotFollowedError
 from twolink.optimization.objectives import Objective, value_of
-from twolink.optimization.variables import Variables, derivative_of
+from twolink.optimization.run_variation import NotFollowedError, variation_by
 from twolink.scenes import Scene
+from twolink.scenes.parameters import named_parameters, scene_with
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.trajectory import Trajectory
 
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """k numbers of a scene between bounds.
+
+    names: as `scenes.parameters` has them. low, high (k,): bounds, SI units. own (k,):
+    the values that the scene has.
+    """
+
+    scene: Scene
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    own: np.ndarray
+
+    @property
+    def width(self) -> np.ndarray:
+        """high - low, (k,)."""
+        return np.asarray(self.high - self.low)
+
+    def named(self, x: np.ndarray) -> dict[str, float]:
+        """Values (k,) by name."""
+        return dict(zip(self.names, x.tolist(), strict=True))
+
+    def scene_at(self, x: np.ndarray) -> Scene:
+        """The scene with these values (k,)."""
+        return scene_with(self.scene, self.named(x))
+
+
+def variables_of(scene: Scene, wrt: Mapping[str, Sequence[float]]) -> Variables:
+    """The variables that `wrt` names, with bounds. Raises SceneError."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"expected a Scene, got {type(scene).__name__}", argument="scene", remedy="tl.load_scene(...)")
+    if not isinstance(wrt, Mapping) or not wrt:
+        raise SceneError(f"expected bounds by name, got {wrt!r}", argument="wrt",
+                         remedy="such as {'v.elbow': (-1.0, 1.0)}", code="no-variables")  # fmt: skip
+    own = np.array([parameter.nominal for parameter in named_parameters(scene, wrt, "wrt")])
+    low, high = np.array([_bounds(name, pair) for name, pair in wrt.items()]).T
+    found = Variables(scene, tuple(wrt), low, high, own)
+    for corner in (low, high):
+        found.scene_at(corner)  # refuses what cannot be
+    return found
+
+
+def _bounds(name: str, pair: Any) -> tuple[float, float]:
+    """Two bounds. Raises SceneError."""
+    numbers = isinstance(pair, Sequence | np.ndarray) and len(pair) == 2
+    low, high = (float(bound) for bound in pair) if numbers else (math.nan, math.nan)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise SceneError(f"expected finite bounds (low, high) with low < high, got {pair!r}", argument="wrt",
+                         where=f"wrt[{name!r}]", remedy="such as (-1.0, 1.0)", code="bounds")  # fmt: skip
+    return low, high
+
+
+LARGEST = 1e-3  # of the distance of the bounds: the largest change of a variable along a run
 STEP = 1e-4  # of the distance of the bounds: of differences of runs
 FAILURES = 3  # motions without derivatives, after which these are not tried any more
 SHARPER = 1e-3  # of the accuracy: of a second try to tell the events of a motion apart
@@ -68,8 +125,8 @@ class Evaluator:
             self.by_runs = dict.fromkeys(self.variables.names, "asked for")
         for name in self.variables.names if not self.by_runs else ():
             try:
-                neighbours = wanted_of(self.variables.scene, [derivative_of(self.variables.scene, name)[0]]).neighbours
-                if set(neighbours.constants) - {name} or neighbours.has_friction:
+                variation = wanted_of(self.variables.scene, [name]).variation
+                if set(variation.constants) - {name} or variation.has_friction:
                     self.by_runs[name] = "energy and torques change with it, besides the motion"
             except SceneError as error:
                 self.by_runs[name] = error.what
@@ -104,19 +161,19 @@ class Evaluator:
         finer: times as accurate, and with twice the samples above 1. Where derivatives need a more accurate run to
         tell its events apart, that is it. Raises TwolinkError where there are none.
         """
-        wrt, samples = list(dict.fromkeys(derivative_of(scene, name)[0] for name in names)), self._samples(finer)
         for accuracy in (self.accuracy / finer, self.accuracy / finer * SHARPER):
             self.simulations += 1
             try:
-                s = sensitivities(scene, wrt, self.duration, accuracy, samples=samples)
+                s = sensitivities(scene, names, self.duration, accuracy, samples=self._samples(finer))
                 break
             except AccuracyError as error:
                 if error.code != "sensitivity-undefined" or accuracy < self.accuracy / finer:
                     raise
         _require_whole(s.run)
-        widths = dict(zip(self.variables.names, self.variables.width.tolist(), strict=True))
         functions = list(self.functions.values())
-        return s.run, {name: Neighbours(s, scene, name, widths[name]).derivative(functions) for name in names}
+        largest = dict(zip(self.variables.names, LARGEST * self.variables.width, strict=True))
+        return s.run, {parameter.name: variation_by(s, scene, parameter).derivative(functions, largest[parameter.name])
+                       for parameter in named_parameters(scene, names, "wrt")}  # fmt: skip
 
     def run(self, scene: Scene, finer: float = 1.0, *, verify: bool = False) -> Trajectory:
         """A run. finer: as in `along`."""

@@ -1,32 +1,35 @@
-"""gradient: the derivatives of one number of a run by many numbers of its scene, by an adjoint."""
+"""gradient: the derivatives of one number of a run by many numbers of its scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
+from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.io.listing import Table
 from twolink.optimization.objectives import Objective, named_objective, value_of
-from twolink.optimization.sample_derivatives import Slopes, by_constants, by_samples
+from twolink.optimization.run_variation import STEP, NotFollowedError, RunVariation, Unknown, beside
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.adjoint_runs import AdjointRun, with_states
 from twolink.simulation.error_bar import ROUNDING, SLACK
 from twolink.simulation.nominal_solutions import bound
 from twolink.simulation.sampling import duration_for, sample_times
 from twolink.simulation.scene_run import MAX_SAMPLES
 from twolink.simulation.sensitivities import refined
 from twolink.simulation.sensitivity_names import Wanted, wanted_of
+from twolink.simulation.sensitivity_runs import along_solutions, with_states
 from twolink.simulation.text import ShownAsText
 from twolink.simulation.trajectory import Trajectory
 
-STEPS = (1e-3, 5e-4)  # rad, m, per second: of differences of the objective, along the run and along second solutions
+Slopes = Callable[[Trajectory], tuple[np.ndarray, np.ndarray]]
+SHARE = 1e-3  # of a constant: the step of differences by it
+SMALL = 1e-3  # SI units: constants below it are moved as if they were so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,7 +84,7 @@ def gradient(
 ) -> Gradient:
     """Derivatives of one number of a run by many numbers of the scene.
 
-        dF/dp = sum_n (dF/dx_n) dx_n/dp + F_p,   computed backwards: w- = Phi^T w+ + dF/dx_n
+        dF/dp = sum_n (dF/dx_n) dx_n/dp + F_p
 
     Parameters
     ----------
@@ -98,8 +101,8 @@ def gradient(
     samples : float
         Samples a second, which the objective sees.
     slopes : callable, optional
-        (dF/dq (n, nv) in the tangent space, dF/dv (n, nv)) of a run. Without it they are differences of F: of the last
-        sample if F depends on no other one, else of all of them, which takes 8 nv calls of F a sample.
+        (dF/dq (n, nv) in the tangent space, dF/dv (n, nv)) of a run. Without it derivatives are differences of F along
+        the sensitivities, which take 4 calls of F a number.
     progress : callable, optional
         Called with the simulated time now and then.
 
@@ -119,28 +122,21 @@ def gradient(
 
     Notes
     -----
-    What the motion costs grows with the number of its degrees of freedom, not with that of the parameters; each event
-    adds differences by every parameter. `sensitivities` costs less for few (scripts/benchmarks/sensitivities.py).
-
-    The error bar comes from second solutions, as that of `sensitivities`. The derivatives are those along the finer
-    one.
-
-    References
-    ----------
-    Hager 2000, "Runge-Kutta methods in optimal control and the transformed adjoint system", Numerische Mathematik 87.
+    The error bar comes from second solutions, as that of `sensitivities`. The derivatives are those along the
+    finer one.
     """
     accuracy, wanted, equations = accuracy_of(accuracy), wanted_of(scene, wrt), equations_of(scene)
     function = named_objective(objective, scene.robot) if isinstance(objective, str) else objective
     times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
 
-    def attempt(own: Equations, run: Trajectory, sought: float, tolerance: float) -> tuple[Gradient, float]:
+    def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Gradient, float]:
         if run.interrupted:
             raise KeyboardInterrupt
         if run.events and run.t[-1] < times[-1]:
             raise SceneError("an event ends the run: its end moves with the parameters", argument="scene",
                              remedy="tl.optimize follows such ends; or leave the effect that ends it out",
                              code="gradient-end")  # fmt: skip
-        found = _along(run, own, wanted, function, slopes, sought, tolerance, accuracy)
+        found = _along(run, own, wanted, function, slopes, tolerance, accuracy)
         sizes = {name: accuracy * max(1.0, float(np.abs(values).max())) for name, values in found.by.items()}
         return found, max(float(bar.max()) / sizes[name] for name, bar in found.error.items())
 
@@ -148,19 +144,19 @@ def gradient(
 
 
 def _along(
-    run: Trajectory, equations: Equations, wanted: Wanted, function: Objective, slopes: Slopes | None, sought: float,
-    tolerance: float, accuracy: float,
+    run: Trajectory, equations: Equations, wanted: Wanted, function: Objective, slopes: Slopes | None, tolerance: float,
+    accuracy: float,
 ) -> Gradient:  # fmt: skip
     """The gradient along a run, with its error bars."""
-    here, covectors = by_samples(run, function, slopes, STEPS[0])
-    adjoint = AdjointRun(run, equations, wanted, sought, tolerance, here)
-    results, values = [adjoint.pulled_back(0, covectors)], [value_of(function, run)]
-    constants = by_constants(run, wanted, function)
-    for number, nominal in enumerate(adjoint.nominals[1:], 1):
-        beside = with_states(run, nominal)
-        results.append(adjoint.pulled_back(number, by_samples(beside, function, slopes, STEPS[1], here)[1]))
-        values.append(value_of(function, beside))
-    total = results[1] + constants
+    constants = _constants(run, wanted, function)
+    every = slopes is not None or _depends_on_earlier(run, function)
+    samples = np.arange(len(run.t))[None if every else -1 :]
+    results, values = list[np.ndarray](), list[float]()
+    for nominal, s in along_solutions(run, equations, wanted, tolerance, samples):
+        own = with_states(run, nominal) if results else run
+        results.append(_by_columns(own, s, wanted, function, slopes, constants, STEP / 2 if results else STEP))
+        values.append(value_of(function, own))
+    total = results[1]
     bar = bound([np.abs(result - results[0]) for result in results[1:]])
     bar += ROUNDING * np.abs(total) + SLACK * accuracy * np.maximum(1.0, np.abs(total))
     if not np.isfinite(total).all():
@@ -170,3 +166,64 @@ def _along(
     error = {name: bar[columns] for name, columns in wanted.columns.items()}
     off = float(bound([np.abs(np.asarray(value) - values[0]) for value in values[1:]]))
     return Gradient(run, values[0], off + float(np.spacing(abs(values[0]))), by, error, accuracy)
+
+
+def _by_columns(
+    run: Trajectory, s: np.ndarray, wanted: Wanted, function: Objective, slopes: Slopes | None,
+    constants: dict[str, float], change: float,
+) -> np.ndarray:  # fmt: skip
+    """The derivatives (k,) of a function along S (n, 2 nv, k). constants: those that it uses besides, with steps."""
+    nv, total = run.v.shape[1], np.zeros(s.shape[2])
+    if slopes is not None:
+        given = [np.asarray(rows, dtype=float) for rows in slopes(run)]
+        if any(rows.shape != run.v.shape for rows in given):
+            raise SceneError(f"expected two arrays of shape {run.v.shape}, got {[rows.shape for rows in given]}",
+                             argument="slopes", remedy="return dF/dq and dF/dv by the samples")  # fmt: skip
+        total, s = np.einsum("nx,nxk->k", np.concatenate(given, axis=1), s), np.zeros_like(s)
+    for k, column in enumerate(s.transpose(2, 0, 1)):
+        weights = dict(zip(wanted.variation.names, wanted.start[2 * nv :, k], strict=True))
+        own = {name: weights[name] for name in constants if weights[name]}
+        if own or column.any():
+            largest = min((constants[name] for name in own), default=np.inf)
+            variation = RunVariation(run, column[:, :nv], column[:, nv:], own)
+            total[k] += variation.derivative([function], largest, change)[0]
+    return total
+
+
+def _depends_on_earlier(run: Trajectory, function: Objective) -> bool:
+    """Whether a function depends on other samples than the last."""
+    dq, dv = STEP * np.random.default_rng(0).uniform(-1.0, 1.0, (2, *run.v.shape))
+    dq[-1] = dv[-1] = 0.0
+    return value_of(function, beside(run, dq, dv, {})) != value_of(function, run)
+
+
+def _constants(run: Trajectory, wanted: Wanted, function: Objective) -> dict[str, float]:
+    """The constants among the parameters that a function uses besides the samples, with steps for them.
+
+    Raises SceneError, code "gradient-objective", where constants that it uses change with a parameter indirectly.
+    """
+    variation, still, own = wanted.variation, np.zeros_like(run.v), value_of(function, run)
+    pieces = run.solution.pieces if run.solution else ()
+    steps = {name: SHARE * max(abs(nominal_value(pieces[0].equations, name)), SMALL) for name in variation.constants}
+    direct = {name: step for name, step in steps.items() if name in variation.names}
+
+    def used(changes: dict[str, float]) -> bool:
+        return bool(changes) and value_of(function, beside(run, still, still, changes)) != own
+
+    if used({name: step for name, step in steps.items() if name not in direct}) or (
+        variation.has_friction and _uses_torques(run, function)
+    ):
+        raise SceneError("energy or torques, which it uses, change with a parameter indirectly", argument="objective",
+                         remedy="use samples only, or ask for physical constants and numbers of what acts",
+                         code="gradient-objective")  # fmt: skip
+    return direct if used(direct) else {}
+
+
+def _uses_torques(run: Trajectory, function: Objective) -> bool:
+    """Whether a function asks for torques or accelerations."""
+    still = np.zeros_like(run.v)
+    try:
+        function(replace(beside(run, still, still, {}), solution=Unknown("a torque")))  # type: ignore[arg-type]
+    except NotFollowedError:
+        return True
+    return False

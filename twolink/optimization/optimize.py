@@ -1,12 +1,14 @@
-"""optimize: the numbers of a scene for which a function of its run is least or greatest."""
+"""optimize: the numbers of a scene for which a function of its run is least or greatest, and their errors."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +17,125 @@ from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.taylor_code import few_solutions
 from twolink.io.listing import Table
-from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
+from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
-from twolink.optimization.optimum import Optimum
-from twolink.optimization.search import Progress, Search, starting_points
-from twolink.optimization.variables import variables_of
+from twolink.optimization.search import MultiStart, Progress, starting_points
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import SAFETY
+from twolink.simulation.text import ShownAsText
+from twolink.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum(ShownAsText):
+    """The best that a search found. It unpacks as scene, run, history.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene with the best values.
+    run : Trajectory
+        Its run, with an error bar.
+    history : Table
+        Every evaluation: start, values by name, objective, least constraint, slope (norm of the gradient with the
+        variables scaled to [0, 1]), where the derivatives came from, seconds.
+    values : mapping of str to float
+        The best values by name, SI units.
+    objective : float
+        The objective there.
+    error : float
+        Its numerical error: twice its distance to the value of a run that is FINER times as accurate and has twice
+        the samples. NaN: there is no such run.
+    gradient : ndarray (k,)
+        The objective's derivatives there, per unit of each variable.
+    gradient_error : ndarray (k,)
+        Their numerical error, found in the same way; NaN where they are differences of runs.
+    hessian : ndarray (k, k)
+        Second derivatives, by differences of gradients. NaN: not computed.
+    on_bound : mapping of str to str
+        "low" or "high" for the variables whose best value is on a bound.
+    constraints : mapping of str to float
+        The constraints there; each is to be at least 0.
+    simulations : int
+        Runs that it took, those that a file held included.
+    seconds : float
+        Of wall clock, likewise.
+    ends : tuple of str
+        Why the search from each start ended.
+    interrupted : bool
+        Ctrl-C ended it; this is the best so far.
+    """
+
+    scene: Scene
+    run: Trajectory
+    history: Table
+    values: Mapping[str, float]
+    objective: float
+    error: float
+    gradient: np.ndarray
+    gradient_error: np.ndarray
+    hessian: np.ndarray
+    on_bound: Mapping[str, str]
+    constraints: Mapping[str, float]
+    simulations: int
+    seconds: float
+    ends: tuple[str, ...]
+    interrupted: bool = False
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.scene, self.run, self.history))
+
+    @property
+    def resolution(self) -> dict[str, float]:
+        """How far each variable alone may be off before the objective changes by more than its error.
+
+        The positive root d of |g_k| d + |H_kk| d^2 / 2 = error; NaN where error or Hessian are not known.
+        """
+        slope, curvature = np.abs(self.gradient), np.abs(np.diag(self.hessian))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = 2.0 * self.error / (slope + np.sqrt(slope**2 + 2.0 * curvature * self.error))
+        return dict(zip(self.values, off.tolist(), strict=True))
+
+    def table(self) -> Table:
+        """Value, bound, resolution, first and second derivative of each variable."""
+        resolution, rows = self.resolution, []
+        for k, (name, value) in enumerate(self.values.items()):
+            rows.append((name, value, _known(resolution[name]), self.on_bound.get(name), float(self.gradient[k]),
+                         _known(float(self.gradient_error[k])), _known(float(self.hessian[k, k]))))  # fmt: skip
+        return Table(("variable", "value", "±", "bound", "slope", "± slope", "curvature"), tuple(rows))
+
+    def to_dict(self) -> dict[str, Any]:
+        """A record for JSON."""
+        return {
+            "objective": self.objective,
+            "error": _known(self.error),
+            "variables": self.table().to_records(),
+            "hessian": [[_known(x) for x in row] for row in self.hessian.tolist()],
+            "constraints": dict(self.constraints),
+            "simulations": self.simulations,
+            "seconds": self.seconds,
+            "ends": list(self.ends),
+            "interrupted": self.interrupted,
+            "history": self.history.to_records(),
+        }
+
+    def __repr__(self) -> str:
+        error = "error not known" if np.isnan(self.error) else f"± {self.error:.1e}"
+        lines = [f"objective {self.objective:.9g} {error}, {len(self.history)} evaluations, "
+                 f"{self.simulations} simulations, {self.seconds:.3g} s", str(self.table())]  # fmt: skip
+        lines += [f"constraint {name}: {value:.6g}{' (violated)' if value < -(self.run.accuracy or 0.0) else ''}"
+                  for name, value in self.constraints.items()]  # fmt: skip
+        lines += [f"start {i}: {end}" for i, end in enumerate(self.ends, 1)]
+        by_runs = dict.fromkeys(record["derivatives"] for record in self.history)
+        lines += [f"derivatives: {by}" for by in by_runs if by.startswith("differences")]
+        return "\n".join([*lines, "interrupted: this is the best so far"] if self.interrupted else lines)
+
+
+def _known(value: float) -> float | None:
+    """A number for JSON and tables, None for one that is not known."""
+    return None if np.isnan(value) else float(value)
+
 
 FINER = 30.0  # times as accurate: the run that tells the error of the objective
 STEP = 1e-3  # of the distance of the bounds: of differences of gradients
@@ -78,7 +191,7 @@ def optimize(
     Raises
     ------
     SceneError
-        An argument does not fit: codes "unknown-variable", "bounds", "objective", "unknown-objective",
+        An argument does not fit: codes "unknown-parameter", "bounds", "objective", "unknown-objective",
         "another-search".
     AccuracyError
         No start can be simulated.
@@ -112,8 +225,8 @@ def optimize(
         "constraints": {name: _name_of(one) for name, one in limits.items()}, "duration": duration,
         "accuracy": accuracy, "samples": samples, "scene": _digest(scene),
     }  # fmt: skip
-    search = Search(evaluator, -1.0 if maximize else 1.0, int(evaluations), None if out is None else Path(out), problem,
-                    progress)  # fmt: skip
+    file = None if out is None else Path(out)
+    search = MultiStart(evaluator, -1.0 if maximize else 1.0, int(evaluations), file, problem, progress)
     with few_solutions():
         search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
         best = search.best()
@@ -123,7 +236,7 @@ def optimize(
 
 
 def _optimum(
-    search: Search, best: Evaluation, limits: Mapping[str, Objective], began: float, *, curvature: bool
+    search: MultiStart, best: Evaluation, limits: Mapping[str, Objective], began: float, *, curvature: bool
 ) -> Optimum:
     """The result, with errors and curvature at the best point."""
     evaluate, variables = search.evaluate, search.evaluate.variables
@@ -179,7 +292,7 @@ def _hessian(evaluate: Evaluator, best: Evaluation) -> np.ndarray:
     return np.asarray(0.5 * (found + found.T))
 
 
-def _history(search: Search) -> Table:
+def _history(search: MultiStart) -> Table:
     """Every evaluation of the search."""
     width, rows = search.evaluate.variables.width, []
     for start, one in search.history:

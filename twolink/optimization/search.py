@@ -34,7 +34,7 @@ class _Ended(Exception):
 
 
 @dataclass
-class Search:
+class MultiStart:
     """A search for the least value of the first of the evaluator's functions; the others are to be at least 0.
 
     sign: +1, or -1 for the greatest value. most: evaluations at most. out: a file that holds the evaluations, of a

@@ -21,11 +21,10 @@ from twolink.effects.torque import Torque
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError, require_known
 from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
-from twolink.optimization.optimize import optimize
-from twolink.optimization.optimum import Optimum
+from twolink.optimization.optimize import Optimum, optimize
 from twolink.optimization.search import Progress
-from twolink.optimization.variables import scene_with
 from twolink.scenes import Scene, load_scene
+from twolink.scenes.parameters import scene_with
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.scene_run import simulate

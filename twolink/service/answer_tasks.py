@@ -5,10 +5,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twolink.algorithms.mechanism import nominal_values
 from twolink.control.linearization import linearize as linearize_scene
 from twolink.errors import QueryError, SceneError
-from twolink.integrate.effect_numbers import all_effect_numbers
 from twolink.io.csv_text import parse_csv
 from twolink.service.job_requests import IdentificationRequest, LinearizationRequest, SceneRequest, SensitivityRequest
 from twolink.service.json_keys import decode_unique
@@ -28,14 +26,8 @@ _SHOWN = 2000  # samples of residuals in a record
 def quantities(*, body: bytes, robots: str) -> bytes:
     """What can be varied in a scene, with the scene's own values, as JSON. body: a SceneRequest."""
     scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
-    values: dict[str, Any] = {**nominal_values(scene.robot.model), **all_effect_numbers(scene)}
-    rows = []
-    for name, asked in quantities_of(scene).items():
-        if asked.kind in ("q", "v"):
-            part = (scene.q if asked.kind == "q" else scene.v)[list(asked.entries)]
-            values[name] = float(np.arctan2(part[1], part[0]) if len(part) == 2 else part[0])
-        row = {"name": name, "kind": asked.kind, "unit": asked.units, "about": asked.description}
-        rows.append({**row, "value": values.get(name)})
+    rows = [{"name": name, "kind": asked.kind, "unit": asked.unit, "about": asked.about,
+             "value": asked.nominal} for name, asked in quantities_of(scene).items()]  # fmt: skip
     return msgspec.json.encode(rows)
 
 

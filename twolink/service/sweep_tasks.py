@@ -36,7 +36,7 @@ from twolink.sweeps import (
 )
 from twolink.sweeps import sweep as run_sweep
 from twolink.sweeps.outputs import OUTPUTS, STATUS
-from twolink.sweeps.tables import column, column_names, run_dims
+from twolink.sweeps.results import column, column_names, run_dims
 
 STORE = "sweep.zarr"  # in the folder of the job
 _NUMBER_BYTES = 20  # of a number as JSON

@@ -14,10 +14,10 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.integrate.state import Array
 from twolink.scenes import Scene
+from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.world_scenes import world_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def solve_one_by_one(
     error, steps, ends = np.full(count, np.nan), np.zeros(count, dtype=int), np.full(count, np.nan)
     costs, events = list[Cost](), list[tuple[Event, ...]]()
     for i in range(count):
-        own = world_scene(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
+        own = scene_with(scene, {name: float(value[i]) for name, value in values.items()}) if values else scene
         try:
             run = _run(own, states[:, i], times, accuracy, verify)
         except SceneError as refused:

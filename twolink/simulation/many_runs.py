@@ -17,10 +17,10 @@ from twolink.integrate.event import Event
 from twolink.io.listing import Table
 from twolink.io.tables import write_table
 from twolink.scenes import Scene
+from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import EXTRA, coordinate_names
-from twolink.simulation.world_scenes import world_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,7 +136,7 @@ class Worlds:
         """The scene of world i: its start and its parameters. `tl.simulate` gives its run with equations of motion."""
         i, scene = range(len(self))[i], self.scene
         values = {name: float(numbers[i]) for name, numbers in self.parameters.items()}
-        own = world_scene(scene, values) if values else scene
+        own = scene_with(scene, values) if values else scene
         return Scene(own.base, self.start_q[i], self.start_v[i], own.effects, self.t, own.title)
 
     def varied(self) -> dict[str, np.ndarray]:

@@ -59,17 +59,13 @@ class NominalSolution(NamedTuple):
 class NominalSolutions:
     """The solutions of a run's equations along which derivatives are taken.
 
-    along_state: derivatives by the state alone; else by the neighbours' parameters too. Attributes: first, that
-    of the run; saltation, for the jumps.
+    Attributes: first, that of the run; saltation, for the jumps.
     """
 
-    def __init__(
-        self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, *, along_state: bool = False
-    ) -> None:
-        self.run, self.equations, self.wanted, self.neighbours = run, equations, wanted, wanted.neighbours
-        self.accuracy, self.along_state = accuracy, along_state
+    def __init__(self, run: Trajectory, equations: Equations, wanted: Wanted) -> None:
+        self.run, self.equations, self.wanted, self.variation = run, equations, wanted, wanted.variation
         self._steps: dict[str, VariationalSteps] = {}
-        self.saltation = Saltation(self.neighbours)
+        self.saltation = Saltation(self.variation)
         dense = cast("DenseOutput", run.solution)
         self._choice = MethodChoice(METHODS[dense.method], dense.setting, "", dense.precision)
         plain = Second(self._choice, NO_PERTURBATION)
@@ -109,13 +105,6 @@ class NominalSolutions:
             return s
         return self.saltation(nominal.jumps[number], s, nominal.second.differences)
 
-    def driven(self, nominal: NominalSolution, number: int) -> tuple[Equations, Array]:
-        """The equations of a piece with the parameters, and the gains of what drives them."""
-        equations = with_parameters(self._on_one_side(nominal, number), self.neighbours.constants)
-        mode = nominal.jumps[number].before.mode if nominal.jumps else Mode()
-        slip = {k: slip for k, slip in mode.slip.items() if k not in mode.locked}
-        return equations, self.neighbours.gains(mode.idle, slip)
-
     def _on_one_side(self, nominal: NominalSolution, number: int) -> Equations:
         """The equations of a piece, on the sides of limits of effort where it is: at its ends rounding would decide."""
         equations: Equations = nominal.dense.pieces[number].equations
@@ -133,9 +122,9 @@ class NominalSolutions:
 
     def _steps_of(self, nominal: NominalSolution, number: int) -> VariationalSteps:
         """The variational steps of a piece."""
-        equations, gains = self._on_one_side(nominal, number), np.empty((0, 0))
-        if not self.along_state:
-            equations, gains = self.driven(nominal, number)
+        equations = with_parameters(self._on_one_side(nominal, number), self.variation.constants)
+        mode = nominal.jumps[number].before.mode if nominal.jumps else Mode()
+        gains = self.variation.gains(mode.idle, {k: slip for k, slip in mode.slip.items() if k not in mode.locked})
         if equations.content not in self._steps:
             self._steps[equations.content] = VariationalSteps(equations, gains)
         return self._steps[equations.content].starting(equations, gains)

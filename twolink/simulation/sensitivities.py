@@ -159,7 +159,7 @@ def sensitivities(
     Raises
     ------
     SceneError
-        An argument does not fit, or a name is unknown (code "unknown-sensitivity").
+        An argument does not fit, or a name is unknown (code "unknown-parameter").
     AccuracyError
         The motion cannot be simulated, or the accuracy cannot be kept.
     MissingExtraError
@@ -191,8 +191,8 @@ def sensitivities_at(
     accuracy = accuracy_of(accuracy)
     wanted, equations = wanted_of(scene, wrt), equations_of(scene)
 
-    def attempt(own: Equations, run: Trajectory, sought: float, tolerance: float) -> tuple[Sensitivities, float]:
-        return _with_bars(SensitivityRun(run, own, wanted, sought, tolerance), accuracy)
+    def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Sensitivities, float]:
+        return _with_bars(SensitivityRun(run, own, wanted, tolerance), accuracy)
 
     return refined(scene, equations, times, accuracy, attempt, progress, any_numbers=any_numbers)
 
@@ -202,14 +202,14 @@ def refined(
     equations: Equations,
     times: np.ndarray,
     accuracy: float,
-    attempt: Callable[[Equations, Trajectory, float, float], tuple[Result, float]],
+    attempt: Callable[[Equations, Trajectory, float], tuple[Result, float]],
     progress: Progress | None = None,
     *,
     any_numbers: bool = False,
 ) -> Result:
     """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
 
-    attempt: of equations, their run, its accuracy and a tolerance of steps: the result, and how many times too large
+    attempt: of equations, their run and a tolerance of steps: the result, and how many times too large
     its bars are. Raises AccuracyError, code "accuracy-limit", where that has no end.
     """
     begin, end = float(times[0]), float(times[-1])
@@ -229,7 +229,7 @@ def refined(
             if not excess:
                 raise
             break
-        result, excess = attempt(equations, run, sought, sought / margin)
+        result, excess = attempt(equations, run, sought / margin)
         if excess <= 1.0:
             return result
         sought *= 0.5 / excess

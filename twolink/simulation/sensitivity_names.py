@@ -8,16 +8,16 @@ from typing import cast
 
 import numpy as np
 
-from twolink.algorithms.mechanism import parameter_names
+from twolink.algorithms.differences import derivative
 from twolink.effects.loop import Loop
-from twolink.errors import SceneError, require_known
+from twolink.errors import SceneError
 from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
 from twolink.integrate.equations import Equations
-from twolink.integrate.neighbours import Neighbours, derivative
+from twolink.integrate.parameter_variation import ParameterVariation
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
+from twolink.scenes.parameters import PREFIX, named_parameters, part_of
 
 STEP = 1e-3  # of differences of closed positions, whose error is its fourth power
 CLOSED = 1e-9  # rad, m, per second: a start that was moved by less was closed
@@ -27,37 +27,31 @@ CLOSED = 1e-9  # rad, m, per second: a start that was moved by less was closed
 class Wanted:
     """What is asked for.
 
-    neighbours: of the scene, by the parameters among it. columns: of each name, the columns that it has. start
+    variation: of the scene, by the parameters among it. columns: of each name, the columns that it has. start
     (2 nv + p, k): the derivatives of the start by each column, and of the parameters.
     """
 
-    neighbours: Neighbours
+    variation: ParameterVariation
     columns: dict[str, slice]
     start: np.ndarray
 
     @property
     def values(self) -> dict[str, float]:
         """The values of the parameters."""
-        return dict(zip(self.neighbours.names, self.neighbours.values, strict=True))
+        return dict(zip(self.variation.names, self.variation.values, strict=True))
 
 
 def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
-    """What the names ask for. Raises SceneError for an unknown one, code "unknown-sensitivity"."""
-    names = [wrt] if isinstance(wrt, str) else list(wrt)
+    """What the names ask for. Raises SceneError: codes "unknown-parameter", "sensitivity-undefined"."""
+    names = list(dict.fromkeys([wrt] if isinstance(wrt, str) else wrt))
     if not names:
         raise SceneError("it names nothing", argument="wrt", remedy='such as ["q", "v"]')
-    nv, equations = scene.robot.nv, equations_of(scene)
-    of_state = {"q": range(nv), "v": range(nv, 2 * nv)}
-    for joint in scene.robot.joints:
-        of_state[f"q.{joint.name}"] = range(joint.v.start, joint.v.stop)
-        of_state[f"v.{joint.name}"] = range(nv + joint.v.start, nv + joint.v.stop)
-    numbers = {name: value for name, value in all_effect_numbers(scene).items() if math.isfinite(value)}
-    constants = (*parameter_names(equations.robot.model), *numbers)
-    for name in names:
-        require_known(name, (*of_state, *constants), SceneError, "there is nothing named {!r} to differentiate by",
-                      argument="wrt", code="unknown-sensitivity")  # fmt: skip
-    names = list(dict.fromkeys(names))
+    nv, equations, of_state = scene.robot.nv, equations_of(scene), _of_state(scene)
     parameters = tuple(name for name in names if name not in of_state)
+    for parameter in named_parameters(scene, parameters, "wrt", of_state):
+        if parameter.kind not in ("constant", "effect") or not math.isfinite(parameter.nominal):
+            raise SceneError(f"there are no derivatives by {parameter.name!r}: {parameter.about}", argument="wrt",
+                             remedy="ask for another number", code="sensitivity-undefined")  # fmt: skip
     if equations.constraints is not None and any(_closes(scene, name) for name in parameters):
         raise SceneError("a length changes how loops close, which sensitivities do not follow yet", argument="wrt",
                          remedy="ask for masses or the initial state", code="sensitivities-lengths")  # fmt: skip
@@ -70,7 +64,18 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     start = np.eye(rows)[:, entries]
     if equations.constraints is not None:
         start[: 2 * nv] = _assembled_along(scene, equations, start[: 2 * nv])
-    return Wanted(Neighbours(scene, parameters), columns, start)
+    return Wanted(ParameterVariation(scene, parameters), columns, start)
+
+
+def _of_state(scene: Scene) -> dict[str, range]:
+    """The rows of (q, v) that names of the initial state stand for."""
+    nv = scene.robot.nv
+    rows = {f"v.{joint.name}.{k}": range(nv + i, nv + i + 1) for joint in scene.robot.joints
+            for k, i in enumerate(range(joint.v.start, joint.v.stop))}  # fmt: skip
+    for joint in scene.robot.joints:
+        rows[f"q.{joint.name}"] = range(joint.v.start, joint.v.stop)
+        rows[f"v.{joint.name}"] = range(nv + joint.v.start, nv + joint.v.stop)
+    return {"q": range(nv), "v": range(nv, 2 * nv), **rows}
 
 
 def _closes(scene: Scene, name: str) -> bool:
@@ -78,8 +83,7 @@ def _closes(scene: Scene, name: str) -> bool:
     if not name.startswith(PREFIX):
         return ".origin." in name
     _, place, *path = name.split(".")
-    effect = scene.effects[int(place)]
-    return isinstance(effect, Loop) or (path[0] == "of" and isinstance(getattr(effect, "of", None), Loop))
+    return isinstance(part_of(scene.effects[int(place)], path), Loop)
 
 
 def _assembled_along(scene: Scene, equations: Equations, directions: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Derivatives along a run, and their distance to those along second solutions."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,11 +25,9 @@ class SensitivityRun:
     safety; s (n, 2 nv, k), at the samples of the run.
     """
 
-    def __init__(
-        self, run: Trajectory, equations: Equations, wanted: Wanted, accuracy: float, tolerance: float
-    ) -> None:
+    def __init__(self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, 2 * equations.space.nv
-        self._nominals = NominalSolutions(run, equations, wanted, accuracy)
+        self._nominals = NominalSolutions(run, equations, wanted)
         self._nominal = nominal = self._nominals.first
         self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
         self.t = np.concatenate([leg.t for leg in legs])
@@ -96,3 +95,34 @@ class SensitivityRun:
         for jump in (*self._nominal.jumps[:-1], *nominal.jumps[:-1]):
             distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
         return np.asarray(distance)
+
+
+def along_solutions(
+    run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float, samples: np.ndarray
+) -> list[tuple[NominalSolution, np.ndarray]]:
+    """The solution of a run and second ones, each with S (n, 2 nv, k) at some samples of the run, else 0.
+
+    samples: their numbers (m,). Raises AccuracyError where a second solution has other pieces.
+    """
+    own = NominalSolutions(run, equations, wanted)
+    times = np.union1d(own.times(own.first), run.t[samples])
+    legs = [own.leg(own.first, number, times, tolerance) for number in range(len(own.first.edges))]
+    piece = np.maximum(np.searchsorted([begin for begin, _ in own.first.edges], run.t[samples], side="right") - 1, 0)
+    found = list[tuple[NominalSolution, np.ndarray]]()
+    for nominal in [own.first, *(own.second(legs, one, run.t) for one in own.second_ones())]:
+        own.require_alike(nominal)
+        start, out = own.start(nominal), np.zeros((len(run.t), 2 * equations.space.nv, wanted.start.shape[1]))
+        for number, leg in enumerate(legs):
+            s = own.beside(leg, nominal, number).along(start) if found else leg.along(start)
+            here = samples[piece == number]
+            out[here] = s[nominal.second.parts * np.searchsorted(leg.t, run.t[here]), : out.shape[1]]
+            start = own.after(nominal, number, s[-1])
+        found.append((nominal, out))
+    return found
+
+
+def with_states(run: Trajectory, nominal: NominalSolution) -> Trajectory:
+    """The run with the states of a second solution at its samples."""
+    states = nominal.dense.states(np.minimum(run.t, nominal.edges[-1][1]))
+    q, v = nominal.dense.pieces[0].equations.space.rows(states)
+    return replace(run, q=q, v=v, error=None, precise=None, recorded_energy=None, solution=nominal.dense)

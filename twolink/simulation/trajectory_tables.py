@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.named_queries import joint_columns
 from twolink.dynamics.saved_robot import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, import_extra, require_known
 from twolink.integrate.event import Event
+from twolink.io.joint_columns import joint_columns
 from twolink.io.tables import read_table
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas

@@ -1,26 +1,28 @@
 """simulate_many: one scene, many initial states and physical constants, each world with steps of its own."""
 
 from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.integrate.effect_numbers import PREFIX, effect_numbers
+from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.scenes import Scene
+from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.many_runs import Worlds
 from twolink.simulation.sampling import duration_for, with_looks
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
-from twolink.simulation.world_states import close_loops, world_states
 
 LOOKS = 17  # times at least at which errors are looked at
 MAX_NUMBERS = 200_000_000
@@ -46,8 +48,8 @@ def simulate_many(
     q, v : array_like (n, nq), (n, nv), optional
         Initial states; by default the scene's own.
     parameters : mapping of names to numbers or array_like (n,), optional
-        Physical constants by name (`algorithms.mechanism.parameter_names`: "forearm.mass", ...), and numbers of effects
-        by the effect's place in the scene, its field and what is in that: "effects.1.damping.elbow".
+        By name (`scenes.parameters`): physical constants such as "forearm.mass", numbers of effects by the effect's
+        place in the scene, its field and what is in that, "effects.1.damping.elbow", or coordinates, "q.elbow".
     duration : float, optional
         Simulated time, s; by default the scene's own.
     accuracy : float
@@ -73,7 +75,7 @@ def simulate_many(
     Raises
     ------
     SceneError
-        An argument does not fit.
+        An argument does not fit, or a name is unknown (code "unknown-parameter").
     AccuracyError
         The accuracy cannot be verified (code "accuracy-not-verifiable").
     """
@@ -108,8 +110,8 @@ def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
 
     They have events, loops of their own, or constants of their own.
     """
-    equations, known = equations_of(scene), effect_numbers(scene)
-    constant = any(name.startswith(PREFIX) and name not in known for name in names)
+    equations, known = equations_of(scene), parameters_of(scene)
+    constant = any(name not in known or not known[name].acts for name in names)
     if constant or equations.switching is not None or (names and equations.constraints is not None):
         return True
     try:
@@ -117,6 +119,70 @@ def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
     except TypeError:  # a number that a formula takes as a constant, such as a limit of effort
         return True
     return False
+
+
+def world_states(scene: Scene, q: Any, v: Any, parameters: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The initial states (nq + nv, n), and the values (n,) of the other parameters by name. Raises SceneError."""
+    robot = scene.robot
+    if not (parameters is None or isinstance(parameters, Mapping)):
+        raise SceneError(f"expected values by name, got {type(parameters).__name__}", argument="parameters",
+                         remedy='such as {"forearm.mass": [1.0, 2.0]}')  # fmt: skip
+    by_name = {str(name): value for name, value in (parameters or {}).items()}
+    known = named_parameters(scene, by_name, "parameters")
+    qs = configuration("q", scene.q if q is None else q, robot.nq, robot.joints)
+    vs = array("v", scene.v if v is None else v, robot.nv)
+    values = {parameter.name: _values(parameter, by_name[parameter.name]) for parameter in known}
+    _check_effects(scene, values)
+    sizes = {"q": qs.shape[:-1], "v": vs.shape[:-1], **{name: a.shape for name, a in values.items()}}
+    try:
+        shape = np.broadcast_shapes(*sizes.values())
+    except ValueError:
+        raise SceneError(f"the worlds do not match: {sizes}", where="q, v, parameters",
+                         remedy="give each one world, or the same number") from None  # fmt: skip
+    if len(shape) > 1:
+        raise SceneError(f"expected worlds (n,), got {shape}", argument="q", remedy="reshape to (n, nq)")
+    count = shape[0] if shape else 1
+    if count == 0:
+        raise SceneError("there are no worlds", argument="q", remedy="give at least one")
+    qs, vs = (np.broadcast_to(x, (count, x.shape[-1])).copy() for x in (qs, vs))
+    for parameter in known:
+        if parameter.kind in ("q", "v"):
+            parameter.put(qs, vs, values.pop(parameter.name))
+    states = np.ascontiguousarray(np.concatenate([qs, vs], axis=1).T)
+    return states, {name: np.broadcast_to(a, (count,)).copy() for name, a in values.items()}
+
+
+def _check_effects(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
+    """Require that effects may have the smallest and the largest of the values of their numbers. Raises SceneError."""
+    for name in (name for name in values if name.startswith(PREFIX)):
+        for value in (values[name].min(), values[name].max()) if values[name].size else ():
+            scene_with(scene, {name: float(value)})
+
+
+def _values(parameter: Parameter, value: Any) -> np.ndarray:
+    """The values (...,) of a parameter: finite numbers that it can have."""
+    where = f"parameters[{parameter.name!r}]"
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise SceneError(f"expected numbers, got {value!r:.60}", where=where, argument="parameters",
+                         remedy="one, or one for each world") from None  # fmt: skip
+    checked = np.asarray(array(where, numbers[..., None], 1)[..., 0])
+    if (checked < parameter.lowest).any():
+        raise SceneError(f"expected at least {parameter.lowest:g}, got {float(checked.min()):g}", where=where,
+                         argument="parameters", remedy="give numbers of at least that")  # fmt: skip
+    return checked
+
+
+def close_loops(equations: Equations, states: np.ndarray) -> None:
+    """Move the starts onto the loops, in place. Raises SceneError with the world that cannot be closed."""
+    if equations.constraints is None:
+        return
+    for world in range(states.shape[1]):
+        try:
+            states[:, world] = assembled(equations.constraints, states[:, world])
+        except SceneError as error:
+            raise SceneError(error.what, where=f"world {world}", remedy=error.remedy) from None
 
 
 def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene
-from twolink.sweeps.quantities import Quantity, as_values, quantity
+from twolink.scenes.parameters import Parameter
+from twolink.sweeps.quantities import as_values, named_quantities
 
 RUN = "run"  # the dimension of lists and samples
 SAMPLERS = ("random", "sobol", "latin-hypercube")
@@ -27,7 +28,7 @@ class Design:
     """
 
     kind: str
-    quantities: dict[str, Quantity]
+    quantities: dict[str, Parameter]
     values: dict[str, np.ndarray]
     count: int | None = None
     seed: int | None = None
@@ -95,7 +96,7 @@ def make_design(scene: Scene, vary: Mapping[str, Any], kind: str, count: int | N
     if kind == "grid" and len(vary) > MOST_DIMENSIONS:
         raise SceneError(f"a grid of {len(vary)} quantities", argument="vary",
                          remedy=f'up to {MOST_DIMENSIONS}, or design="list"')  # fmt: skip
-    quantities = {str(name): quantity(scene, str(name)) for name in vary}
+    quantities = named_quantities(scene, map(str, vary))
     if kind in SAMPLERS:
         return Design(kind, quantities, _samples(quantities, vary, kind, count, seed), count, seed)
     if count is not None:
@@ -136,7 +137,7 @@ def _numbers(name: str, given: Any, kinds: tuple[str, ...], size: int) -> tuple[
 
 
 def _samples(
-    quantities: Mapping[str, Quantity], vary: Mapping[str, Any], kind: str, count: int | None, seed: int
+    quantities: Mapping[str, Parameter], vary: Mapping[str, Any], kind: str, count: int | None, seed: int
 ) -> dict[str, np.ndarray]:
     """Samples (count,) of each quantity. More of them begin with the same ones, except in a Latin hypercube."""
     from scipy.special import ndtri
@@ -160,7 +161,7 @@ def _samples(
                              remedy="[low, high], or [mean, standard deviation]")  # fmt: skip
         tiny = 2.0**-54  # ndtri(0) is infinite
         numbers = a + (b - a) * u if law == "uniform" else a + b * ndtri(np.clip(u, tiny, 1.0 - tiny))
-        if quantities[name].kind == "effect":
+        if quantities[name].kind == "switch":
             raise SceneError("an effect is on or off", where=f"vary[{name!r}]", argument="vary",
                              remedy='give values: design="grid" or "list"')  # fmt: skip
         values[name] = as_values(quantities[name], numbers)

@@ -1,22 +1,57 @@
-"""The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep again."""
+"""The plan of a sweep: what is run, in which blocks, and the record by which a store knows its sweep and its origin."""
 
 import functools
 import hashlib
 import json
 import pickle
+import platform
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import msgspec
 
+from twolink._version import __version__
 from twolink.dynamics.saved_robot import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.sweeps.design import RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
+from twolink.sweeps.quantities import OF_VARIANTS
 from twolink.sweeps.runs import Columns, Task, ways
+
+LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
+
+
+def origin() -> dict[str, Any]:
+    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
+    return {"twolink": __version__, "versions": _versions(), "machine": f"{platform.machine()}, {_processor()}",
+            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = ""
+    return found
+
+
+@functools.cache
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            return next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), "")
+    except OSError:
+        return platform.processor()
+
 
 BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
@@ -92,7 +127,7 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
 
 def _check_robots(design: Design, request: Request) -> None:
     """Require that what varies, and what is kept, is the same for all robots. Raises SceneError."""
-    odd = [name for name, what in design.quantities.items() if what.kind in ("q", "v", "parameter")]
+    odd = [name for name, what in design.quantities.items() if what.kind not in OF_VARIANTS]
     if odd:
         raise SceneError(f"{odd[0]} belongs to one robot", where="vary['robot']", argument="vary",
                          remedy="vary the accuracy or effects beside robots")  # fmt: skip

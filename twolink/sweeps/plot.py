@@ -11,7 +11,7 @@ import numpy as np
 from twolink.errors import ShowError
 from twolink.show.figure import COLOURS, new_figure, plain, save_figure
 from twolink.sweeps.outputs import ABANDONED, DONE, FAILED, INACCURATE, PENDING
-from twolink.sweeps.tables import column, column_names, run_dims, turns_of
+from twolink.sweeps.results import column, column_names, run_dims, turns_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,16 +16,17 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.threads import one_thread
-from twolink.errors import AccuracyError, TwolinkError
+from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.integrate.compile_time import reproducible
 from twolink.integrate.methods import METHODS
 from twolink.scenes import Scene
+from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.event_worlds import run_from
 from twolink.simulation.sampling import sample_times
 from twolink.simulation.trajectory import Trajectory
-from twolink.simulation.world_scenes import world_scene
 from twolink.simulation.world_solving import can_be_finer
 from twolink.simulation.worlds import differs_beyond_numbers, simulate_many
+from twolink.sweeps.design import Design
 from twolink.sweeps.outputs import (
     DONE,
     FAILED,
@@ -36,7 +37,7 @@ from twolink.sweeps.outputs import (
     function_of,
     variables,
 )
-from twolink.sweeps.quantities import Cells, Quantity, cells, renamed, variant
+from twolink.sweeps.quantities import OF_VARIANTS, RunInputs, renamed, run_inputs, variant
 
 SAMPLED = 200.0  # samples a second of runs that functions get, as `simulate` has them
 LONGEST_REASON = 300
@@ -58,7 +59,7 @@ class Task:
     key: str
     scene: bytes
     request: Request
-    quantities: dict[str, Quantity]
+    quantities: dict[str, Parameter]
     values: dict[str, np.ndarray]
 
     @property
@@ -101,7 +102,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
         except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
             out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
             continue
-        group = _Group(request, cells(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
+        group = _Group(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
         (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
 
@@ -114,21 +115,21 @@ class _Variant(NamedTuple):
     robot: str
 
 
-def groups(accuracy: float, quantities: dict[str, Quantity], values: Columns) -> Iterator[tuple[_Variant, np.ndarray]]:
+def groups(accuracy: float, quantities: dict[str, Parameter], values: Columns) -> Iterator[tuple[_Variant, np.ndarray]]:
     """The runs by variant, and their rows. accuracy: where it does not vary."""
-    chosen = [name for name, what in quantities.items() if what.kind in ("effect", "accuracy", "robot")]
+    chosen = [name for name, what in quantities.items() if what.kind in OF_VARIANTS]
     table = np.zeros((len(next(iter(values.values()))), len(chosen)), dtype=int)
     known = {}
     for column, name in enumerate(chosen):
         known[name], table[:, column] = np.unique(values[name], return_inverse=True)
     for codes in np.unique(table, axis=0):
         own = {name: known[name][code] for name, code in zip(chosen, codes, strict=True)}
-        off = tuple(sorted(quantities[n].place for n, on in own.items() if quantities[n].kind == "effect" and not on))
-        shared = _Variant(off, float(own.get("accuracy", accuracy)), str(own.get("robot", "")))
+        off = sorted(quantities[n].entries[0] for n, on in own.items() if quantities[n].kind == "switch" and not on)
+        shared = _Variant(tuple(off), float(own.get("accuracy", accuracy)), str(own.get("robot", "")))
         yield shared, np.flatnonzero((table == codes).all(axis=1))
 
 
-def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Quantity]) -> tuple[bool, str]:
+def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Parameter]) -> tuple[bool, str]:
     """Whether runs of a variant are solved in batches, and why. scene: without the effects that are off."""
     if of.robot:
         return False, "one by one: robots differ"
@@ -136,7 +137,7 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Quan
         return False, f"one by one: {request.functions[0]} needs the whole run"
     if heyoka() is None:
         return False, "one by one: heyoka is not installed"
-    varied = (name for name, what in quantities.items() if what.kind == "parameter")
+    varied = (name for name, what in quantities.items() if what.kind not in ("q", "v", *OF_VARIANTS))
     names = tuple(new for name in varied if (new := renamed(name, of.off)) is not None)
     if "energy" in request.outputs and names:
         return False, "one by one: the energy depends on each run's parameters"
@@ -147,7 +148,7 @@ def way(scene: Scene, of: _Variant, request: Request, quantities: dict[str, Quan
     return True, "in batches: the scene is smooth, and runs differ in numbers only"
 
 
-def ways(scene: Scene, request: Request, quantities: dict[str, Quantity], values: Columns) -> dict[str, int]:
+def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], values: Columns) -> dict[str, int]:
     """How many of the runs with these values are solved in which way, and why."""
     counts: dict[str, int] = {}
     for of, rows in groups(request.accuracy, quantities, values):
@@ -161,7 +162,7 @@ class _Group:
     """Runs of one variant, and where their results go: the rows (n,) of `out`."""
 
     request: Request
-    cells: Cells
+    inputs: RunInputs
     kinds: dict[str, Variable]
     out: Columns
     rows: np.ndarray
@@ -180,7 +181,7 @@ class _Group:
 
 def _batch(group: _Group, some: np.ndarray) -> None:
     """Solve some of the runs in one batch; where that is refused, in two halves, down to the run that is."""
-    asked, own, times = group.request, group.cells, group.request.times
+    asked, own, times = group.request, group.inputs, group.request.times
     parameters = {name: numbers[some] for name, numbers in own.parameters.items()}
     try:
         worlds = simulate_many(own.scene, own.q[some], own.v[some], parameters, asked.duration, own.accuracy,
@@ -229,9 +230,9 @@ def _one_by_one(group: _Group, some: np.ndarray) -> None:
 
 
 def _one(group: _Group, i: int, times: np.ndarray) -> None:
-    asked, own = group.request, group.cells
+    asked, own = group.request, group.inputs
     values = {name: float(numbers[i]) for name, numbers in own.parameters.items()}
-    scene = world_scene(own.scene, values) if values else own.scene
+    scene = scene_with(own.scene, values) if values else own.scene
     start = np.concatenate([own.q[i], own.v[i]])
     status, reason = DONE, ""
     try:
@@ -263,3 +264,35 @@ def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
     taken = np.searchsorted(run.t, times[reached])
     for name, states in (("q_samples", run.q), ("v_samples", run.v)):
         group.out[name][group.rows[i], reached] = states[taken]
+
+
+def run_scene(
+    scene: Scene, design: Design, accuracy: float, duration: float, number: int
+) -> tuple[Scene, float, dict[str, Any]]:
+    """The scene of one run, its accuracy, and what varies.
+
+    Parameters
+    ----------
+    scene : Scene
+        That of the sweep.
+    design : Design
+        Its runs, of `make_design`.
+    accuracy, duration : float
+        Of the sweep: rad or m, s.
+    number : int
+        The run in C order: the last dimension changes fastest.
+
+    Raises
+    ------
+    SceneError
+        There is no such run, or it cannot be made into a scene (its row in the store has the same reason).
+    """
+    if not 0 <= number < design.runs:
+        raise SceneError(f"there is no run {number}", argument="run", remedy=f"0 to {design.runs - 1}")
+    at = np.unravel_index(number, design.shape)
+    values = design.in_block(tuple(slice(i, i + 1) for i in at))
+    of, _ = next(groups(accuracy, design.quantities, values))
+    own = run_inputs(variant(scene, of.off, of.robot), of.off, of.accuracy, design.quantities, values)
+    changed = scene_with(own.scene, {name: float(numbers[0]) for name, numbers in own.parameters.items()})
+    made = Scene(changed.base, own.q[0], own.v[0], changed.effects, duration, scene.title)
+    return made, of.accuracy, {name: numbers.tolist()[0] for name, numbers in values.items()}

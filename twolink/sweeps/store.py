@@ -17,16 +17,15 @@ import numpy as np
 
 from twolink.errors import SceneError, TwolinkError, import_extra
 from twolink.sweeps.design import RUN, Block, blocks
-from twolink.sweeps.origin import origin
 from twolink.sweeps.outputs import PENDING, TEXT, coordinates
-from twolink.sweeps.plan import Plan, difference, dimension_of
+from twolink.sweeps.plan import Plan, difference, dimension_of, origin
 
 EXTRA = "sweeps"
 FORMAT = 1
 Columns = dict[str, np.ndarray]
 
 
-class Store:
+class SweepStore:
     """The store of a plan. Its arrays by name; path: its folder."""
 
     def __init__(self, path: Path, plan: Plan, group: Any) -> None:
@@ -105,7 +104,7 @@ class Store:
                     os.close(handle)
 
 
-def open_store(path: Path, plan: Plan) -> Store:
+def open_store(path: Path, plan: Plan) -> SweepStore:
     """The store of a plan: a new one, the old one, or the old one extended by new values.
 
     Raises
@@ -120,7 +119,7 @@ def open_store(path: Path, plan: Plan) -> Store:
             before.rename(path)
         shutil.rmtree(before, ignore_errors=True)
     if not path.exists():
-        return Store(path, plan, _create(zarr, path, plan))
+        return SweepStore(path, plan, _create(zarr, path, plan))
     group, record = read_record(path)
     text = difference(record["plan"], plan.record)
     if text:
@@ -131,7 +130,7 @@ def open_store(path: Path, plan: Plan) -> Store:
     places = places[: len(plan.design.shape)]
     old = tuple(len(some) for some in places)
     if old == plan.design.shape and all(np.array_equal(some, np.arange(len(some))) for some in places):
-        return Store(path, plan, group)
+        return SweepStore(path, plan, group)
     return _extended(zarr, path, plan, group, record, places)
 
 
@@ -179,7 +178,7 @@ def _fill_new(zarr: Any, path: Path, plan: Plan, before: Mapping[str, Any] | Non
         what = design.quantities[name]
         kind = str if what.kind == "robot" else numbers.dtype
         _array(group, name, kind, numbers.shape, numbers.shape, dimension_of(name, design),
-               {"units": what.units, "long_name": what.description})[:] = numbers  # fmt: skip
+               {"units": what.unit, "long_name": what.about})[:] = numbers  # fmt: skip
     if design.kind != "grid":
         _array(group, RUN, "i8", design.shape, design.shape, (RUN,), {"long_name": "number of the run"})[:] = np.arange(
             design.runs
@@ -232,11 +231,11 @@ def _first_places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np
 
 def _extended(
     zarr: Any, path: Path, plan: Plan, old: Any, record: Mapping[str, Any], places: list[np.ndarray]
-) -> Store:  # fmt: skip
+) -> SweepStore:  # fmt: skip
     """A store with the old results at their places among the new ones, which replaces the old store."""
     made, before = _beside(path, "new"), _beside(path, "before")
     shutil.rmtree(made, ignore_errors=True)
-    store = Store(made, plan, _fill_new(zarr, made, plan, record))
+    store = SweepStore(made, plan, _fill_new(zarr, made, plan, record))
     sources = []
     for some, size in zip(places, plan.design.shape, strict=True):
         source = np.full(size, -1)
@@ -258,7 +257,7 @@ def _extended(
     path.rename(before)
     made.rename(path)
     shutil.rmtree(before, ignore_errors=True)
-    return Store(path, plan, zarr.open_group(str(path), mode="r+"))
+    return SweepStore(path, plan, zarr.open_group(str(path), mode="r+"))
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
-"""Studies: sweeps as TOML files, from a path or bundled with twolink."""
+"""Studies: sweeps as TOML files, from a path or bundled with twolink, and what these keep of a run."""
 
+import math
 import os
 import tomllib
 from importlib import resources
@@ -11,7 +12,16 @@ import msgspec
 from twolink.errors import SceneError, nearest
 from twolink.io.text import read_text, split_path
 from twolink.scenes import load_scene
+from twolink.simulation.trajectory import Trajectory
 from twolink.sweeps.sweeping import sweep
+
+
+def landing(run: Trajectory) -> float:
+    """Where the ball of a pitch lands, m; NaN where it does not."""
+    if not any(event.what == "landed" for event in run.events):
+        return math.nan
+    return float(run.robot.frame_pose(run.robot.normalize(run.q[-1]), "ball")[1][0])
+
 
 MAX_BYTES = 2**20
 REMEDY = "give ranges in place of long lists"

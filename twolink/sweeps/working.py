@@ -15,7 +15,7 @@ from twolink.sweeps.engines import Engine, cluster_lost
 from twolink.sweeps.outputs import ABANDONED
 from twolink.sweeps.plan import Plan
 from twolink.sweeps.runs import Columns, Task
-from twolink.sweeps.store import Store
+from twolink.sweeps.store import SweepStore
 
 TRIES = 3
 AHEAD = 2  # tasks given to an engine for each worker, so that none waits
@@ -46,7 +46,7 @@ class _Block:
 class _Work:
     """The blocks of a store on their way through an engine."""
 
-    def __init__(self, store: Store, engine: Engine, report: Report, done: int) -> None:
+    def __init__(self, store: SweepStore, engine: Engine, report: Report, done: int) -> None:
         self.store, self.engine, self.report = store, engine, report
         self.plan: Plan = store.plan
         self.done, self.begun, self.begin = done, done, time.monotonic()
@@ -166,7 +166,7 @@ def _finished(futures: Collection[Any]) -> set[Any]:
     return done
 
 
-def work(store: Store, engine: Engine, report: Report) -> None:
+def work(store: SweepStore, engine: Engine, report: Report) -> None:
     """Compute and write all runs of a store that are pending.
 
     Raises

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twolink.algorithms.differences import derivative
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.formulas import projected
@@ -27,7 +28,7 @@ from twolink.integrate.hybrid.locating import Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
-from twolink.integrate.neighbours import Neighbours, derivative
+from twolink.integrate.parameter_variation import ParameterVariation
 from twolink.integrate.solution import Solution
 from twolink.integrate.state import Array
 
@@ -81,10 +82,10 @@ class RecordingEngine(Engine):
 
 
 class Saltation:
-    """S after jumps, whose rows are those of the state, then of the parameters of the neighbours."""
+    """S after jumps, whose rows are those of the state, then of the parameters of the variation."""
 
-    def __init__(self, neighbours: Neighbours) -> None:
-        self.equations, self.neighbours = neighbours.equations, neighbours
+    def __init__(self, variation: ParameterVariation) -> None:
+        self.equations, self.variation = variation.equations, variation
         self._systems: dict[tuple[int, float], System] = {}
 
     def __call__(self, jump: Jump, s: Array, share: float = 1.0) -> Array:
@@ -150,7 +151,7 @@ class Saltation:
             own = guard if run.system is before.system else guard_of(run, guard.key) or guard
             return np.atleast_1d(np.asarray(own.value(run.here.look()), dtype=float)).ravel()[:1]
 
-        flow = np.concatenate([rate, np.zeros(len(self.neighbours.names))])
+        flow = np.concatenate([rate, np.zeros(len(self.variation.names))])
         along_motion = self._derivative(before, value, flow, 1.0, bound=False, share=share)[0]
         load = before.here.own.largest_load(before.here.look()) if guard.is_force else np.abs(rate).max(initial=0.0)
         if not abs(along_motion) > GRAZING * (1.0 + load):
@@ -160,7 +161,7 @@ class Saltation:
 
     def _delay_of_time(self, jump: Jump, s: Array) -> Array:
         """How much later an event at a given time is, along each column. Raises AccuracyError."""
-        late, before, names = np.zeros(s.shape[1]), jump.before, self.neighbours.names
+        late, before, names = np.zeros(s.shape[1]), jump.before, self.variation.names
         for n in jump.timed or ():
             name = f"effects.{before.system.triggers[n][0]}.at"
             if name not in names:
@@ -219,21 +220,21 @@ class Saltation:
         def at(k: float) -> Array:
             other = _copy(run)
             if i is not None:
-                other.system = self._system(i, k * step / self.neighbours.step(i)).having(run.system.features)
+                other.system = self._system(i, k * step / self.variation.step(i)).having(run.system.features)
             nq, nv = run.system.nq, self.equations.space.nv
             q = self.equations.robot.integrate(run.x[:nq], k * step * direction[:nv])
             other.x = np.concatenate([q, run.x[nq:] + k * step * direction[nv:states]])
             other.t = run.t + k * step * delay
             return function(_held(other, run, bound=bound))
 
-        return derivative(at, step, share)
+        return np.asarray(derivative(lambda k: at(share * k), share * step))
 
     def _step(self, size: float, parameters: Array) -> tuple[int | None, float]:
         """Which parameter a direction moves, and the step along it. size: of its changes of state and time."""
         moved = np.flatnonzero(parameters)
         if not moved.size:
             return None, STEP / size if size else STEP
-        i, step = int(moved[0]), self.neighbours.step(int(moved[0]))
+        i, step = int(moved[0]), self.variation.step(int(moved[0]))
         while step * size > STEP:
             step /= 4.0  # not any size, so that systems are met again
         return i, step
@@ -241,7 +242,7 @@ class Saltation:
     def _system(self, i: int, k: float) -> System:
         """The system with parameter i moved by k steps."""
         if (i, k) not in self._systems:
-            self._systems[i, k] = System(self.neighbours.equations_beside(i, k), compiled=False)
+            self._systems[i, k] = System(self.variation.equations_beside(i, k), compiled=False)
         return self._systems[i, k]
 
 

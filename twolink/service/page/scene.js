@@ -169,7 +169,7 @@ export class SceneEditor {
     try {
       const rows = await post("/v1/scenes/quantities", { scene: { robot: this.about.robot } });
       if (robot !== this.robot) return;
-      const constants = rows.filter(row => row.kind === "parameter" && !row.name.endsWith(".damping"));
+      const constants = rows.filter(row => row.kind === "constant" && !row.name.endsWith(".damping"));
       this.names.constants = Object.fromEntries(constants.map(row => [row.name, row.value]));
     } catch (failure) {
       console.warn("The robot's constants are not known:", failure.message);

@@ -39,7 +39,7 @@ export class Sensitivity {
     this.robot = robot;
     const single = new Set(robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1).map(joint => joint.name));
     const usable = rows.filter(({ name, kind, value }) => {
-      if (kind === "parameter") return value !== null;
+      if (["constant", "effect"].includes(kind)) return value !== null;
       return ["q", "v"].includes(kind) && single.has(name.slice(2));
     });
     const masses = usable.filter(row => row.name.endsWith(".mass") && row.value > 0).map(row => row.name);

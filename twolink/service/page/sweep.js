@@ -69,9 +69,9 @@ export class Sweep {
 
   /** Offer the quantities of a scene. */
   set(rows) {
-    this.rows = rows.filter(row => ["q", "v"].includes(row.kind) || (row.kind === "parameter" && row.value !== null));
+    this.rows = rows.filter(row => ["q", "v", "constant", "effect"].includes(row.kind) && row.value !== null);
     const groups = [
-      ["Start", row => row.kind !== "parameter"],
+      ["Start", row => ["q", "v"].includes(row.kind)],
       ["Effects", row => row.name.startsWith("effects.")],
       ["Masses", row => row.name.endsWith(".mass")],
       ["Other constants", row => !row.name.startsWith("effects.") && !row.name.endsWith(".mass")],

@@ -1,4 +1,4 @@
-"""Derivatives of functions of a run by a variable p, along the sensitivities of the run: no other run is solved.
+"""Derivatives of functions of a run by a parameter p, along the sensitivities of the run: no other run is solved.
 
     dF/dp = lim (F(run + h S) - F(run - h S)) / 2 h,   S = d(q, v)/dp
 
@@ -9,30 +9,30 @@ passes 0 there, it comes dt = -(g_x S + g_p) / g' later, and the state at the en
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
 
-from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
+from twolink.algorithms.differences import derivative
+from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
 from twolink.effects.motion import Motion
 from twolink.effects.watch import Watch
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.effect_numbers import effect_numbers, nominal_value, physical
+from twolink.integrate.effect_numbers import nominal_value, physical
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
-from twolink.integrate.neighbours import shifted
+from twolink.integrate.parameter_variation import shifted
 from twolink.optimization.objectives import Objective
-from twolink.optimization.variables import derivative_of, scene_with, values_of
 from twolink.scenes import Scene
+from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.sensitivities import Sensitivities
 from twolink.simulation.trajectory import Trajectory
 
 STEP = 1e-3  # rad, m, per second: the largest change of a run; the error of differences is its fourth power
-SMALLEST = 1e-3  # of the distance of the bounds: the largest change of a variable
 
 
 class NotFollowedError(SceneError):
@@ -71,50 +71,68 @@ class _Beside(Unknown):
         return a, tau
 
 
-class Neighbours:
-    """The runs beside the run of a scene, along one of its variables, to first order."""
+@dataclass(frozen=True, eq=False)
+class RunVariation:
+    """The runs beside a run along a parameter, to first order.
 
-    def __init__(self, s: Sensitivities, scene: Scene, name: str, width: float) -> None:
-        of, column = derivative_of(scene, name)
-        self.run, self.scene, self.name = s.run, scene, name
-        self.dq, self.dv = s.q[of][:, :, column], s.v[of][:, :, column]
-        self._constant = name in parameter_names(scene.robot.model) or name in effect_numbers(scene)
-        self.later, place = 0.0, watch_at_end(scene, s.run)
-        if place is not None:
-            v, a = s.run.v[-1], s.run.acceleration[-1]
-            self.later = self._end_shift(place, v, a)
-            self.dq, self.dv = self.dq.copy(), self.dv.copy()
-            self.dq[-1] += self.later * v
-            self.dv[-1] += self.later * a
-        largest = max(float(np.abs(change).max(initial=0.0)) for change in (self.dq, self.dv))
-        self.step = min(SMALLEST * width, STEP / largest if largest else np.inf)
+    dq, dv (n, nv): derivatives of the samples. constants: those of constants that functions of the run use besides, by
+    name. later: that of the end, s.
+    """
 
-    def derivative(self, functions: Sequence[Objective]) -> np.ndarray:
-        """The derivatives (m,) of functions of the run. Raises NotFollowedError."""
-        return np.asarray(fourth_order(lambda h: np.array([f(self.at(h)) for f in functions], dtype=float), self.step))
+    run: Trajectory
+    dq: np.ndarray
+    dv: np.ndarray
+    constants: Mapping[str, float]
+    later: float = 0.0
+
+    def derivative(self, functions: Sequence[Objective], largest: float = np.inf, change: float = STEP) -> np.ndarray:
+        """The derivatives (m,) of functions of the run. Raises NotFollowedError.
+
+        largest: change of the parameter; change: of a sample, rad, m, per second.
+        """
+        size = max(float(np.abs(rows).max(initial=0.0)) for rows in (self.dq, self.dv))
+        step = min(largest, change / size if size else np.inf)
+        return np.asarray(derivative(lambda k: np.array([f(self.at(k * step)) for f in functions], dtype=float), step))
 
     def at(self, h: float) -> Trajectory:
-        """The run where the variable is h more."""
-        changes = {self.name: h} if self._constant else {}
+        """The run where the parameter is h more."""
+        changes = {name: h * rate for name, rate in self.constants.items()}
         return beside(self.run, h * self.dq, h * self.dv, changes, h * self.later)
 
-    def _end_shift(self, place: int, v: np.ndarray, a: np.ndarray) -> float:
-        """How much later the run ends, per unit of the variable. place: of the effect that ends it."""
-        robot, q, t = self.run.robot, self.run.q[-1], float(self.run.t[-1])
-        dq, dv = self.dq[-1], self.dv[-1]
-        rate, change = (STEP / max(1.0, float(np.abs(np.concatenate(pair)).max())) for pair in ((v, a), (dq, dv)))
 
-        def guard(q: np.ndarray, v: np.ndarray, t: float, h: float = 0.0) -> float:
-            scene = self.scene
-            if h and not self.name.startswith(("q.", "v.")):
-                scene = scene_with(scene, {self.name: values_of(scene)[self.name] + h})
-            watch, model = cast(Watch, scene.effects[place]), scene.robot.model
-            value = watch.function if watch.when is None else watch.when.distance
-            return float(np.squeeze(value(Motion(model, mechanism(model), q.tolist(), v.tolist(), t, Numbers))))
+def variation_by(s: Sensitivities, scene: Scene, parameter: Parameter) -> RunVariation:
+    """The variation of the run of a scene by one of its parameters, also of an end at an event."""
+    name, run = parameter.name, s.run
+    dq, dv = s.q[name][:, :, 0], s.v[name][:, :, 0]
+    place, later = watch_at_end(scene, run), 0.0
+    if place is not None:
+        v, a = run.v[-1], run.acceleration[-1]
+        later = _end_shift(scene, run, parameter, place, (v, a), (dq[-1], dv[-1]))
+        dq, dv = dq.copy(), dv.copy()
+        dq[-1] += later * v
+        dv[-1] += later * a
+    return RunVariation(run, dq, dv, {name: 1.0} if parameter.acts else {}, later)
 
-        in_time = fourth_order(lambda h: guard(robot.integrate(q, h * v), v + h * a, t + h), rate)
-        across = fourth_order(lambda h: guard(robot.integrate(q, h * dq), v + h * dv, t, h), change)
-        return float(-across / in_time)
+
+def _end_shift(
+    scene: Scene, run: Trajectory, parameter: Parameter, place: int, rates: tuple[np.ndarray, np.ndarray],
+    along: tuple[np.ndarray, np.ndarray],
+) -> float:  # fmt: skip
+    """How much later a run ends, per unit of a parameter. place: of the effect that ends it."""
+    robot, q, v, t = run.robot, run.q[-1], run.v[-1], float(run.t[-1])
+    in_time, across = (STEP / max(1.0, float(np.abs(np.concatenate(pair)).max())) for pair in (rates, along))
+
+    def guard(direction: tuple[np.ndarray, np.ndarray], h: float, later: float, by: float) -> float:
+        other = scene if parameter.kind in ("q", "v") or not by else (
+            scene_with(scene, {parameter.name: parameter.nominal + by}))  # fmt: skip
+        watch, model = cast(Watch, other.effects[place]), other.robot.model
+        value, x = watch.function if watch.when is None else watch.when.distance, robot.integrate(q, h * direction[0])
+        motion = Motion(model, mechanism(model), x.tolist(), (v + h * direction[1]).tolist(), t + later, Numbers)
+        return float(np.squeeze(value(motion)))
+
+    by_time = derivative(lambda k: guard(rates, k * in_time, k * in_time, 0.0), in_time)
+    by_parameter = derivative(lambda k: guard(along, k * across, 0.0, k * across), across)
+    return float(-by_parameter / by_time)
 
 
 def beside(
@@ -143,9 +161,3 @@ def watch_at_end(scene: Scene, run: Trajectory) -> int | None:
     last = {event.effect for event in run.events if event.t == run.t[-1]}
     return next((place for place, effect in enumerate(scene.effects) if place in last and isinstance(effect, Watch)
                  and effect.stop and effect.at is None), None)  # fmt: skip
-
-
-def fourth_order(value: Callable[[float], Any], step: float) -> Any:
-    """The derivative at 0 by differences, whose error is the fourth power of the step."""
-    near, far = (value(k * step) - value(-k * step) for k in (1, 2))
-    return (8.0 * near - far) / (12.0 * step)

@@ -1,4 +1,4 @@
-"""Neighbours: a scene's equations with one parameter moved a little, and the derivatives of constants by parameters.
+"""A scene's equations with one parameter moved a little, and the derivatives of constants by parameters.
 
 A parameter is a physical constant of the robot or a number of an effect. Where it is no input of the equations itself,
 it acts through constants that are: a payload's mass through the inertia of the link that carries it, a joint's dry
@@ -6,46 +6,31 @@ friction through the friction torque of a mode.
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
+from twolink.algorithms.differences import derivative
+from twolink.algorithms.mechanism import mechanism, moments, nominal, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loop import Loop
-from twolink.effects.switching import Switching, SwitchingEffect, switching_of
+from twolink.effects.switching import Switching, SwitchingEffect, changes_robot, switching_of
 from twolink.errors import SceneError
-from twolink.integrate.effect_numbers import (
-    PREFIX,
-    all_effect_numbers,
-    contact_numbers,
-    physical,
-    with_effect_number,
-    with_effect_numbers,
-)
+from twolink.integrate.effect_numbers import contact_numbers, physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.state import Array
 from twolink.scenes import Scene
+from twolink.scenes.parameters import PREFIX, effect_numbers, part_of, with_effect_number
 
 STEP = 1e-3  # of differences by a parameter, relative; their error is its fourth power
 SMALL = 1e-2  # SI units: a number of an effect below it, or a length, is moved as if it were this
 NOTHING = 1e-5  # SI units: by which a physical constant is moved that is 0
-WEIGHTS = ((1, 8.0 / 12.0), (2, -1.0 / 12.0))  # of differences of fourth order
 DAMPING = ".damping"
 NO_SLIP: Mapping[int, float] = {}
-
-
-def derivative(function: Callable[[float], Array], step: float, share: float = 1.0) -> Array:
-    """The derivative of a function at 0 by differences of fourth order, over a share of the step.
-
-    function(k): its value at k steps.
-    """
-    differences = [weight * (function(k * share) - function(-k * share)) for k, weight in WEIGHTS]
-    return np.asarray(sum(differences) / (share * step))
 
 
 class _Moved(Effect, frozen=True):
@@ -59,7 +44,7 @@ class _Moved(Effect, frozen=True):
         with_nominal(model, self.name, nominal(model, self.name) + self.by)
 
 
-class Neighbours:
+class ParameterVariation:
     """A scene with one of its parameters moved.
 
     names: the parameters. values: their own values in the scene. constants: the inputs that the equations need for
@@ -68,12 +53,15 @@ class Neighbours:
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
         self.equations, self.names = equations_of(scene), tuple(names)
-        model, numbers = self.equations.robot.model, all_effect_numbers(scene)
+        model, numbers = self.equations.robot.model, effect_numbers(scene)
         self.values = [numbers[name] if name in numbers else nominal(model, name) for name in self.names]
         self._own = self.equations.switching or Switching(scene.base, scene.robot, scene.effects)
         self._kept: dict[tuple[int, float], Switching] = {}
-        acting = [name for name in self.names if not name.startswith(PREFIX) or _acts(scene, name)]
-        self._through = [i for i, name in enumerate(self.names) if name.startswith(PREFIX) and _changes(scene, name)]
+        released = any(isinstance(effect, SwitchingEffect) and any(map(changes_robot, effect.acting()))
+                       for effect in scene.effects)  # fmt: skip
+        self._through = [i for i, name in enumerate(self.names) if _changes(scene, name, released)]
+        self._acting = [name for i, name in enumerate(self.names)
+                        if (_acts(scene, name) if name.startswith(PREFIX) else i not in self._through)]  # fmt: skip
         modes = bool(self._own.holds or self._own.contacts)
         self._derives = [i for i in range(len(self.names)) if modes or i in self._through]
         for i, name in enumerate(self.names):
@@ -84,7 +72,7 @@ class Neighbours:
                                      remedy="ask for another parameter, or give spheres or capsules")  # fmt: skip
         changed = [name for i in self._derives for name, value in self._derived(i, 1).items()
                    if value != self._derived(i, 0)[name]]  # fmt: skip
-        self.constants = tuple(dict.fromkeys([*acting, *changed]))
+        self.constants = tuple(dict.fromkeys([*self._acting, *changed]))
         beside = [zip(self._own.holds, self._switching(i, 1).holds, strict=True) for i in self._derives]
         self.has_friction = any(hold.kinetic != moved.kinetic for pairs in beside for (_, hold), (_, moved) in pairs)
 
@@ -141,7 +129,7 @@ class Neighbours:
         for i, name in enumerate(self.names):
             if i in self._derives:
                 out[:, i] = derivative(functools.partial(values, i), self.step(i))
-            if name in self.constants:
+            if name in self._acting:
                 out[len(lockable) + self.constants.index(name), i] = 1.0
         return out
 
@@ -170,18 +158,19 @@ def shifted(equations: Equations, values: Mapping[str, float]) -> Equations:
                    constraints=equations.constraints and replace(equations.constraints, mech=mech))  # fmt: skip
 
 
-def _part(scene: Scene, name: str) -> Effect:
-    """The effect that has a number, or the one that is released."""
-    _, place, field, *_ = name.split(".")
-    effect = scene.effects[int(place)]
-    return effect.acting()[0] if field == "of" and isinstance(effect, SwitchingEffect) else effect
-
-
 def _acts(scene: Scene, name: str) -> bool:
     """Whether a number of an effect is an input of what acts."""
     return type(_part(scene, name)).act is not Effect.act
 
 
-def _changes(scene: Scene, name: str) -> bool:
-    """Whether a number of an effect changes constants of the robot."""
-    return type(_part(scene, name)).change is not Effect.change
+def _changes(scene: Scene, name: str, released: bool) -> bool:
+    """Whether a parameter acts through constants of the robot. released: some of these change when it is released."""
+    if name.startswith(PREFIX):
+        return changes_robot(_part(scene, name))
+    return (released and not name.endswith(DAMPING)) or name in moments(scene.robot.model)
+
+
+def _part(scene: Scene, name: str) -> Effect:
+    """The effect that has a number, or the one that is released."""
+    _, place, *path = name.split(".")
+    return part_of(scene.effects[int(place)], path)
