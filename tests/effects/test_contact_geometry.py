@@ -10,11 +10,11 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.contact_pairs import Plane, select_pairs, solids_of
 from twolink.effects.contact_points import gaps_of
 from twolink.effects.hull_features import HullFeatures
-from twolink.effects.motion import Motion
 from twolink.effects.rim_gaps import StandGap
 from twolink.robots.collisions import collision_model
 

@@ -7,9 +7,9 @@ from typing import cast
 
 import numpy as np
 
+from twolink.algorithms.spatial import unit
 from twolink.contact.points import Group, Places, Points, corners_of, joined, key_of, middle_of, placement
 from twolink.dynamics import Robot
-from twolink.effects.conditions import unit
 from twolink.effects.contact_pairs import Pair, Plane
 from twolink.integrate.state import Array
 from twolink.robots.collisions import Solid

@@ -5,7 +5,7 @@ import weakref
 from twolink.contact.loops import LoopRows
 from twolink.contact.stepping import Stepper
 from twolink.effects.contact import Contact
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.integrate.scene_equations import equations_of

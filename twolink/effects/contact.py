@@ -11,7 +11,7 @@ from twolink.effects.contact_law import contact_point
 from twolink.effects.contact_pairs import Body, Pair, Pairs, hollow_notes, select_pairs, solids_of
 from twolink.effects.contact_points import are_hulls, features_of, gaps_of
 from twolink.effects.effect import NotNegative
-from twolink.effects.joint_stops import check_restitution
+from twolink.effects.joint_switches import check_restitution
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.robots.shapes import AnyShape

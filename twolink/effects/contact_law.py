@@ -14,11 +14,11 @@ import functools
 from collections.abc import Sequence
 from typing import ClassVar
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times
 from twolink.effects.gaps import Gap
 from twolink.effects.inputs import Slot
-from twolink.effects.loop import Loop
-from twolink.effects.motion import Motion
+from twolink.effects.loops import Loop
 from twolink.effects.switching import ContactPoint
 
 SLOW = 1e-9  # m/s: a slip whose direction is not followed

@@ -11,8 +11,8 @@ import msgspec
 import pinocchio as pin
 
 from twolink.algorithms.functions import frame_pose
+from twolink.effects.checks import check_fields
 from twolink.effects.effect import check_name
-from twolink.effects.field_checks import check_fields
 from twolink.errors import SceneError
 from twolink.io.model_trees import joint_poses
 from twolink.robots.collisions import Solid, collision_model

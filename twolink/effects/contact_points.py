@@ -8,13 +8,12 @@ from typing import cast
 
 import numpy as np
 
-from twolink.algorithms.spatial import Vec
-from twolink.effects.conditions import unit
+from twolink.algorithms.motion import GROUND
+from twolink.algorithms.spatial import Vec, unit
 from twolink.effects.contact_pairs import Pair, Plane
 from twolink.effects.gaps import Ball, BoxGap, CylinderGap, Gap, PlaneGap, RoundGap
 from twolink.effects.hull_features import HullFeatures
 from twolink.effects.hull_gaps import HullGap
-from twolink.effects.motion import GROUND
 from twolink.effects.rim_gaps import RimGap, StandGap
 from twolink.errors import SceneError
 from twolink.robots.collisions import Solid

@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Scalar, Vec, constant, cross, dot, scale
 from twolink.effects.gaps import Gap, Nearest, Place, PlaneGap, sub, tangents
-from twolink.effects.motion import Motion
 
 
 class FaceGap(PlaneGap, frozen=True):

@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, constant, cross, dot, minus, scale, times
-from twolink.effects.conditions import across
-from twolink.effects.frame_checks import floats
-from twolink.effects.motion import GROUND, Motion
+from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, across, add, constant, cross, dot, minus, scale, times
+from twolink.effects.checks import floats
 from twolink.io.text import kebab_case
 
 PARALLEL = 1e-9  # the square of the sine between two segments, or of a tilt, below it: they count as parallel

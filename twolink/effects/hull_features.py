@@ -14,10 +14,10 @@ from typing import cast
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Vec
 from twolink.effects.feature_gaps import Edge, EdgeGap, FaceGap
 from twolink.effects.gaps import Ball
-from twolink.effects.motion import Motion
 from twolink.effects.switching import Feature
 from twolink.robots.collisions import Solid
 from twolink.robots.hulls import edge_sides, hull_of, separation

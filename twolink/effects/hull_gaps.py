@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, dot, scale
-from twolink.effects.conditions import unit
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, dot, scale, unit
 from twolink.effects.gaps import Ball, Core, Gap, Nearest, between_balls, limited, sub
-from twolink.effects.motion import Motion
 
 AXES: tuple[Vec, Vec, Vec] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NEVER = 1e30  # m^2: the square of the distance from what is not below the ball

@@ -1,13 +1,13 @@
 """A ball or a point of a link that meets a plane: it bounces, slides, rolls or sticks."""
 
+from twolink.algorithms.motion import GROUND
+from twolink.algorithms.spatial import unit
 from twolink.dynamics import Robot
-from twolink.effects.conditions import unit
+from twolink.effects.checks import check_frame, floats
 from twolink.effects.contact_law import contact_point
 from twolink.effects.effect import LinkName, NotNegative
-from twolink.effects.frame_checks import check_frame, floats
 from twolink.effects.gaps import Ball, PlaneGap
-from twolink.effects.joint_stops import check_restitution
-from twolink.effects.motion import GROUND
+from twolink.effects.joint_switches import check_restitution
 from twolink.effects.switching import ContactPoint, SwitchingEffect
 
 

@@ -6,11 +6,10 @@ touches with a larger tilt, up to 3e-5 rad, is refused by `single`: its lowest p
 
 from __future__ import annotations
 
-from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, dot, minus, scale
-from twolink.effects.conditions import across
-from twolink.effects.frame_checks import floats
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, across, add, cross, dot, minus, scale
+from twolink.effects.checks import floats
 from twolink.effects.gaps import PARALLEL, Gap, Nearest, Place, PlaneGap, sub
-from twolink.effects.motion import Motion
 
 FLAT = 1e-18  # the square of the sine of the tilt below it: a disc lies flat
 NO_DIRECTION = 1e-30  # the square of a length below which it has no direction

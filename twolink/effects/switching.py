@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
-from twolink.effects.loop import Loop
-from twolink.effects.motion import Motion
+from twolink.effects.loops import Loop
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot

@@ -13,8 +13,7 @@ import msgspec
 
 from twolink.algorithms.mechanism import nominal, nominal_values
 from twolink.effects.effect import Effect
-from twolink.effects.inputs import Slot
-from twolink.effects.sampled import Sampled
+from twolink.effects.inputs import Sampled, Slot
 from twolink.effects.switching import Switching, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations

@@ -15,7 +15,7 @@ import numpy as np
 from twolink.algorithms.mechanism import mechanism, nominal, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.effects.switching import Switching, SwitchingEffect, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.effect_numbers import (

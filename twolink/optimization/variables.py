@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from twolink.algorithms.mechanism import nominal, parameter_names
-from twolink.effects.sampled import Sampled
+from twolink.effects.inputs import Sampled
 from twolink.errors import SceneError, require_known
 from twolink.integrate.effect_numbers import PREFIX, all_effect_numbers
 from twolink.scenes import Scene

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from twolink.algorithms.mechanism import parameter_names
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.errors import SceneError, require_known
 from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Motion
 from twolink.integrate.hybrid.modes import Situation
 from twolink.integrate.state import Array
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Motion
 from twolink.effects.switching import Feature
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations

@@ -1,6 +1,5 @@
-"""What effects see and do: the moving robot's joints and frames, and the loads they add. Over plain arithmetic."""
+"""The robot in motion: where its joints and frames are and how they move. Over plain arithmetic."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import pinocchio as pin
@@ -19,10 +18,8 @@ from twolink.algorithms.spatial import (
     add,
     compose,
     cross,
-    inward,
     motion_to_child,
     outward,
-    plus,
     single_turn,
     spatial_add,
 )
@@ -83,7 +80,7 @@ class Motion:
     def position(self, frame: str, point: Vec = ZERO) -> Vec:
         """Where a point of the frame is in the world, m."""
         i, place = self.frame(frame)
-        return _at(self.body(i), _at(place, point))
+        return placed(self.body(i), placed(place, point))
 
     def direction(self, frame: str, axis: Vec) -> Vec:
         """A direction that is fixed in the frame, along the world's axes."""
@@ -94,7 +91,7 @@ class Motion:
         """The velocity of a point of the frame, along the world's axes, m/s."""
         i, place = self.frame(frame)
         linear, angular = self.body_velocity(i)
-        return outward(self.body(i), add(linear, cross(angular, _at(place, point))))
+        return outward(self.body(i), add(linear, cross(angular, placed(place, point))))
 
     def angular_velocity(self, frame: str) -> Vec:
         """The angular velocity of the frame's body, along the world's axes, rad/s."""
@@ -112,39 +109,6 @@ class Motion:
         return range(self.model.idx_vs[i], self.model.idx_vs[i] + self.model.nvs[i])
 
 
-class Loads:
-    """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
-
-    sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
-    """
-
-    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None = None) -> None:
-        self.sides = sides
-        self._motion = motion
-        self.tau: list[Scalar] = [0.0] * motion.mech.nv
-        self.wrenches: dict[int, list[Scalar]] = {}
-        self.limits: list[tuple[str, Scalar]] = []  # of effort, by name: distances to them, which pass 0
-
-    def torque(self, dof: int, value: Scalar) -> None:
-        """Add a joint torque or force, N m or N."""
-        self.tau[dof] = plus(self.tau[dof], value)
-
-    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
-        """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
-        i, place = self._motion.frame(frame)
-        if i == 0:
-            return  # on the ground
-        body = self._motion.body(i)
-        own, turning = inward(body, force), inward(body, moment)
-        turning = add(turning, cross(_at(place, point), own))
-        self.wrench(i, own, turning)
-
-    def wrench(self, body: int, force: Vec, moment: Vec) -> None:
-        """Add a force and a moment at the origin of a body's joint, along its own axes."""
-        before = self.wrenches.get(body, [0.0] * 6)
-        self.wrenches[body] = [plus(a, b) for a, b in zip(before, (*force, *moment), strict=True)]
-
-
-def _at(pose: Pose, point: Vec) -> Vec:
+def placed(pose: Pose, point: Vec) -> Vec:
     """R x + r."""
     return add(pose.origin, outward(pose, point))

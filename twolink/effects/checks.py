@@ -1,16 +1,18 @@
-"""Checks of the fields of effects by their declared types: finite numbers within bounds, vectors, values by joint."""
+"""Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import msgspec
 
+from twolink.algorithms.functions import frame_pose
+from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.spatial import Scalar, Vec, minus
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, all_finite, finite
-from twolink.effects.inputs import Bezier, Input, check_curve
+from twolink.effects.effect import Effect, all_finite, check_name, finite, number
+from twolink.effects.inputs import Bezier, Input, Sampled, check_curve, check_table
 from twolink.effects.own_effects import check_own_formula, check_own_methods
-from twolink.effects.sampled import Sampled, check_table
 from twolink.errors import SceneError, require_known
 
 # By the number of entries: how messages name it, and what to give.
@@ -105,3 +107,85 @@ def _check_choice(value: Any, kind: Any, field: str) -> None:
         raise SceneError(what, where=field, remedy="such as 1.5")
     elif not (isinstance(value, str) and value in words):
         _check(value, arguments[0], field, words)
+
+
+def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:
+    """Require values by joint, for one joint or more. Raises SceneError.
+
+    dofs: joints with one degree of freedom only. coordinates: joints with one coordinate only, an angle or a length.
+    """
+    if not values:
+        raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
+    for joint in values:
+        check_joint(joint, robot, field, dofs=dofs or coordinates, coordinate=coordinates)
+
+
+def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
+    """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
+    if joint in (robot.visuals.model.names[i] for i in robot.visuals.locked):
+        raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
+    check_name(joint, robot.joint_names, field, "joint")
+    if dofs:
+        check_name(joint, single_joints(robot), field, "joint of one degree of freedom")
+    if coordinate and next(j.kind for j in robot.joints if j.name == joint) != "vector":
+        what = f"joint {joint!r} is continuous: its configuration is (cos, sin), which does not count turns"
+        remedy = 'give the joint limits in the URDF (type="revolute"), so that it has an angle'
+        raise SceneError(what, where=field, remedy=remedy)
+
+
+def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> None:
+    """Require values by joint for some of the joints alone, which are each a `what`. Raises SceneError."""
+    for joint in values:
+        check_name(joint, joints, field, what)
+
+
+def check_values_or_urdf(
+    values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str, what: str = ""
+) -> None:
+    """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
+    if values is not None:
+        check_joints(values, robot, field)
+    elif not urdf.any():
+        remedy = "give it by joint, or leave the effect out"
+        raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
+
+
+def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion) -> dict[int, float]:
+    """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
+    if values is None:
+        return dict(enumerate(urdf.tolist()))
+    return {k: number(value) for joint, value in values.items() for k in motion.dofs(joint)}
+
+
+def single_joints(robot: Robot) -> list[str]:
+    """The joints with one degree of freedom."""
+    return [j.name for j in robot.joints if j.v.stop - j.v.start == 1]
+
+
+def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -> int:
+    """Require a link that moves, or with `ground` any link or the ground. Raises SceneError.
+
+    Returns the number of the body that carries the link's frame; the ground is body 0.
+    """
+    names = [f.name for f in robot.model.frames if f.type.name == "BODY"]
+    if frame == GROUND and frame not in names:
+        body = 0
+    else:
+        check_name(frame, [*names, GROUND] if ground else names, field, "frame")
+        body = frame_pose(robot.model, frame)[0]
+    if body == 0 and not ground:
+        what = f"frame {frame!r} does not move, so the effect changes nothing"
+        raise SceneError(what, where=field, remedy="name a link that moves")
+    return body
+
+
+def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
+    """x_a - x_b of two frames' points, along the axes that the motion is seen in, m."""
+    ends = motion.position(a, point_a), motion.position(b, point_b)
+    return [minus(x, y) for x, y in zip(*ends, strict=True)]
+
+
+def floats(vector: tuple[float, float, float]) -> Vec:
+    """Three numbers as floats, which a formula folds as constants."""
+    x, y, z = map(number, vector)
+    return x, y, z
