@@ -32,8 +32,8 @@ from contact_scenes import KINDS, Case, case
 
 import twolink as tl
 from twolink import effects as fx
-from twolink.effects.contact_pairs import Pair, Plane
 from twolink.errors import TwolinkError
+from twolink.geometry.pairs import Pair, Plane
 from twolink.hard.truths import distance
 from twolink.robots.collisions import Solid, collision_model
 

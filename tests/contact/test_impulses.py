@@ -11,7 +11,7 @@ import twolink as tl
 from tests.effects.bodies import ball, free_bodies
 from twolink.contact import impulses, stepping
 from twolink.contact.impulses import Impulses, Problem, accelerated, admm, newton, solve_impulses
-from twolink.contact.multibody import axes_of
+from twolink.geometry.gaps import axes_of
 
 E = tl.effects
 

@@ -12,10 +12,10 @@ from tests.effects.bodies import free_bodies
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.contact_pairs import Plane, select_pairs, solids_of
-from twolink.effects.contact_points import gaps_of
-from twolink.effects.hull_features import HullFeatures
-from twolink.effects.rim_gaps import StandGap
+from twolink.effects.contact_pairs import select_pairs, solids_of
+from twolink.geometry.features import HullFeatures
+from twolink.geometry.gaps import StandGap
+from twolink.geometry.pairs import Plane, gaps_of
 from twolink.robots.collisions import collision_model
 
 E = tl.effects

@@ -36,7 +36,7 @@ def choose_way(scene: Scene, asked: str | None = None) -> Choice:
 def _by_shapes(scene: Scene) -> Choice:
     """Located where every pair has formulas, and not too many."""
     from twolink.effects.contact import Contact  # which scenes without contacts do not load
-    from twolink.effects.contact_points import are_hulls, gaps_of
+    from twolink.geometry.pairs import are_hulls, gaps_of
 
     points = 0
     for effect in scene.effects:

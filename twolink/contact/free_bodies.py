@@ -14,7 +14,7 @@ import pinocchio as pin
 import scipy.sparse as sparse
 
 from twolink.contact.multibody import Multibody, cross, loads_of
-from twolink.contact.points import Places, Points
+from twolink.geometry.points import Places, Points
 from twolink.integrate.equations import Equations
 from twolink.integrate.state import Array
 

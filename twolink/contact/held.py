@@ -11,22 +11,22 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions
-from twolink.contact.detection import Detector
-from twolink.contact.formulas import OnPlanes
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
-from twolink.contact.joints import JointPoints
-from twolink.contact.multibody import Multibody, axes_of
+from twolink.contact.joints import JointPoints, Laws
+from twolink.contact.multibody import Multibody
 from twolink.contact.plan import Plan
-from twolink.contact.points import STILL
-from twolink.contact.step import Memory, Step
+from twolink.contact.step import STILL, Memory, Step
 from twolink.dynamics.kernels import heyoka
+from twolink.geometry.detection import Detector, OnPlanes
+from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
@@ -98,12 +98,12 @@ class HeldRun:
 class HeldSteps:
     """Compiled steps of a scene by the points that press."""
 
-    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints) -> None:
+    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> None:
         self.equations, self.joints = bodies.equations, joints
-        self.static, self.friction = detector.static, detector.friction
+        self.static, self.friction = laws.static, laws.friction
         group = detector.groups[0] if len(detector.groups) == 1 else None
         simple = type(bodies) is Multibody and heyoka() is not None
-        self.group = group if isinstance(group, OnPlanes) and len(group.key) <= FEW and simple else None
+        self.group = group if type(group) is OnPlanes and len(group.key) <= FEW and simple else None
         self._known: dict[tuple[bytes, bool], Held] = {}
 
     def of(self, memory: Memory) -> Held | None:
@@ -116,8 +116,8 @@ class HeldSteps:
             return None
         if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
             return None
-        content = keys.tobytes(), slides
-        if content not in self._known:
+        known = keys.tobytes(), slides
+        if known not in self._known:
             order = np.argsort(group.key)
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
             pair = group.pair[chosen]
@@ -126,16 +126,17 @@ class HeldSteps:
             if slides and (len(keys) > SLIDERS or (mu != self.friction[pair]).any()):
                 return None
             sliding = mu.tolist() if slides else []
-            points = (group.joint, group.local, group.radius, group.normal, group.height, chosen, faces)
-            digest = hashlib.sha256(repr([*(x.tolist() for x in points), sliding]).encode()).hexdigest()
+            content = repr((group.gaps, chosen.tolist(), faces.tolist(), sliding))
+            digest = hashlib.sha256(content.encode()).hexdigest()
             name = self.equations.key("held", digest[:32])  # of a file
             expected = compiling_seconds((SLIDING if slides else SIZE) * self.equations.operations)
             if not is_at_hand(name) and spent(name) < expected:
                 count(name, STEP)
                 return None
-            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen, faces, sliding))[0]
-            self._known[content] = Held(function, keys, pair, mu, axes_of(group.normal[chosen]), faces, slides)
-        held = self._known[content]
+            function = compiled_function(name, lambda: _compiled(self.equations, group.gaps, chosen, faces, sliding))[0]
+            normals = np.array([group.gaps[i].normal for i in chosen.tolist()])
+            self._known[known] = Held(function, keys, pair, mu, axes_of(normals), faces, slides)
+        held = self._known[known]
         return held if memory.still[held.faces].all() else None
 
     def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
@@ -156,10 +157,10 @@ class HeldSteps:
         return HeldRun(held, h, rows, len(q), len(w), self.joints)
 
 
-def _compiled(equations: Equations, group: OnPlanes, chosen: Array, faces: Array, mu: list[float]) -> Any:
+def _compiled(equations: Equations, gaps: Sequence[PlaneGap], chosen: Array, faces: Array, mu: list[float]) -> Any:
     """heyoka's function of (w, w' of two steps, q, P, U, t, h, numbers)."""
     module = heyoka()
     xp, space = Expressions(module), equations.space
     x = [module.expression(f"x{i}") for i in range(2 + 2 * space.nv + 6 * len(chosen) + space.size)]
-    values = held_step(equations, mechanism(equations.robot.model), group, chosen, faces.tolist(), mu, x, xp)
+    values = held_step(equations, mechanism(equations.robot.model), gaps, chosen, faces.tolist(), mu, x, xp)
     return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)

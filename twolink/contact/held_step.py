@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from twolink.algorithms.mechanism import Mechanism
-from twolink.algorithms.recursions import composite_bodies, frame_jacobian, frame_placement, poses
+from twolink.algorithms.motion import Motion, placed
+from twolink.algorithms.recursions import composite_bodies, frame_jacobian, poses
 from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward
 from twolink.algorithms.spatial import (
     IDENTITY,
@@ -31,9 +32,9 @@ from twolink.algorithms.spatial import (
     times,
 )
 from twolink.contact.cone_newton import missed, newton, velocities
-from twolink.contact.formulas import OnPlanes
-from twolink.contact.multibody import axes_of
-from twolink.contact.points import CLOSED, STILL
+from twolink.contact.step import STILL
+from twolink.geometry.gaps import PlaneGap, axes_of
+from twolink.geometry.points import CLOSED
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import unbalanced_forces
 from twolink.integrate.state import Array
@@ -44,7 +45,7 @@ SMALL = 1e-7  # rad^2: the square of half a turn whose sine is x - x^3 / 6
 def held_step(
     equations: Equations,
     mech: Mechanism,
-    group: OnPlanes,
+    gaps: Sequence[PlaneGap],
     chosen: Array,
     faces: list[bool],
     mu: list[float],
@@ -64,12 +65,13 @@ def held_step(
     q = moved(mech, rest[:nq], [half * a for a in w], xp)
     start, free, lower, inverse, parents = _free(equations, mech, (t, h, numbers), q, w, change, xp)
     held = chosen.tolist()
-    own, gaps, places = _rows_of(mech, group, held, q, xp)
+    middle = Motion(equations.robot.model, mech, q, [], t, xp)
+    own, heights, places = _rows_of(middle, [gaps[i] for i in held])
     inward = [ldlt_inward(lower, parents, row) for row in own]
     g = _delassus(inward, inverse)
     before, after = ([plus(*(times(a, b) for a, b in zip(row, x, strict=True))) for row in own] for x in (start, free))
     opens = [0.0 if face else xp.where(xp.less(gap, 0.0), 0.0, 2.0 * gap / h)
-             for gap, face in zip(gaps, faces, strict=True)]  # fmt: skip
+             for gap, face in zip(heights, faces, strict=True)]  # fmt: skip
     after[2::3] = [plus(a, c) for a, c in zip(after[2::3], opens, strict=True)]
     every, factors = list(range(-1, k - 1)), ldlt(g, list(range(-1, k - 1)))
     p = newton(g, after, mu, guess, xp) if mu else ldlt_apply(*factors, every, [-b for b in after])
@@ -77,7 +79,7 @@ def held_step(
     pushed = [plus(*(times(z[i], y) for z, y in zip(inward, p, strict=True))) for i in range(nv)]
     end = [plus(a, b) for a, b in zip(free, ldlt_outward(lower, inverse, parents, pushed), strict=True)]
     off = [times(half, plus(a, b)) for a, b in zip(before, u, strict=True)]
-    off[2::3] = [plus(gap, times(half, minus(b, c))) for gap, b, c in zip(gaps, u[2::3], opens, strict=True)]
+    off[2::3] = [plus(gap, times(half, minus(b, c))) for gap, b, c in zip(heights, u[2::3], opens, strict=True)]
     if mu:
         reduced, off = _without_slips(g, off, (slipped, u), xp)
         factors = ldlt(reduced, every)
@@ -90,11 +92,14 @@ def held_step(
     q_end = moved(mech, q, move, xp)
     mean, known = [(a - b) / h for a, b in zip(ends, w, strict=True)], xp.less(0.0, plus(*(a * a for a in last)))
     passed = [xp.where(known, a, b) for a, b in zip(last, mean, strict=True)]
-    others = [i for i in range(len(group.key)) if i not in held]
+    others, at_end = (
+        [i for i in range(len(gaps)) if i not in held],
+        Motion(equations.robot.model, mech, q_end, [], t, xp),
+    )
     return [*ends, *mean, *passed, *q_end, *p, *u,
             *(entry for place in places for entry in place),
             *(missed(g, u, p, mu, xp) if mu else u),
-            *(_gap(mech, group, i, q_end, xp)[0] for i in [*held, *others])]  # fmt: skip
+            *(gaps[i].value(at_end) for i in [*held, *others])]  # fmt: skip
 
 
 def _delassus(inward: Matrix, inverse: Sequence[Scalar]) -> Matrix:
@@ -142,30 +147,21 @@ def _without_slips(
     return rows, [times(x, y) for x, y in zip(sticks, off, strict=True)]
 
 
-def _gap(mech: Mechanism, group: OnPlanes, point: int, q: list[Any], xp: Any) -> tuple[Any, Vec]:
-    """The gap of a point, and the middle of its ball."""
-    placed = Pose((IDENTITY,), _vector(group.local[point].tolist()))
-    centre = frame_placement(mech, q, int(group.joint[point]), placed, xp)[1]
-    reach = float(group.height[point]) + float(group.radius[point])
-    return minus(dot(_vector(group.normal[point].tolist()), centre), reach), centre
-
-
-def _rows_of(
-    mech: Mechanism, group: OnPlanes, held: list[int], q: list[Any], xp: Any
-) -> tuple[Matrix, list[Any], list[Vec]]:
+def _rows_of(motion: Motion, gaps: Sequence[PlaneGap]) -> tuple[Matrix, list[Any], list[Vec]]:
     """Of points the rows of their velocities (3k, nv), their gaps, and their places."""
-    rows, gaps, places = [], [], []
-    for point in held:
-        gap, centre = _gap(mech, group, point, q, xp)
-        placed, radius = Pose((IDENTITY,), _vector(group.local[point].tolist())), float(group.radius[point])
-        n = _vector(group.normal[point].tolist())
-        jacobian = frame_jacobian(mech, q, int(group.joint[point]), placed, xp)
-        columns = [add(_vector(c[:3]), scale(-radius, cross(_vector(c[3:]), n))) for c in zip(*jacobian, strict=True)]
-        axes = axes_of(group.normal[point][None])[0].tolist()
+    rows, open_, places = [], [], []
+    for gap in gaps:
+        near, ball, n = gap.nearest(motion), gap.ball, gap.normal
+        body, place = motion.frame(ball.frame)
+        centre = Pose((IDENTITY,), placed(place, ball.point))
+        jacobian = frame_jacobian(motion.mech, motion.q, body, centre, motion.xp)
+        columns = [add(_vector(c[:3]), scale(-ball.radius, cross(_vector(c[3:]), n)))
+                   for c in zip(*jacobian, strict=True)]  # fmt: skip
+        axes = axes_of(np.array([n]))[0].tolist()
         rows += [[dot(_vector(axis), column) for column in columns] for axis in axes]
-        gaps.append(gap)
-        places.append(add(centre, scale(-(radius + 0.5 * gap), n)))
-    return rows, gaps, places
+        open_.append(near.gap)
+        places.append(add(near.first.position(motion), scale(-0.5 * near.gap, n)))
+    return rows, open_, places
 
 
 def _vector(values: Sequence[Any]) -> Vec:

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.contact.detection import Detector
-from twolink.contact.points import Points, key_of
+from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
+from twolink.geometry.detection import Detector
+from twolink.geometry.points import Points, key_of
 from twolink.integrate.state import Array
 
 
@@ -55,16 +56,19 @@ class JointPoints:
         counts = ((len(self.stops), "stops"), (len(self.holds), "joints with dry friction"))
         return [f"{count} {what} are in the contact problem" for count, what in counts if count]
 
-    def laws(self, detector: Detector) -> Laws:
-        """The laws of a scene's pairs, and those of its joints behind them."""
+    def laws(self, detector: Detector, effects: Sequence[Contact]) -> Laws:
+        """The laws of a scene's pairs, each by its effect, and those of its joints behind them."""
+        of_pairs = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution))
+                    for e in effects]  # fmt: skip
+        friction, static, restitution = np.array(of_pairs).reshape(-1, 3).T
         stops, count, none = self.stops, len(self.dof), np.zeros(len(self.stops))
         names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {hold.dof}" for hold in self.holds)]
         kinetic = np.array([hold.kinetic / hold.greatest for hold in self.holds])
         return Laws(
             [*detector.names, *names],
-            np.concatenate([detector.friction, none, kinetic]),
-            np.concatenate([detector.static, none, np.ones(len(self.holds))]),
-            np.concatenate([detector.restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
+            np.concatenate([friction, none, kinetic]),
+            np.concatenate([static, none, np.ones(len(self.holds))]),
+            np.concatenate([restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
             np.concatenate([detector.thickness, np.full(count, np.inf)]),
             np.concatenate([np.zeros(self.pairs), none, [hold.greatest for hold in self.holds]]),
             np.arange(self.pairs + count) >= self.pairs,

@@ -16,8 +16,8 @@ import pinocchio as pin
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.contact.points import Places, Points
 from twolink.dynamics.kernels import heyoka
+from twolink.geometry.points import Places, Points
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
@@ -159,19 +159,3 @@ def cross(a: Array, b: Array) -> Array:
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0], out[..., 1], out[..., 2] = y * w - z * v, z * u - x * w, x * v - y * u
     return out
-
-
-def axes_of(normals: Array) -> Array:
-    """Two tangents and the normal (n, 3, 3) of unit normals (n, 3), smooth but where n_z changes its sign.
-
-    Source: Duff et al., Building an orthonormal basis, revisited, Journal of Computer Graphics Techniques 6 (1), 2017.
-    """
-    x, y, z = normals.T
-    sign = np.where(z < 0.0, -1.0, 1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return np.stack([
-        np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1),
-        np.stack([b, sign + y * y * a, -y], axis=1),
-        normals,
-    ], axis=1)  # fmt: skip

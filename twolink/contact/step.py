@@ -9,6 +9,8 @@ import numpy as np
 from twolink.contact.impulses import Impulses
 from twolink.integrate.state import Array
 
+STILL = 1e-9  # m/s: a slip that counts as none
+
 
 @dataclass(frozen=True)
 class Memory:

@@ -28,20 +28,21 @@ from typing import Any
 
 import numpy as np
 
-from twolink.contact.detection import Detector
 from twolink.contact.free_bodies import bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
 from twolink.contact.joints import JointPoints, Laws, complete
 from twolink.contact.loops import Kept, LoopRows
-from twolink.contact.multibody import Multibody, axes_of
+from twolink.contact.multibody import Multibody
 from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED, STILL, Places, Points, joined
 from twolink.contact.positions import correction
-from twolink.contact.step import Memory, Record, Step
+from twolink.contact.step import STILL, Memory, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
+from twolink.geometry.detection import Detector
+from twolink.geometry.gaps import axes_of
+from twolink.geometry.points import CLOSED, Places, Points, joined
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import failure
 from twolink.integrate.state import Array
@@ -66,11 +67,12 @@ class Stepper:
         loops: LoopRows | None = None,
     ) -> None:
         self.equations, self.model = equations, equations.robot.model
-        self.detector = Detector(equations.robot, effects)
+        pairs = [(pair, effect) for effect in effects for pair in effect.selected(equations.robot).chosen]
+        self.detector = Detector(equations.robot, [pair for pair, _ in pairs])
         self.joints = JointPoints(stops, holds, len(self.detector.names))
-        self.laws = self.joints.laws(self.detector)
+        self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
-        self.held = HeldSteps(self.bodies, self.detector, self.joints)
+        self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
         self.record, self.ahead = Record(), FIRST
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:

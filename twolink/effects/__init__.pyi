@@ -7,7 +7,7 @@ from twolink.effects.constants import Gravity as Gravity
 from twolink.effects.constants import Payload as Payload
 from twolink.effects.constants import Rotor as Rotor
 from twolink.effects.contact import Contact as Contact
-from twolink.effects.contact_pairs import Plane as Plane
+from twolink.effects.contact import PlaneContact as PlaneContact
 from twolink.effects.controllers import ComputedTorque as ComputedTorque
 from twolink.effects.controllers import GravityCompensation as GravityCompensation
 from twolink.effects.controllers import JointPD as JointPD
@@ -31,10 +31,10 @@ from twolink.effects.loops import Coupling as Coupling
 from twolink.effects.loops import HingeLoop as HingeLoop
 from twolink.effects.loops import PointLoop as PointLoop
 from twolink.effects.loops import WeldLoop as WeldLoop
-from twolink.effects.plane_contact import PlaneContact as PlaneContact
 from twolink.effects.triggers import Engage as Engage
 from twolink.effects.triggers import Release as Release
 from twolink.effects.triggers import Watch as Watch
+from twolink.geometry.pairs import Plane as Plane
 from twolink.robots.shapes import Box as Box
 from twolink.robots.shapes import Capsule as Capsule
 from twolink.robots.shapes import Convex as Convex

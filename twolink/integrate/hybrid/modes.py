@@ -10,7 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.effects.switching import Feature, Hold, Switching, Trigger
+from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.geometry.features import Feature
 from twolink.integrate.assembly import independent_rows
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import contact_slots

@@ -7,8 +7,8 @@ import numpy as np
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.switching import Feature
 from twolink.errors import AccuracyError, SceneError
+from twolink.geometry.features import Feature
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
 from twolink.integrate.formulas import motion_of

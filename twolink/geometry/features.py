@@ -1,4 +1,4 @@
-"""Which features of two hulls touch: corners and faces of both, and edges of both.
+"""Features of two hulls that touch: corners over faces, and edges that cross.
 
 The distance of two convex polyhedra that are apart is that of a corner from a face, of two edges that cross, or of what
 lies at an end of these. The first two are smooth, and a pair touches at the others only where one of the first two
@@ -9,28 +9,116 @@ the pair touches, and which features do. NumPy evaluates all at once; the formul
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
-from typing import cast
+from typing import Any, NamedTuple, cast
 
+import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import Motion
-from twolink.algorithms.spatial import Vec
-from twolink.effects.feature_gaps import Edge, EdgeGap, FaceGap
-from twolink.effects.gaps import Ball
-from twolink.effects.switching import Feature
+from twolink.algorithms.namespaces import Array
+from twolink.algorithms.spatial import IDENTITY, Scalar, Vec, constant, cross, dot, scale
+from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, sub, tangents
+from twolink.geometry.hulls import edge_sides, hull_of, separation
 from twolink.robots.collisions import Solid
-from twolink.robots.hulls import edge_sides, hull_of, separation
 from twolink.robots.shapes import Box, Convex
 
-Array = np.ndarray
 AWAY = 1.0  # m: of features that are not over each other
 CLOSED = 1e-9  # m: what counts as no gap, and as over each other where they touch
 SIDE = 1e-12  # m: rounding; a corner so far beside a face is over it, and features that overlap by so much more show it
 CHUNK = 300_000  # features of states that are evaluated at once, 100 MB
 ROUNDING = 1e-14  # of unit vectors
 FLAT = 1e-6  # rad: what counts as flat, and as parallel, where features touch
-AXES: tuple[Vec, Vec, Vec] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class FaceGap(PlaneGap, frozen=True):
+    """From a corner of one body to the plane of a face of the other.
+
+    sides: of the face, the inward normal of each in the axes of the face's link, and its height along it. second: the
+    corner is the second body's.
+    """
+
+    sides: tuple[tuple[Vec, float], ...]
+    second: bool
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The corner, and its foot on the face."""
+        near = super().nearest(motion)
+        if not self.second:
+            return near
+        n, s, t = near.axes
+        return Nearest(near.gap, (scale(-1.0, n), t, s), near.second, near.first)
+
+    def single(self, motion: Motion) -> Scalar:
+        """How far the corner's foot is from the nearest side of the face, m; below 0 beside it."""
+        apart, xp = sub(self.ball.centre(motion), motion.position(self.frame)), motion.xp
+        depths = [dot(motion.direction(self.frame, inward), apart) - height for inward, height in self.sides]
+        least = depths[0]
+        for depth in depths[1:]:
+            least = xp.where(xp.less(depth, least), depth, least)
+        return least
+
+
+class Edge(msgspec.Struct, frozen=True):
+    """An edge of a link: its middle, and from there to an end, in the link's axes, m."""
+
+    frame: str
+    middle: Vec
+    half: Vec
+
+
+class EdgeGap(Gap, frozen=True):
+    """From an edge of one body to an edge of the other that crosses it.
+
+        n = side (u x w) / |u x w|,   g = n . (a - b),   a + s u - b - t w = g n
+
+    first, second: the edges with the middles a, b and the halves u, w. side: +1 or -1, so that n points from the second
+    body to the first.
+    """
+
+    first: Edge
+    second: Edge
+    side: float
+
+    def nearest(self, motion: Motion) -> Nearest:
+        """The nearest points of the lines along the edges."""
+        u, w, apart = self._lines(motion)
+        s, t = self._along(u, w, apart)
+        across = cross(u, w)
+        square = dot(across, across)  # a number where neither body turns
+        n = scale(self.side / (math.sqrt(square) if constant(square) else motion.xp.sqrt(square)), across)
+        ends = (Place(edge.frame, edge.middle, scale(share, line))
+                for edge, share, line in ((self.first, s, u), (self.second, t, w)))  # fmt: skip
+        return Nearest(dot(n, apart), (n, *tangents(n, motion.xp)), *ends)
+
+    def single(self, motion: Motion) -> Scalar:
+        """How far the nearest points are from the ends of the edges, m; below 0 beyond them."""
+        xp = motion.xp
+        shares = zip((self.first, self.second), self._along(*self._lines(motion)), strict=True)
+        s, t = (math.hypot(*edge.half) * (1.0 - xp.where(xp.less(share, 0.0), -share, share)) for edge, share in shares)
+        return xp.where(xp.less(s, t), s, t)
+
+    def _lines(self, motion: Motion) -> tuple[Vec, Vec, Vec]:
+        """u, w and a - b in the world."""
+        (a, u), (b, w) = ((motion.position(edge.frame, edge.middle), motion.direction(edge.frame, edge.half))
+                          for edge in (self.first, self.second))  # fmt: skip
+        return u, w, sub(a, b)
+
+    def _along(self, u: Vec, w: Vec, apart: Vec) -> tuple[Scalar, Scalar]:
+        """s and t of the nearest points of the lines."""
+        a, b, c, d, e = dot(u, u), dot(u, w), dot(w, w), dot(u, apart), dot(w, apart)
+        size: Any = a * c - b * b
+        return (b * e - c * d) / size, (a * e - b * d) / size
+
+
+class Feature(NamedTuple):
+    """A feature of a pair that touches: its number, its gap as a formula, where, and the normal from the second."""
+
+    number: int
+    gap: Any
+    place: np.ndarray
+    normal: np.ndarray
 
 
 class HullFeatures:
@@ -40,7 +128,11 @@ class HullFeatures:
     def __init__(self, first: Solid, second: Solid) -> None:
         self.bodies = _Body(first), _Body(second)
         a, b = self.bodies
-        counts = len(a.corners) * len(b.normals), len(b.corners) * len(a.normals), len(a.middles) * len(b.middles)
+        counts = (
+            len(a.corners) * len(b.hull.normals),
+            len(b.corners) * len(a.hull.normals),
+            len(a.middles) * len(b.middles),
+        )
         self.ends = np.cumsum([0, *counts])
 
     def __len__(self) -> int:
@@ -98,11 +190,11 @@ class HullFeatures:
         A corner touches with the normal of a face on whose outer side its body lies.
         """
         own, base = self.bodies[kind], self.bodies[1 - kind]
-        on = (np.abs(base.over_faces(corners)) <= reach) & (base.within_sides(corners) >= -CLOSED)
-        return [_touching(int(self.ends[kind]) + corner * len(base.normals) + face,
+        on = (np.abs(base.hull.over_faces(corners)) <= reach) & (base.hull.within_sides(corners) >= -CLOSED)
+        return [_touching(int(self.ends[kind]) + corner * len(base.hull.normals) + face,
                           base.face_gap(face, own.corner(corner), second=kind == 1), motion)
                 for corner, face in np.argwhere(on).tolist()
-                if (own.ways[corner] @ (turn @ base.normals[face])).min() >= -FLAT]  # fmt: skip
+                if (own.ways[corner] @ (turn @ base.hull.normals[face])).min() >= -FLAT]  # fmt: skip
 
     def _every_gap(self, r: Array, p: Array) -> list[Array]:
         """The gaps of corners over faces (n, corners, faces), of both, and of edges (n, edges, edges); else AWAY.
@@ -112,9 +204,9 @@ class HullFeatures:
         """
         a, b = self.bodies
         x, y, edges = _moved(a.corners, r, p), _back(b.corners, r, p), _Crossings(a, b, r, p)
-        over_b, over_a, supports = b.over_faces(x), a.over_faces(y), edges.supports(ROUNDING)
+        over_b, over_a, supports = b.hull.over_faces(x), a.hull.over_faces(y), edges.supports(ROUNDING)
         apart = _apart(over_b, over_a, supports)[:, None, None]
-        ranges = (b.within_sides(x) >= -SIDE, over_b), (a.within_sides(y) >= -SIDE, over_a), (
+        ranges = (b.hull.within_sides(x) >= -SIDE, over_b), (a.hull.within_sides(y) >= -SIDE, over_a), (
             edges.crosses & (edges.beyond <= 1.0 - CLOSED), edges.gap)  # fmt: skip
         return [np.where(np.where(gap < 0.0, (shown >= apart - SIDE) & (over | (gap < -CLOSED)), over), gap, AWAY)
                 for (over, gap), shown in zip(ranges, (over_b, over_a, supports), strict=True)]  # fmt: skip
@@ -134,8 +226,7 @@ class HullFeatures:
 class _Body:
     """A hull in its link's axes.
 
-    corners (V, 3), of each the directions to its neighbours. normals (F, 3), heights (F,) of faces; inward (S, 3),
-    depths (S,) of all their sides, which begin at starts (F,). middles, halves (E, 3), lengths (E,) of edges.
+    corners (V, 3), of each the directions to its neighbours. middles, halves (E, 3), lengths (E,) of edges.
     """
 
     def __init__(self, solid: Solid) -> None:
@@ -143,14 +234,7 @@ class _Body:
         hull = hull_of(cast("Box | Convex", solid.shape)).placed(np.array(place.rotation), np.array(place.translation))
         self.link, self.hull, x = solid.link, hull, hull.vertices
         used = np.unique(hull.edges)
-        self.corners, self.normals, self.heights = x[used], hull.normals, hull.heights
-        inward = []
-        for face, normal in zip(hull.faces, hull.normals, strict=True):
-            for i, k in zip(face.tolist(), np.roll(face, -1).tolist(), strict=True):
-                way = np.cross(normal, x[k] - x[i])
-                inward.append((way := way / np.linalg.norm(way), way @ x[i]))
-        self.inward, self.depths = np.array([way for way, _ in inward]), np.array([depth for _, depth in inward])
-        self.starts = np.cumsum([0, *(len(face) for face in hull.faces[:-1])])
+        self.corners = x[used]
         ends = x[hull.edges]
         self.middles, self.halves = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         self.lengths = np.linalg.norm(self.halves, axis=1)
@@ -158,14 +242,6 @@ class _Body:
         self.ways = [_units(np.concatenate(pair)) for pair in zip(ways[::2], ways[1::2], strict=True)]
         self.middle = self.corners.mean(axis=0)
         self.radius = float(np.linalg.norm(self.corners - self.middle, axis=1).max())
-
-    def over_faces(self, x: Array) -> Array:
-        """The heights (..., F) of points (..., 3) over the planes of the faces."""
-        return np.asarray(x @ self.normals.T - self.heights)
-
-    def within_sides(self, x: Array) -> Array:
-        """How far points (..., 3) are from the nearest side of each face (..., F), below 0 beside it."""
-        return np.asarray(np.minimum.reduceat(x @ self.inward.T - self.depths, self.starts, axis=-1))
 
     def corner(self, i: int) -> Ball:
         """A corner, as a ball without a radius."""
@@ -177,9 +253,9 @@ class _Body:
 
     def face_gap(self, i: int, corner: Ball, *, second: bool) -> FaceGap:
         """From a corner to a face."""
-        own = slice(self.starts[i], self.starts[i + 1] if i + 1 < len(self.starts) else len(self.inward))
-        sides = tuple((_vec(way), float(depth)) for way, depth in zip(self.inward[own], self.depths[own], strict=True))
-        return FaceGap(corner, self.link, _vec(self.normals[i]), float(self.heights[i]), sides, second)
+        hull, own = self.hull, self.hull.sides_of(i)
+        sides = tuple((_vec(way), float(depth)) for way, depth in zip(hull.inward[own], hull.depths[own], strict=True))
+        return FaceGap(corner, self.link, _vec(hull.normals[i]), float(hull.heights[i]), sides, second)
 
 
 class _Crossings:
@@ -197,7 +273,7 @@ class _Crossings:
         self.crosses = length / (a.lengths[:, None] * b.lengths) > FLAT
         across = across / np.maximum(length, 1e-300)[..., None]
         turned = a.hull.normals @ r.transpose(0, 2, 1), a.hull.ways @ r.transpose(0, 2, 1)
-        self.side, outward = edge_sides(turned[1], turned[0], a.hull.sides, b.hull.ways, b.normals, b.hull.sides)
+        self.side, outward = edge_sides(turned[1], turned[0], a.hull.sides, b.hull.ways, b.hull.normals, b.hull.sides)
         self.outward = outward * a.lengths[:, None] * b.lengths / np.maximum(length, 1e-300)
         self.gap = self.side * np.einsum("nexi,nexi->nex", across, apart)
         uu, uw, ww = np.einsum("nei,nei->ne", u, u)[..., None], u @ w.T, np.einsum("xi,xi->x", w, w)
@@ -224,7 +300,7 @@ def _touching(feature: int, gap: FaceGap | EdgeGap, motion: Motion) -> Feature:
 
 def _placed(motion: Motion, link: str) -> tuple[Array, Array]:
     """R (n, 3, 3) and the origin (n, 3) of a link."""
-    vectors = [*(motion.direction(link, axis) for axis in AXES), motion.position(link)]
+    vectors = [*(motion.direction(link, axis) for axis in IDENTITY), motion.position(link)]
     count = max(np.size(x) for vector in vectors for x in vector)
     x, y, z, origin = (np.stack([np.broadcast_to(np.asarray(e, dtype=float).ravel(), (count,)) for e in vector], axis=1)
                        for vector in vectors)  # fmt: skip

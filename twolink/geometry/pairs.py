@@ -1,28 +1,49 @@
-"""The points at which a pair of shapes may touch, as gaps."""
+"""Pairs of bodies, and the points at which they may touch, as gaps."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import cast
+from typing import NamedTuple, cast
 
+import msgspec
 import numpy as np
 
 from twolink.algorithms.motion import GROUND
-from twolink.algorithms.spatial import Vec, unit
-from twolink.effects.contact_pairs import Pair, Plane
-from twolink.effects.gaps import Ball, BoxGap, CylinderGap, Gap, PlaneGap, RoundGap
-from twolink.effects.hull_features import HullFeatures
-from twolink.effects.hull_gaps import HullGap
-from twolink.effects.rim_gaps import RimGap, StandGap
+from twolink.algorithms.spatial import ZERO, Vec, unit
 from twolink.errors import SceneError
+from twolink.geometry.features import HullFeatures
+from twolink.geometry.gaps import Ball, BoxGap, CylinderGap, Gap, HullGap, PlaneGap, RimGap, RoundGap, StandGap
+from twolink.geometry.hulls import hull_of
 from twolink.robots.collisions import Solid
-from twolink.robots.hulls import hull_of
-from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
+from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere, Vector
 
 STANDS_ON = 6  # points of the rim of a cylinder's end
 MOST_FACES = 40  # of a convex mesh that has formulas: each is some of them
 MOST_FEATURES = 50_000  # pairs of them of two meshes: each is looked at in every state
+
+
+class Plane(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="plane"):
+    """A plane of the world: n . x = height, with the bodies on the side that the normal n points to.
+
+    Parameters
+    ----------
+    normal : (float, float, float)
+        n, along the world's axes, of any length: it is scaled to 1.
+    height : float
+        Along n, m.
+    """
+
+    normal: Vector = (0.0, 0.0, 1.0)
+    height: float = 0.0
+
+
+class Pair(NamedTuple):
+    """Two bodies that may touch, the rounder one first. name: of both."""
+
+    name: str
+    first: Solid
+    second: Solid | Plane
 
 
 def gaps_of(pair: Pair) -> Sequence[Gap]:
@@ -147,7 +168,7 @@ def _middle(solid: Solid) -> Ball:
 def _half(solid: Solid) -> Vec:
     """From the middle of a capsule to the centre of an end, in the link's axes; 0 for a sphere."""
     if not isinstance(solid.shape, Capsule):
-        return 0.0, 0.0, 0.0
+        return ZERO
     return _vec(0.5 * float(solid.shape.length) * np.array(_axes(solid)[2]))
 
 
