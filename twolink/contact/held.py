@@ -18,12 +18,11 @@ import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions
+from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
 from twolink.contact.joints import JointPoints, Laws
-from twolink.contact.multibody import Multibody
-from twolink.contact.plan import Plan
-from twolink.contact.step import STILL, Memory, Step
+from twolink.contact.steps import STILL, Memory, Plan, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of

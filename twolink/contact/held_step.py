@@ -1,8 +1,9 @@
 """Formulas of a step in which points of bodies on planes stick, or stick or slide, for compiling (`held`).
 
-    v+ = v_free + M^-1 J^T P,   sticking: J v+ + c = 0,   G P = -(J v_free + c);   sliding: `cone_newton`
+    v+ = v_free + M^-1 J^T P,   sticking: J v+ + c = 0,   G P = -(J v_free + c)
 
-Overlap is removed as in `stepping`.
+Sliding, P is the zero of F of `impulses` by steps of Newton's method, of points that are known to press. A few suffice
+from the impulses of the step before; whether they did is seen from g F. Overlap is removed as in `stepping`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from twolink.algorithms.dense_factors import factored, solved
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.motion import Motion, placed
 from twolink.algorithms.recursions import composite_bodies, frame_jacobian, poses
@@ -31,15 +33,13 @@ from twolink.algorithms.spatial import (
     scale,
     times,
 )
-from twolink.contact.cone_newton import missed, newton, velocities
-from twolink.contact.step import STILL
+from twolink.contact.steps import STILL
+from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.geometry.points import CLOSED
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import unbalanced_forces
 from twolink.integrate.state import Array
-
-SMALL = 1e-7  # rad^2: the square of half a turn whose sine is x - x^3 / 6
 
 
 def held_step(
@@ -85,9 +85,9 @@ def held_step(
         factors = ldlt(reduced, every)
     nu = ldlt_apply(*factors, every, [-x for x in off])
     shifted = [plus(*(times(z[i], y) for z, y in zip(inward, nu, strict=True))) for i in range(nv)]
-    push = _own(mech, q, ldlt_outward(lower, inverse, parents, shifted), xp, -1)
+    push = to_local_velocity(mech, q, ldlt_outward(lower, inverse, parents, shifted), xp, -1)
     away = plus(*(xp.where(xp.less(CLOSED**2, x * x), 1.0, 0.0) for x in off))
-    ends = _own(mech, q, end, xp, -1)
+    ends = to_local_velocity(mech, q, end, xp, -1)
     move = [half * a + xp.where(xp.less(0.0, away), b, 0.0) for a, b in zip(ends, push, strict=True)]
     q_end = moved(mech, q, move, xp)
     mean, known = [(a - b) / h for a, b in zip(ends, w, strict=True)], xp.less(0.0, plus(*(a * a for a in last)))
@@ -123,13 +123,13 @@ def _free(
 ) -> tuple[list[Scalar], list[Scalar], Matrix, list[Scalar], list[int]]:
     """v and v+ without contacts at the middle q of a step, and the factors of M. when: t, h and the numbers."""
     t, h, numbers = when
-    v = _own(mech, q, [a + 0.5 * h * b for a, b in zip(w, change, strict=True)], xp)
+    v = to_local_velocity(mech, q, [a + 0.5 * h * b for a, b in zip(w, change, strict=True)], xp)
     parents = mech.dof_parents()
     lower, inverse = ldlt(composite_bodies(mech, poses(mech, q, xp)), parents, xp)
     state = np.array([*q, *v, *numbers], dtype=object)
     a = ldlt_apply(lower, inverse, parents, unbalanced_forces(equations, mech, t, state, xp))
-    start = _own(mech, q, w, xp)
-    free = [plus(s, times(h, b)) for s, b in zip(start, _with_turning(mech, a, v), strict=True)]
+    start = to_local_velocity(mech, q, w, xp)
+    free = [plus(s, times(h, b)) for s, b in zip(start, with_turning(mech, a, v), strict=True)]
     return start, free, lower, inverse, parents
 
 
@@ -169,75 +169,67 @@ def _vector(values: Sequence[Any]) -> Vec:
     return x, y, z
 
 
-def _own(mech: Mechanism, q: list[Any], w: Sequence[Any], xp: Any, sign: int = 1) -> list[Any]:
-    """v of w; w of v with the sign -1 (`Multibody.own`)."""
-    v = list(w)
-    for i in mech.bodies:
-        joint = mech.joints[i]
-        size = {"free-flyer": 3, "planar": 2}.get(joint.kind, 0)
-        if size:
-            (rotation,), dofs = joint.pose(q, xp).turns, joint.dofs[:size]
-            for a, k in enumerate(dofs):
-                entries = [rotation[b][a] if sign > 0 else rotation[a][b] for b in range(size)]
-                v[k] = plus(*(times(entry, w[j]) for entry, j in zip(entries, dofs, strict=True)))
-    return v
+STEPS = 5
 
 
-def _with_turning(mech: Mechanism, a: Sequence[Any], v: Sequence[Any]) -> list[Any]:
-    """a with omega x v of the linear velocities of free and planar joints."""
-    out = list(a)
-    for i in mech.bodies:
-        joint = mech.joints[i]
-        own = [v[k] for k in joint.dofs]
-        if joint.kind == "free-flyer":
-            turning: Sequence[Any] = cross((own[3], own[4], own[5]), (own[0], own[1], own[2]))
-        elif joint.kind == "planar":
-            turning = (times(-1.0, times(own[2], own[1])), times(own[2], own[0]))
-        else:
-            continue
-        for k, change in zip(joint.dofs, turning, strict=False):
-            out[k] = plus(out[k], change)
+def newton(g: Matrix, b: Sequence[Scalar], mu: Sequence[float], guess: Sequence[Scalar], xp: Any) -> list[Scalar]:
+    """P (3k) of G (3k, 3k) and b (3k), the normal last of each point."""
+    size, p = _sizes(g, xp), list(guess)
+    for _ in range(STEPS):
+        f, slopes = _misses(p, velocities(g, b, p), mu, size, xp)
+        jacobian: Matrix = []
+        for i, c in enumerate(slopes):
+            rows = g[3 * i : 3 * i + 3]
+            for j, own in enumerate(c):
+                row = [times(plus(*(times(a, r[k]) for a, r in zip(own, rows, strict=True))), 1.0 / size[i])
+                       for k in range(len(p))]  # fmt: skip
+                for k, entry in enumerate(own):
+                    row[3 * i + k] = plus(row[3 * i + k], minus(float(j == k), entry))
+                jacobian.append(row)
+        p = [minus(a, step) for a, step in zip(p, solved(*factored(jacobian), f), strict=True)]
+    return p
+
+
+def velocities(g: Matrix, b: Sequence[Scalar], p: Sequence[Scalar]) -> list[Scalar]:
+    """U (3k)."""
+    return [plus(x, *(times(c, y) for c, y in zip(row, p, strict=True))) for x, row in zip(b, g, strict=True)]
+
+
+def missed(g: Matrix, u: Sequence[Scalar], p: Sequence[Scalar], mu: Sequence[float], xp: Any) -> list[Scalar]:
+    """g F (3k), m/s."""
+    size = _sizes(g, xp)
+    f, _ = _misses(p, u, mu, size, xp)
+    return [times(size[i // 3], x) for i, x in enumerate(f)]
+
+
+def _sizes(g: Matrix, xp: Any) -> list[Scalar]:
+    """g of each point: the largest of its diagonal."""
+    out = []
+    for i in range(0, len(g), 3):
+        a, b, c = (g[k][k] for k in range(i, i + 3))
+        most = xp.where(xp.less(a, b), b, a)
+        out.append(xp.where(xp.less(most, c), c, most))
     return out
 
 
-def moved(mech: Mechanism, q: list[Any], change: Sequence[Any], xp: Any) -> list[Any]:
-    """The configuration after a time in which w adds up to a change (`Multibody.moved`)."""
-    out = list(q)
-    for joint in (mech.joints[i] for i in mech.bodies):
-        if joint.mimic:
-            continue
-        own, by = [q[k] for k in joint.entries], [change[k] for k in joint.dofs]
-        if joint.kind in ("revolute", "prismatic"):
-            new = [own[0] + by[0]]
-        elif joint.kind == "continuous":
-            new = _turned(own, by[0], xp)
-        elif joint.kind == "planar":
-            new = [own[0] + by[0], own[1] + by[1], *_turned(own[2:], by[2], xp)]
-        else:
-            new = [*(a + b for a, b in zip(own[:-4], by[:-3], strict=True)), *_rotated(own[-4:], by[-3:], xp)]
-        for k, value in zip(joint.entries, new, strict=True):
-            out[k] = value
-    return out
-
-
-def _turned(at: Sequence[Any], angle: Any, xp: Any) -> list[Any]:
-    """(cos, sin) after a turn."""
-    c, s = xp.cos(angle), xp.sin(angle)
-    return _of_length_one([at[0] * c - at[1] * s, at[1] * c + at[0] * s])
-
-
-def _rotated(p: Sequence[Any], turn: Sequence[Any], xp: Any) -> list[Any]:
-    """p * exp(turn / 2), a quaternion (x, y, z, w) after a turn about axes that move with it."""
-    square = 0.25 * sum(a * a for a in turn)
-    half = xp.sqrt(square)
-    tiny = xp.less(square, SMALL)
-    sinc = xp.where(tiny, 1.0 - square / 6.0, xp.sin(half) / xp.where(tiny, 1.0, half))
-    (x, y, z, w), (a, b, c), s = p, (0.5 * sinc * a for a in turn), xp.cos(half)
-    return _of_length_one([s * x + w * a + y * c - z * b, s * y + w * b + z * a - x * c, s * z + w * c + x * b - y * a,
-                           s * w - (x * a + y * b + z * c)])  # fmt: skip
-
-
-def _of_length_one(x: Sequence[Any]) -> list[Any]:
-    """x / |x| where |x| is 1 but for rounding."""
-    shorter = 1.5 - 0.5 * sum(a * a for a in x)
-    return [a * shorter for a in x]
+def _misses(
+    p: Sequence[Scalar], u: Sequence[Scalar], mu: Sequence[float], size: Sequence[Scalar], xp: Any
+) -> tuple[list[Scalar], list[Matrix]]:
+    """F (3k), and of each point the derivative of proj (3, 3)."""
+    f: list[Scalar] = []
+    slopes: list[Matrix] = []
+    for i, (share, g) in enumerate(zip(mu, size, strict=True)):
+        own, speed = p[3 * i : 3 * i + 3], u[3 * i : 3 * i + 3]
+        x, y, normal = (a - b / g for a, b in zip(own, speed, strict=True))
+        length, limit = xp.sqrt(x * x + y * y), share * normal
+        slips = xp.less(limit, length)
+        inverse = 1.0 / xp.where(slips, length, 1.0)
+        dx, dy, scale = x * inverse, y * inverse, xp.where(slips, limit * inverse, 1.0)
+        across = xp.where(slips, -scale * dx * dy, 0.0)
+        f += [own[0] - scale * x, own[1] - scale * y, own[2] - normal]
+        slopes.append([
+            [xp.where(slips, scale * (1.0 - dx * dx), 1.0), across, xp.where(slips, share * dx, 0.0)],
+            [across, xp.where(slips, scale * (1.0 - dy * dy), 1.0), xp.where(slips, share * dy, 0.0)],
+            [0.0, 0.0, 1.0],
+        ])  # fmt: skip
+    return f, slopes

@@ -28,15 +28,12 @@ from typing import Any
 
 import numpy as np
 
-from twolink.contact.free_bodies import bodies_of
+from twolink.contact.bodies import Multibody, bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
-from twolink.contact.joints import JointPoints, Laws, complete
-from twolink.contact.loops import Kept, LoopRows
-from twolink.contact.multibody import Multibody
-from twolink.contact.plan import Plan
+from twolink.contact.joints import JointPoints, Kept, Laws, LoopRows, complete
 from twolink.contact.positions import correction
-from twolink.contact.step import STILL, Memory, Record, Step
+from twolink.contact.steps import STILL, Memory, Plan, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
@@ -78,7 +75,7 @@ class Stepper:
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
         self.ahead = FIRST
-        points = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q)
+        points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
         self.bodies.free_acceleration(t, q, v, numbers)  # of which the Jacobian takes the configuration
@@ -152,7 +149,7 @@ class Stepper:
         """
         if self.detector.sees_all:
             return step
-        places, speeds = self.bodies.places(step.q, self.bodies.own(step.q, step.v))
+        places, speeds = self.bodies.places(step.q, self.bodies.to_local_velocity(step.q, step.v))
         overlap = self.detector.overlap(places)[0]
         if halve and overlap - memory.overlap > UNSEEN * self._reach(step.h, speeds):
             return None
@@ -165,7 +162,7 @@ class Stepper:
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
-        places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
+        places, speeds = self.bodies.places(middle, self.bodies.to_local_velocity(middle, v))
         # By the mean of two steps: with that of the last alone, damping d is stable up to h d = 1 only, now up to 2.
         change = 0.5 * h * memory.change.mean(axis=0)
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers)

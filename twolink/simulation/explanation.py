@@ -188,8 +188,10 @@ def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
 
 def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
     """How a scene with stepped contacts is computed."""
-    from twolink.contact.scene_stepper import stepper_of  # which other scenes do not load
-    from twolink.contact.solver import solve_stepped
+    from twolink.contact.solver import (
+        solve_stepped,
+        stepper_of,  # which other scenes do not load
+    )
     from twolink.simulation.stepped_run import FIRST
 
     stepper = stepper_of(scene)
