@@ -1,7 +1,8 @@
 """Contact: time stepping of bodies that touch at many points.
 
-In: a scene, times and a step. Points at which bodies touch come from `geometry`. Out: states at the times, the impulses of the
-contacts, and of each step how well they obey the laws. This room knows nothing of error bars and trajectories.
+In: a scene, times and a step; the points at which bodies touch come from `geometry`. Out: states at the times, the
+impulses of the contacts, and of each step how well they obey the laws. This room knows nothing of error bars and
+trajectories.
 
 velocities    velocities along axes in which they do not change while bodies turn
 bodies        mass matrix, free motion and Jacobians at the points where bodies touch; of many free bodies, sparse
