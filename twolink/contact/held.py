@@ -66,7 +66,7 @@ class HeldRun:
         self.v, changes, self.q, p, u, places, self.miss, ends = parts
         self.change = changes.reshape(len(h), 2, nv)
         self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
-        self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
+        self.on_first = np.einsum("nki,kij->nkj", self.p, held.axes)
         normal = self.p[:, :, 2]
         inside = (normal > 0.0) & (held.slides | ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.mu * normal) ** 2))
         free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
@@ -81,11 +81,11 @@ class HeldRun:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
         memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, held.faces, self.change[j])
-        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.impulse[j],
+        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.on_first[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
     @property
-    def worth(self) -> Impulses:
+    def impulses(self) -> Impulses:
         """How far the impulses of all steps miss the laws."""
         p, u = self.p[: self.length], self.u[: self.length]
         largest = float(np.abs(self.miss[: self.length]).max())

@@ -105,7 +105,7 @@ class Problem:
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
 
     def answer(self, p: Array, solver: str) -> Impulses:
-        """What the impulses are worth."""
+        """The impulses with the residuals of the contact laws."""
         f, _, u = self.miss(p)
         over = (np.hypot(p[:, 0], p[:, 1]) - self.mu * p[:, 2]) * self.size
         feasibility = max(float((-u[:, 2]).max(initial=0.0)), float(over.max(initial=0.0)))

@@ -144,7 +144,7 @@ def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
 def _pressing(stepper: Stepper, one: Step) -> Pressing:
     """By pair the points that press in a step, and their mean forces."""
     found: Pressing = {}
-    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
+    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.on_first, strict=True):
         found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
     return found
 

@@ -74,9 +74,9 @@ class Memory:
 class Step:
     """The end of a step of length h: q, w, the memory, and of the points that pressed the pairs, places and impulses.
 
-    mean (nv,): of w'. Impulses (n, 3) are on the first of two bodies, along the world's axes, N s. worth: how they obey
-    the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of stops and of
-    dry friction; None without.
+    mean (nv,): of w'. on_first (n, 3): impulses on the first of two bodies, along the world's axes, N s. impulses: with
+    the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
+    stops and of dry friction; None without.
     """
 
     h: float
@@ -86,8 +86,8 @@ class Step:
     memory: Memory
     pair: Array
     place: Array
-    impulse: Array
-    worth: Impulses | None = None
+    on_first: Array
+    impulses: Impulses | None = None
     overlap: float | None = None
     joints: Array | None = None
 
@@ -102,10 +102,10 @@ class Record:
     feasibility: float = 0.0
     complementarity: float = 0.0
 
-    def add(self, worth: Impulses | None, count: int = 1) -> None:
-        """Count steps. worth: None where nothing touched."""
+    def add(self, impulses: Impulses | None, count: int = 1) -> None:
+        """Count steps. impulses: None where nothing touched."""
         self.steps += count
-        if worth is not None:
-            self.solvers[worth.solver] = self.solvers.get(worth.solver, 0) + count
-            self.feasibility = max(self.feasibility, worth.feasibility)
-            self.complementarity = max(self.complementarity, worth.complementarity)
+        if impulses is not None:
+            self.solvers[impulses.solver] = self.solvers.get(impulses.solver, 0) + count
+            self.feasibility = max(self.feasibility, impulses.feasibility)
+            self.complementarity = max(self.complementarity, impulses.complementarity)
