@@ -17,7 +17,7 @@ import scipy.sparse as sparse
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.contact.velocities import moved, to_local_velocity
+from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.points import Places, Points
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
@@ -63,14 +63,13 @@ class Multibody:
         v = self.to_local_velocity(q, w)
         upper = np.array(pin.computeMinverse(self.model, self.data, q))
         inverse = np.triu(upper) + np.triu(upper, 1).T
-        a = inverse @ self._forces(t, q, v, numbers)
+        a = with_turning(self.equations.mechanism, (inverse @ self._forces(t, q, v, numbers)).tolist(), v.tolist())
         self._at, self._ways = q, list(self._axes(q))
         for lin, rotation in self._ways:
-            a[lin] = rotation @ (a[lin] + _turning(v, lin))
             inverse[lin] = rotation @ inverse[lin]
             inverse[:, lin] = inverse[:, lin] @ rotation.T
         self.inverse: Any = inverse
-        return np.asarray(a)
+        return self.to_local_velocity(q, np.array(a), -1)
 
     def jacobian(self, points: Points, axes: Array) -> Any:
         """J (3n, nv) of points (n,) with axes (n, 3, 3), the normal last."""
@@ -134,14 +133,6 @@ def _compiled_forces(equations: Equations) -> Any:
         return module.cfunc([xp.lift(value) for value in values], vars=list(x), **UNOPTIMIZED)
 
     return compiled_function(equations.key("unbalanced"), build)[0]
-
-
-def _turning(v: Array, lin: slice) -> Array:
-    """omega x v of the linear velocity of a free joint, or of a planar one."""
-    after = v[lin.stop : lin.stop + 3]
-    if lin.stop - lin.start == 3:
-        return cross(after, v[lin])
-    return np.array([-after[0] * v[lin][1], after[0] * v[lin][0]])
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -26,28 +26,12 @@ STILL = 1e-11  # m/s: one whose direction is rounding
 
 
 def contact_point(
-    name: str,
-    gap: Gap,
-    friction: float,
-    restitution: float,
-    static: float | None = None,
-    *,
-    reflects: bool = False,
+    name: str, gap: Gap, friction: float, restitution: float, static: float | None = None, *, reflects: bool = False
 ) -> ContactPoint:
     """A contact of the engine from a gap and the numbers of its law."""
     constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
-    return ContactPoint(
-        name,
-        restitution,
-        friction,
-        friction if static is None else static,
-        gap.value,
-        gap.velocity,
-        constraint,
-        content,
-        gap.single,
-        reflects,
-    )
+    return ContactPoint(name, restitution, friction, friction if static is None else static, gap.value, gap.velocity,
+                        constraint, content, gap.single, reflects)  # fmt: skip
 
 
 class Touching(Loop, frozen=True):

@@ -281,11 +281,7 @@ class Problem:
         """The velocities with the rates of contacts, and of joints, stopped by the forces that act there."""
         rows, forces = [np.eye(len(self.state.v))[list(joints)]], [np.eye(len(self.state.v))[list(joints)]]
         for i in contacts:
-            every, friction, slip = (
-                contact_rows(self.state, i),
-                self.state.system.contacts[i].friction,
-                self.slip(i),
-            )
+            every, friction, slip = (contact_rows(self.state, i), self.state.system.contacts[i].friction, self.slip(i))
             sticks = friction > 0.0 and slip is None
             rows.append(every if sticks else every[:1])
             forces.append(every if sticks or slip is None else every[:1] - friction * slip @ every[1:])
