@@ -16,7 +16,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
-from twolink.effects.joint_forces import Torque
+from twolink.effects.forces import Torque
 from twolink.effects.triggers import Release, Watch
 from twolink.errors import SceneError, require_known
 from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
