@@ -160,7 +160,10 @@ class OfSolids(Group):
         """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
         del number, rotations, origins, reach
         middle = 0.5 * (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2()))
-        return [Touch((), float(result.min_distance), -np.array(result.normal), middle)]
+        normal = -np.array(result.normal)
+        if not normal.any():  # segments that cross have none
+            normal = np.array([0.0, 0.0, 1.0])
+        return [Touch((), float(result.min_distance), normal, middle)]
 
 
 class ByFormula(OfSolids):
