@@ -17,7 +17,6 @@ import scipy.sparse as sparse
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
-from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.points import Places, Points
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
@@ -45,11 +44,21 @@ class Multibody:
 
     def to_local_velocity(self, q: Array, w: Array, sign: int = 1) -> Array:
         """v of w; w of v with the sign -1."""
-        return np.array(to_local_velocity(self.equations.mechanism, q.tolist(), w.tolist(), Numbers, sign))
+        v = w.copy()
+        for lin, rotation in self._axes(q):
+            v[lin] = (rotation.T if sign > 0 else rotation) @ w[lin]
+        return v
 
     def moved(self, q: Array, change: Array) -> Array:
         """The configuration after a time in which w adds up to a change (nv,)."""
-        return np.array(moved(self.equations.mechanism, q.tolist(), change.tolist(), Numbers))
+        turn = change.copy()
+        for lin, _ in self._axes(q):
+            turn[lin] = 0.0
+        out = np.array(pin.integrate(self.model, q, turn))
+        for joint in self.moving_axes:
+            size = 3 if joint.kind == "free-flyer" else 2
+            out[joint.q.start : joint.q.start + size] += change[joint.v.start : joint.v.start + size]
+        return out
 
     def places(self, q: Array, v: Array) -> tuple[Places, Array]:
         """Where the joints are, and of each its linear and angular speed (joints, 2), m/s and rad/s."""
@@ -63,13 +72,14 @@ class Multibody:
         v = self.to_local_velocity(q, w)
         upper = np.array(pin.computeMinverse(self.model, self.data, q))
         inverse = np.triu(upper) + np.triu(upper, 1).T
-        a = with_turning(self.equations.mechanism, (inverse @ self._forces(t, q, v, numbers)).tolist(), v.tolist())
+        a = inverse @ self._forces(t, q, v, numbers)
         self._at, self._ways = q, list(self._axes(q))
         for lin, rotation in self._ways:
+            a[lin] = rotation @ (a[lin] + _turning(v, lin))
             inverse[lin] = rotation @ inverse[lin]
             inverse[:, lin] = inverse[:, lin] @ rotation.T
         self.inverse: Any = inverse
-        return self.to_local_velocity(q, np.array(a), -1)
+        return np.asarray(a)
 
     def jacobian(self, points: Points, axes: Array) -> Any:
         """J (3n, nv) of points (n,) with axes (n, 3, 3), the normal last."""
@@ -133,6 +143,14 @@ def _compiled_forces(equations: Equations) -> Any:
         return module.cfunc([xp.lift(value) for value in values], vars=list(x), **UNOPTIMIZED)
 
     return compiled_function(equations.key("unbalanced"), build)[0]
+
+
+def _turning(v: Array, lin: slice) -> Array:
+    """omega x v of the linear velocity of a free joint, or of a planar one."""
+    after = v[lin.stop : lin.stop + 3]
+    if lin.stop - lin.start == 3:
+        return cross(after, v[lin])
+    return np.array([-after[0] * v[lin][1], after[0] * v[lin][0]])
 
 
 def cross(a: Array, b: Array) -> Array:
