@@ -43,15 +43,9 @@ from twolink.integrate.state import Array
 
 
 def held_step(
-    equations: Equations,
-    mech: Mechanism,
-    gaps: Sequence[PlaneGap],
-    chosen: Array,
-    faces: list[bool],
-    mu: list[float],
-    x: list[Any],
-    xp: Any,
-) -> list[Scalar]:
+    equations: Equations, mech: Mechanism, gaps: Sequence[PlaneGap], chosen: Array, faces: list[bool], mu: list[float],
+    x: list[Any], xp: Any,
+) -> list[Scalar]:  # fmt: skip
     """The entries of a row of `HeldRun`.
 
     faces: as of `Held`. mu: the friction of points that may slide; empty for points that stick. x: w, w' of the
