@@ -13,7 +13,7 @@ from gallery import picture
 
 import twolink as tl
 from twolink.cli.app import app as command_line
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
 from twolink.hard import SimulationCase, all_cases
 from twolink.io.listing import Table

@@ -28,8 +28,8 @@ from scripts.runner import Bars, OutOfTime, Some, Table, processor_time, study
 from scripts.studies.scenes.contact_parts import Case, free_positions
 from scripts.studies.scenes.contacts import KINDS, case
 from twolink import effects as fx
-from twolink.effects.contact_pairs import Pair, Plane
 from twolink.errors import TwolinkError
+from twolink.geometry.pairs import Pair, Plane
 from twolink.hard.truths import distance
 from twolink.robots.collisions import Solid, collision_model
 

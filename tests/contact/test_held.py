@@ -12,13 +12,12 @@ from tests.effects.bodies import G, ball
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Numbers
 from twolink.contact import held
-from twolink.contact.cone_newton import missed, newton, velocities
+from twolink.contact.bodies import Multibody
 from twolink.contact.held import HeldSteps
-from twolink.contact.held_step import moved
+from twolink.contact.held_step import missed, moved, newton, velocities
 from twolink.contact.impulses import Problem, solve_impulses
-from twolink.contact.multibody import Multibody
-from twolink.contact.step import Memory
 from twolink.contact.stepping import Stepper
+from twolink.contact.steps import Memory
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.scene_equations import equations_of

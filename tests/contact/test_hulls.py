@@ -6,8 +6,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.contact.hulls import touching
-from twolink.robots.hulls import hull_of, separation
+from twolink.geometry.hulls import hull_of, separation, touching
 from twolink.robots.shapes import Box, Convex
 
 E = tl.effects

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 import twolink as tl
 from tests.effects.bodies import G, free_bodies
-from twolink.contact import free_bodies as sparse_bodies
+from twolink.contact import bodies as sparse_bodies
 from twolink.contact.positions import solve_normal
 from twolink.io.fingerprints import model_digest
 from twolink.io.model_trees import joint_poses, trees_of

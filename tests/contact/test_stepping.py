@@ -10,9 +10,8 @@ from scipy.optimize import brentq
 
 import twolink as tl
 from tests.effects.bodies import G, ball, bouncing, free_bodies, planar
-from twolink.contact import free_bodies as sparse_bodies
-from twolink.contact.hulls import touching
-from twolink.robots.hulls import hull_of
+from twolink.contact import bodies as sparse_bodies
+from twolink.geometry.hulls import hull_of, touching
 from twolink.simulation.stepped_run import simulate_stepped
 
 E = tl.effects

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import twolink as tl
 from tests.effects.cases import CASES, E, robot
-from twolink.effects.air_drag import SLOW
+from twolink.effects.forces import SLOW
 
 BALL = """<robot name="ball"><link name="ball"><inertial><mass value="{m}"/><inertia ixx="0.1" iyy="0.1" izz="0.1"
 ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""

@@ -161,8 +161,8 @@ def test_a_cylinder_starts_upright_but_for_a_rounding(monkeypatch: pytest.Monkey
     upright = [4.617861345417722e-16, -2.4588520612080807e-16, 0.8414537269122624, -0.5403291825040212]
     contact = E.Contact("ground", 0.3, shapes={"c": (E.Cylinder(0.1, 0.3),)})
     scene = tl.Scene(free_bodies("c"), [0, 0, 0.2, *upright], effects=[E.Gravity(), contact])
-    here = RunState(equations_of(scene), 0.0, 1e-13).here
-    assert here.look().contacts[:, 0, 0].min() == pytest.approx(0.05)
+    state = RunState(equations_of(scene), 0.0, 1e-13).mode_state
+    assert state.evaluate().contacts[:, 0, 0].min() == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.1])

@@ -6,8 +6,9 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import BALL, wheel
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.errors import SceneError
 from twolink.integrate.pinocchio_rate import rate
 from twolink.integrate.scene_equations import equations_of

@@ -11,8 +11,9 @@ import pytest
 
 import twolink as tl
 from tests.effects.cases import CASES, E, robot, state
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.integrate.compile_time import UNOPTIMIZED
 from twolink.integrate.effect_numbers import with_effect_numbers
 from twolink.integrate.equations import Equations
@@ -121,17 +122,8 @@ def test_only_what_a_run_uses_is_imported(tmp_path: Path) -> None:
     code = "import sys, twolink as tl; tl.simulate(tl.load_scene('arm-swing'), 0.1); print(*sys.modules)"
     env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "TWOLINK_CACHE": str(tmp_path / "twolink")}
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env).stdout
-    shared = {
-        "effect",
-        "field_checks",
-        "inputs",
-        "loop",
-        "motion",
-        "own_effects",
-        "sampled",
-        "switching",
-    }  # common to all
-    assert {m.split(".")[-1] for m in out.split() if m.startswith("twolink.effects.")} == {"gravity", *shared}
+    shared = {"checks", "effect", "inputs", "loops", "own_effects", "switching"}  # common to all
+    assert {m.split(".")[-1] for m in out.split() if m.startswith("twolink.effects.")} == {"constants", *shared}
     assert "sympy" not in out.split()  # which heyoka imports where it can
     assert {path.name for path in tmp_path.iterdir()} <= {"twolink"}  # heyoka keeps no database of its own
 

@@ -8,7 +8,7 @@ import pytest
 import twolink as tl
 from tests.effects.cases import E
 from twolink.effects import TYPES, effect_class
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.errors import SceneError
 
 FILES = {

@@ -123,8 +123,8 @@ def test_the_smallest_forces_on_four_corners_are_taken_while_they_obey_the_laws(
     effects = [fx.Gravity(), fx.FrameWrench("block", (push, 0.0, 0.0), point=(0.0, 0.0, high)),
                fx.Contact(("ground",), 0.5, shapes={"block": (fx.Box((0.3, 0.2, 0.2)),)})]  # fmt: skip
     run = RunState(equations_of(tl.Scene(free_bodies("block"), [0, 0, 0.1, 0, 0, 0, 1], effects=effects)), 0.0, 1e-13)
-    run.settle()
-    (forces,) = force_share.share_of(run.here).best(run.here.look()).forces
+    run.resolve_mode()
+    (forces,) = force_share.share_of(run.mode_state).best(run.mode_state.evaluate()).forces
     ahead = push * (0.1 + high) / 0.15  # the load of the two corners in front less that of the others
     each = (G + np.array([ahead, ahead, -ahead, -ahead])) / 4
     assert forces[:, 0] == pytest.approx(each, abs=1e-9)

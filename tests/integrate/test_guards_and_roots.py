@@ -9,7 +9,7 @@ import pytest
 import twolink as tl
 from tests.effects.bodies import slider, times
 from tests.effects.cases import E
-from twolink.integrate.hybrid.guard import Guard
+from twolink.integrate.hybrid.locating import Guard
 from twolink.integrate.hybrid.roots import crossing, lowest
 
 T = np.array([0.0, 0.1, 0.2, 0.3])

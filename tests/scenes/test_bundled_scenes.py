@@ -11,8 +11,9 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 import twolink as tl
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.scene_equations import equations_of
 

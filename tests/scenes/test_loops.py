@@ -6,7 +6,7 @@ import pytest
 
 import twolink as tl
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.case import Track
 from twolink.hard.cases.loops import four_bars

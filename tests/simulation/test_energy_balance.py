@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import twolink as tl
-from twolink.effects.motion import Motion
+from twolink.algorithms.motion import Motion
 from twolink.errors import SceneError
 from twolink.hard.four_bars import hanging_four_bars
 from twolink.integrate.formulas import effect_loads

@@ -13,6 +13,8 @@ import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from twolink.errors import SceneError
+
 Scalar = Any  # float, np.ndarray or expression: anything with + - * /
 Vec = tuple[Scalar, Scalar, Scalar]
 Mat = tuple[Vec, Vec, Vec]
@@ -340,3 +342,19 @@ def inertial_force(body: Inertia, a: Vec, u: Mat) -> Spatial:
         minus(dot(u[1], sigma[0]), dot(u[0], sigma[1])),
     )
     return force, add(cross(body.first, a), turned)
+
+
+def unit(direction: Vec, field: str) -> Vec:
+    """A direction scaled to length 1. Raises SceneError where it has no length."""
+    length = sum(float(x) ** 2 for x in direction) ** 0.5
+    if not length > 0:
+        raise SceneError(f"expected a direction, got {direction!r}", where=field, remedy="such as (0, 0, 1)")
+    x, y, z = (float(c) / length for c in direction)
+    return x, y, z
+
+
+def across(axis: Vec) -> tuple[Vec, Vec]:
+    """Two unit vectors across a unit vector and each other."""
+    k = min(range(3), key=lambda i: abs(axis[i]))
+    first = unit(cross(axis, (float(k == 0), float(k == 1), float(k == 2))), "axis")
+    return first, cross(axis, first)

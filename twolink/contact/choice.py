@@ -1,4 +1,4 @@
-"""Which way contacts are computed: located one by one, or stepped through.
+"""How contacts are computed: located one by one, or stepped through.
 
 Located contacts are verified, and their cost grows with every event. Stepping goes through any number of contacts, and
 its error can only be estimated.
@@ -9,23 +9,23 @@ from typing import Literal, NamedTuple
 from twolink.errors import SceneError, require_known
 from twolink.scenes import Scene
 
-Way = Literal["located", "stepped"]
-WAYS = ("located", "stepped")
-MANY = 200  # points of contacts beyond which they are stepped: each is a formula in every guard of the located way
+ContactMethod = Literal["located", "stepped"]
+METHODS = ("located", "stepped")
+MANY = 200  # points of contacts beyond which they are stepped: each is a formula in every guard of a located run
 
 
 class Choice(NamedTuple):
-    """The way, and the reason; the way is None for a scene without contacts."""
+    """The method, and the reason; the method is None for a scene without contacts."""
 
-    way: Way | None
+    method: ContactMethod | None
     why: str = ""
 
 
-def choose_way(scene: Scene, asked: str | None = None) -> Choice:
+def choose_contact_method(scene: Scene, asked: str | None = None) -> Choice:
     """How the contacts of a scene are computed. asked: "located" or "stepped" forces it. Raises SceneError."""
     effects = [effect for effect in scene.effects if effect.touches]
     if asked is not None:
-        require_known(asked, WAYS, SceneError, argument="contact")
+        require_known(asked, METHODS, SceneError, argument="contact")
         if asked == "stepped" and not effects:
             raise SceneError("the scene has no Contact effect", argument="contact",
                              remedy="add tl.effects.Contact(...)")  # fmt: skip
@@ -36,7 +36,7 @@ def choose_way(scene: Scene, asked: str | None = None) -> Choice:
 def _by_shapes(scene: Scene) -> Choice:
     """Located where every pair has formulas, and not too many."""
     from twolink.effects.contact import Contact  # which scenes without contacts do not load
-    from twolink.effects.contact_points import are_hulls, gaps_of
+    from twolink.geometry.pairs import are_hulls, gaps_of
 
     points = 0
     for effect in scene.effects:

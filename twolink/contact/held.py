@@ -11,22 +11,21 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions
-from twolink.contact.detection import Detector
-from twolink.contact.formulas import OnPlanes
+from twolink.contact.bodies import Multibody
 from twolink.contact.held_step import held_step
 from twolink.contact.impulses import EXACT, Impulses
-from twolink.contact.joints import JointPoints
-from twolink.contact.multibody import Multibody, axes_of
-from twolink.contact.plan import Plan
-from twolink.contact.points import STILL
-from twolink.contact.step import Memory, Step
+from twolink.contact.joints import JointPoints, Laws
+from twolink.contact.steps import STILL, Memory, Plan, Step
 from twolink.dynamics.kernels import heyoka
+from twolink.geometry.detection import Detector, OnPlanes
+from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
@@ -67,7 +66,7 @@ class HeldRun:
         self.v, changes, self.q, p, u, places, self.miss, ends = parts
         self.change = changes.reshape(len(h), 2, nv)
         self.p, self.u, self.places = (x.reshape(len(h), k, 3) for x in (p, u, places))
-        self.impulse = np.einsum("nki,kij->nkj", self.p, held.axes)
+        self.on_first = np.einsum("nki,kij->nkj", self.p, held.axes)
         normal = self.p[:, :, 2]
         inside = (normal > 0.0) & (held.slides | ((self.p[:, :, :2] ** 2).sum(axis=2) <= (held.mu * normal) ** 2))
         free = (ends[:, k:] > 0.0).all(axis=1) & (joints.gaps(self.q) > 0.0).all(axis=1)
@@ -82,11 +81,11 @@ class HeldRun:
         """The step j."""
         h, held, mean = float(self.h[j]), self.held, self.change[j, 0]
         memory = Memory(held.keys, self.p[j] / h, np.hypot(*self.u[j, :, :2].T) < STILL, held.faces, self.change[j])
-        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.impulse[j],
+        return Step(h, self.q[j], self.v[j], mean, memory, held.pair, self.places[j].copy(), self.on_first[j],
                     overlap=float(self.overlap[j]))  # fmt: skip
 
     @property
-    def worth(self) -> Impulses:
+    def impulses(self) -> Impulses:
         """How far the impulses of all steps miss the laws."""
         p, u = self.p[: self.length], self.u[: self.length]
         largest = float(np.abs(self.miss[: self.length]).max())
@@ -98,12 +97,12 @@ class HeldRun:
 class HeldSteps:
     """Compiled steps of a scene by the points that press."""
 
-    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints) -> None:
+    def __init__(self, bodies: Multibody, detector: Detector, joints: JointPoints, laws: Laws) -> None:
         self.equations, self.joints = bodies.equations, joints
-        self.static, self.friction = detector.static, detector.friction
+        self.static, self.friction = laws.static, laws.friction
         group = detector.groups[0] if len(detector.groups) == 1 else None
         simple = type(bodies) is Multibody and heyoka() is not None
-        self.group = group if isinstance(group, OnPlanes) and len(group.key) <= FEW and simple else None
+        self.group = group if type(group) is OnPlanes and len(group.key) <= FEW and simple else None
         self._known: dict[tuple[bytes, bool], Held] = {}
 
     def of(self, memory: Memory) -> Held | None:
@@ -116,8 +115,8 @@ class HeldSteps:
             return None
         if group is None or 3 * len(keys) > self.equations.robot.nv or is_reproducible():
             return None
-        content = keys.tobytes(), slides
-        if content not in self._known:
+        known = keys.tobytes(), slides
+        if known not in self._known:
             order = np.argsort(group.key)
             chosen = order[np.searchsorted(group.key, keys, sorter=order)]
             pair = group.pair[chosen]
@@ -126,16 +125,17 @@ class HeldSteps:
             if slides and (len(keys) > SLIDERS or (mu != self.friction[pair]).any()):
                 return None
             sliding = mu.tolist() if slides else []
-            points = (group.joint, group.local, group.radius, group.normal, group.height, chosen, faces)
-            digest = hashlib.sha256(repr([*(x.tolist() for x in points), sliding]).encode()).hexdigest()
+            content = repr((group.gaps, chosen.tolist(), faces.tolist(), sliding))
+            digest = hashlib.sha256(content.encode()).hexdigest()
             name = self.equations.key("held", digest[:32])  # of a file
             expected = compiling_seconds((SLIDING if slides else SIZE) * self.equations.operations)
             if not is_at_hand(name) and spent(name) < expected:
                 count(name, STEP)
                 return None
-            function = compiled_function(name, lambda: _compiled(self.equations, group, chosen, faces, sliding))[0]
-            self._known[content] = Held(function, keys, pair, mu, axes_of(group.normal[chosen]), faces, slides)
-        held = self._known[content]
+            function = compiled_function(name, lambda: _compiled(self.equations, group.gaps, chosen, faces, sliding))[0]
+            normals = np.array([group.gaps[i].normal for i in chosen.tolist()])
+            self._known[known] = Held(function, keys, pair, mu, axes_of(normals), faces, slides)
+        held = self._known[known]
         return held if memory.still[held.faces].all() else None
 
     def run(self, held: Held, plan: Plan, steps: slice, q: Array, w: Array, memory: Memory) -> HeldRun:
@@ -156,10 +156,10 @@ class HeldSteps:
         return HeldRun(held, h, rows, len(q), len(w), self.joints)
 
 
-def _compiled(equations: Equations, group: OnPlanes, chosen: Array, faces: Array, mu: list[float]) -> Any:
+def _compiled(equations: Equations, gaps: Sequence[PlaneGap], chosen: Array, faces: Array, mu: list[float]) -> Any:
     """heyoka's function of (w, w' of two steps, q, P, U, t, h, numbers)."""
     module = heyoka()
     xp, space = Expressions(module), equations.space
     x = [module.expression(f"x{i}") for i in range(2 + 2 * space.nv + 6 * len(chosen) + space.size)]
-    values = held_step(equations, mechanism(equations.robot.model), group, chosen, faces.tolist(), mu, x, xp)
+    values = held_step(equations, mechanism(equations.robot.model), gaps, chosen, faces.tolist(), mu, x, xp)
     return module.cfunc([xp.lift(value) for value in values], vars=x, **UNOPTIMIZED)

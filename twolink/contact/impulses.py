@@ -14,19 +14,15 @@ goes in circles, as in piles that come to rest, the proximal point method leads 
 U + e g (P - P_k) in place of U have one solution near P_k; what Newton's method finds that misses them by a tenth of
 what P_k misses is the next P_k, and e falls tenfold (Rockafellar, SIAM J. Control Optim. 14 (1976) 877-898, also for
 points that are not exact). Each begins after steps of P - F / 3 with Nesterov's momentum (O'Donoghue, Candes, Found.
-Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32). Where
-that fails too, Pinocchio's ADMM solver brings few contacts near (Carpentier, Montaut, Le Lidec: From Compliant to Rigid
-Contact Simulation, RSS 2024).
+Comput. Math. 15 (2015) 715-732, for the restarts; Mazhar, Heyn, Negrut, Tasora, ACM Trans. Graph. 34 (2015) 32).
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
@@ -42,8 +38,6 @@ FIRST, LAST, LARGEST = 1e-3, 1e-8, 1.0  # e of the proximal points: the first, t
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
 REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
-ADMM = 2_000  # iterations
-LARGE = 200  # contacts beyond which they take longer than half the step
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
 
 
@@ -105,7 +99,7 @@ class Problem:
         return float((np.abs(f).max(axis=1, initial=0.0) * self.size).max(initial=0.0)) / self.scale
 
     def answer(self, p: Array, solver: str) -> Impulses:
-        """What the impulses are worth."""
+        """The impulses with the residuals of the contact laws."""
         f, _, u = self.miss(p)
         over = (np.hypot(p[:, 0], p[:, 1]) - self.mu * p[:, 2]) * self.size
         feasibility = max(float((-u[:, 2]).max(initial=0.0)), float(over.max(initial=0.0)))
@@ -122,9 +116,7 @@ def solve_impulses(problem: Problem, guess: Array) -> Impulses:
         best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
     if not best.solved:
         best = problem.answer(newton(problem, accelerated(problem, best.p, LEADING)), "newton")
-    if best.solved or len(guess) > LARGE:
-        return best
-    return min(best, problem.answer(newton(problem, admm(problem, best.p)), "admm"), key=lambda one: one.residual)
+    return best
 
 
 def newton(problem: Problem, guess: Array) -> Array:
@@ -246,37 +238,3 @@ def _derivative(mu: Array, z: Array) -> Array:
     c[slips, :2, :2] = share * (np.eye(2) - d[:, :, None] * d[:, None, :])
     c[slips, :2, 2] = mu[slips, None] * d
     return c
-
-
-def admm(problem: Problem, guess: Array) -> Array:
-    """Impulses by Pinocchio's ADMM solver."""
-    dense = not sparse.issparse(problem.matrix)
-    if dense:
-        delassus = pin.DelassusOperatorDense(problem.matrix)
-    else:
-        matrix = sparse.csc_matrix(problem.matrix)
-        matrix.indices, matrix.indptr = matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32)
-        delassus = pin.DelassusOperatorSparse(matrix)
-    models, datas = pin.StdVec_ConstraintModel(), pin.StdVec_ConstraintData()
-    for mu in problem.mu.tolist():
-        model, data = _cone(mu)
-        models.append(model)
-        datas.append(data)
-    settings, result = pin.ADMMSolverSettings(), pin.ADMMSolverResult()
-    settings.max_iterations = ADMM
-    settings.absolute_feasibility_tol = settings.absolute_complementarity_tol = 1e-10
-    settings.relative_feasibility_tol = settings.relative_complementarity_tol = 1e-12
-    result.resize(guess.size)
-    result.setConstraintImpulseGuess(guess.ravel())
-    pin.ADMMConstraintSolver(guess.size).solve(delassus, problem.b.ravel(), models, datas, settings, result)
-    p = np.array(result.retrieveConstraintImpulses()).reshape(-1, 3)
-    return p if np.isfinite(p).all() else guess
-
-
-@functools.lru_cache(maxsize=64)
-def _cone(mu: float) -> tuple[Any, Any]:
-    """A point contact with this friction, of which Pinocchio's solvers see the cone alone."""
-    model = pin.buildSampleModelManipulator()
-    contact = pin.PointContactConstraintModel(model, 1, pin.SE3.Identity())
-    contact.setFriction(mu)
-    return pin.ConstraintModel(contact), pin.ConstraintData(contact.createData())

@@ -1,10 +1,22 @@
-"""Stops and dry friction of joints as points of the contact problem, three rows each as a contact has.
+"""Stops, dry friction and loops in a step.
+
+Stops and dry friction are points of the contact problem, three rows each as a contact has.
 
     stop       g = s (q_k - p),  U_n = s v_k       a contact without friction
     friction   |p| <= c_k h,     U_t = v_k         a contact that the known impulse c_k h presses
 
 s: the side of the stop, p: its position. Rows that remain move nothing and are not coupled to the others.
 Source: Acary, Brogliato: Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapters 3 and 10.
+
+Loops are rows B of the velocities that contacts do not change.
+
+    B (v + v+) = B_0 v,   q+ moves back by M^-1 B^T (B M^-1 B^T)^-1 g_0
+
+B: the rows at the middle of the step. B_0, g_0: the rows and the gaps of the loops at its begin. Where B_0 v = 0 the
+mean velocity keeps the loops, whose forces then do no work; what is left of B_0 v and of g_0 is taken away. Contacts
+see the inverse mass matrix of what the loops leave free,
+
+    W = M^-1 - M^-1 B^T (B M^-1 B^T)^-1 B M^-1.
 """
 
 from __future__ import annotations
@@ -14,9 +26,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.contact.detection import Detector
-from twolink.contact.points import Points, key_of
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.namespaces import Expressions, Numbers
+from twolink.contact.bodies import Multibody
+from twolink.dynamics.kernels import heyoka
+from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
+from twolink.geometry.detection import Detector
+from twolink.geometry.points import Points, key_of
+from twolink.integrate.compile_time import UNOPTIMIZED
+from twolink.integrate.compiled_functions import compiled_function
+from twolink.integrate.constraints import Constraints
+from twolink.integrate.equations import Equations
 from twolink.integrate.state import Array
 
 
@@ -55,16 +76,19 @@ class JointPoints:
         counts = ((len(self.stops), "stops"), (len(self.holds), "joints with dry friction"))
         return [f"{count} {what} are in the contact problem" for count, what in counts if count]
 
-    def laws(self, detector: Detector) -> Laws:
-        """The laws of a scene's pairs, and those of its joints behind them."""
+    def laws(self, detector: Detector, effects: Sequence[Contact]) -> Laws:
+        """The laws of a scene's pairs, each by its effect, and those of its joints behind them."""
+        of_pairs = [(float(e.friction), float(e.friction if e.static is None else e.static), float(e.restitution))
+                    for e in effects]  # fmt: skip
+        friction, static, restitution = np.array(of_pairs).reshape(-1, 3).T
         stops, count, none = self.stops, len(self.dof), np.zeros(len(self.stops))
         names = [*(f"stop of {stop.name}" for stop in stops), *(f"friction of dof {hold.dof}" for hold in self.holds)]
         kinetic = np.array([hold.kinetic / hold.greatest for hold in self.holds])
         return Laws(
             [*detector.names, *names],
-            np.concatenate([detector.friction, none, kinetic]),
-            np.concatenate([detector.static, none, np.ones(len(self.holds))]),
-            np.concatenate([detector.restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
+            np.concatenate([friction, none, kinetic]),
+            np.concatenate([static, none, np.ones(len(self.holds))]),
+            np.concatenate([restitution, [stop.restitution for stop in stops], np.zeros(len(self.holds))]),
             np.concatenate([detector.thickness, np.full(count, np.inf)]),
             np.concatenate([np.zeros(self.pairs), none, [hold.greatest for hold in self.holds]]),
             np.arange(self.pairs + count) >= self.pairs,
@@ -113,3 +137,54 @@ def complete(matrix: Array, b: Array, joints: Array, given: Array) -> None:
         size = matrix[own, own].max()
         matrix[own, own] = size
         b[i, 2] -= size * given[i]
+
+
+SINGULAR = 1e-10  # relative: singular values of B M^-1 B^T below it belong to positions where the loops are singular
+
+
+class Kept(NamedTuple):
+    """What the loops leave of a step: v+ without contacts (nv,), W (nv, nv), and the change (nv,) that closes them."""
+
+    free: Array
+    inverse: Any
+    closing: Array | float
+
+
+class LoopRows:
+    """The loops of a scene, from its equations with them."""
+
+    def __init__(self, equations: Equations, constraints: Constraints) -> None:
+        self.constraints = constraints
+        self.function = None if heyoka() is None else _compiled(equations, constraints)
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """g (m,) and B (m, nv) of the rows that are not redundant."""
+        loops = self.constraints
+        if self.function is None:
+            rows = loops.residuals(loops.mech, list(q), Numbers)
+            return np.array([float(rows[i]) for i in loops.kept]), loops.jacobian_at(q, loops.kept)
+        out, count = self.function(q), len(loops.kept)
+        return out[:count], out[count:].reshape(count, -1)
+
+    def keep(self, bodies: Multibody, q: Array, middle: Array, w: Array, free: Array) -> Kept:
+        """A step from (q, w) by way of its middle, at which the bodies are. free: w+ without loops and contacts."""
+        g, start = self.at(q)
+        rows = bodies.turned(self.at(middle)[1])
+        response = bodies.inverse @ rows.T
+        solved = response @ np.linalg.pinv(rows @ response, rcond=SINGULAR, hermitian=True)
+        wanted = start @ bodies.to_local_velocity(q, w) - rows @ w
+        return Kept(free + solved @ (wanted - rows @ free), bodies.inverse - solved @ response.T, -solved @ g)
+
+
+def _compiled(equations: Equations, loops: Constraints) -> Any:
+    """heyoka's function of q for g and B."""
+
+    def build() -> Any:
+        module = heyoka()
+        xp, mech = Expressions(module), mechanism(equations.robot.model)
+        q = np.array([module.expression(f"x{i}") for i in range(equations.space.nq)], dtype=object)
+        gaps, rows = loops.residuals(mech, list(q), xp), loops.jacobian(mech, q, xp)
+        values = [*(gaps[i] for i in loops.kept), *(entry for row in rows for entry in row)]
+        return module.cfunc([xp.lift(value) for value in values], vars=list(q), **UNOPTIMIZED)
+
+    return compiled_function(equations.key("loops"), build)[0]

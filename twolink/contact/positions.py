@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from twolink.contact.impulses import Problem, factors, solve_impulses
-from twolink.contact.points import CLOSED
+from twolink.geometry.points import CLOSED
 from twolink.integrate.state import Array
 
 SETS = 40  # that press, without friction

@@ -1,19 +1,63 @@
-"""Stepping a scene from sample to sample, and what comes of it."""
+"""Stepping a scene from sample to sample: its smooth effects as equations, the others as impulses."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from twolink.contact.plan import plan_steps
-from twolink.contact.step import Record, Step
+from twolink.contact.joints import LoopRows
 from twolink.contact.stepping import Stepper
+from twolink.contact.steps import Record, Step, plan_steps
+from twolink.effects.contact import Contact
+from twolink.effects.loops import Loop
+from twolink.effects.switching import Hold, Stop, SwitchingEffect
+from twolink.errors import SceneError
+from twolink.integrate.equations import Equations
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
+from twolink.integrate.scene_equations import make_equations
 from twolink.integrate.solution import Piece, Progress
 from twolink.integrate.state import Array
+from twolink.scenes import Scene
+
+OVERLAP = 1e-9  # m, at the start
+_smooth: weakref.WeakKeyDictionary[Scene, tuple[Equations, Equations]] = weakref.WeakKeyDictionary()
+
+
+def stepper_of(scene: Scene) -> Stepper:
+    """What steps a scene. Raises SceneError for what cannot be stepped."""
+    effects = [effect for effect in scene.effects if isinstance(effect, Contact)]
+    if any(effect.impacts == "reflections" for effect in effects):
+        raise SceneError('Contact with impacts="reflections" is not stepped: expected "newton", one impulse a step',
+                         where="impacts", remedy='contact="located", or impacts="newton"',
+                         code="not-stepped")  # fmt: skip
+    others = [effect for effect in scene.effects if not isinstance(effect, Contact)]
+    declared = [item for e in others if isinstance(e, SwitchingEffect) for item in e.modes(scene.robot)]
+    stops = [item for item in declared if isinstance(item, Stop)]
+    holds = [item for item in declared if isinstance(item, Hold) and item.entry is None]
+    if len(stops) + len(holds) < len(declared):
+        raise SceneError("effects that switch, other than joint stops and dry friction, cannot be stepped",
+                         argument="contact", remedy='contact="located", or leave them out',
+                         code="not-stepped")  # fmt: skip
+    if scene not in _smooth:  # the same scene has the same equations, which are kept as long as it is
+        smooth = [(place, effect) for place, effect in enumerate(scene.effects)
+                  if not isinstance(effect, SwitchingEffect)]  # fmt: skip
+        looped = make_equations(scene.robot, scene.q, scene.v, smooth)
+        free = [(place, effect) for place, effect in smooth if not isinstance(effect, Loop)]
+        q, v = looped.space.rows(looped.start)
+        _smooth[scene] = looped, looped if looped.constraints is None else make_equations(scene.robot, q, v, free)
+    with_loops, equations = _smooth[scene]
+    loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
+    stepper = Stepper(equations, effects, stops, holds, loops)
+    overlap, pair = stepper.overlap(equations.start[: equations.space.nq])
+    if overlap > OVERLAP:
+        raise SceneError(f"{pair} overlap by {overlap:.3g} m at the start", where="q", code="overlap",
+                         remedy="start with bodies apart, and joints within their stops")  # fmt: skip
+    return stepper
+
 
 REPORT = 50  # steps
 Pressing = dict[str, list[tuple[Array, Array]]]  # by pair points, m, and forces, N
@@ -93,14 +137,14 @@ class SteppedSolution:
 
 def _means(stepper: Stepper, one: Step) -> tuple[Array, Array]:
     """The mean acceleration over a step (nv,), and the mean torques of joints' stops and dry friction (nv,)."""
-    mean = stepper.bodies.own(one.q, one.mean)
+    mean = stepper.bodies.to_local_velocity(one.q, one.mean)
     return mean, np.zeros_like(mean) if one.joints is None else one.joints / one.h
 
 
 def _pressing(stepper: Stepper, one: Step) -> Pressing:
     """By pair the points that press in a step, and their mean forces."""
     found: Pressing = {}
-    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.impulse, strict=True):
+    for pair, place, impulse in zip(one.pair.tolist(), one.place, one.on_first, strict=True):
         found.setdefault(stepper.detector.names[pair], []).append((place, impulse / one.h))
     return found
 
@@ -114,12 +158,12 @@ def solve_stepped(
     halvings: see `plan_steps`.
     """
     equations, record = stepper.equations, Record()
-    nq, own = equations.space.nq, stepper.bodies.own
+    nq, local = equations.space.nq, stepper.bodies.to_local_velocity
     q, v = np.array(equations.start[:nq]), np.array(equations.start[nq : equations.moving])
     none = np.zeros_like(v)
     states, overlap = [(q, v, none, none)], stepper.overlap(q)[0]
     pressing: list[Pressing] = [{}]
-    v = own(q, v, -1.0)
+    v = local(q, v, -1)
     memory = stepper.start(float(times[0]), q, v, equations.layout.numbers_at(float(times[0])))
     stepper.record, interrupted = record, False
     plan, first = plan_steps(equations, times, step, halvings), 0
@@ -132,7 +176,7 @@ def solve_stepped(
             for j in np.flatnonzero(plan.sampled[first : first + len(steps)]).tolist():
                 one = steps[j]
                 pressing.append(_pressing(stepper, one))
-                states.append((one.q, own(one.q, one.v), *_means(stepper, one)))
+                states.append((one.q, local(one.q, one.v), *_means(stepper, one)))
                 overlap = max(overlap, stepper.overlap(one.q)[0] if one.overlap is None else one.overlap)
             end = steps[len(steps) - 1]
             q, v, memory = end.q, end.v, end.memory

@@ -28,20 +28,18 @@ from typing import Any
 
 import numpy as np
 
-from twolink.contact.detection import Detector
-from twolink.contact.free_bodies import bodies_of
+from twolink.contact.bodies import Multibody, bodies_of
 from twolink.contact.held import HeldRun, HeldSteps
 from twolink.contact.impulses import Impulses, Problem, solve_impulses
-from twolink.contact.joints import JointPoints, Laws, complete
-from twolink.contact.loops import Kept, LoopRows
-from twolink.contact.multibody import Multibody, axes_of
-from twolink.contact.plan import Plan
-from twolink.contact.points import CLOSED, STILL, Places, Points, joined
+from twolink.contact.joints import JointPoints, Kept, Laws, LoopRows, complete
 from twolink.contact.positions import correction
-from twolink.contact.step import Memory, Record, Step
+from twolink.contact.steps import STILL, Memory, Plan, Record, Step
 from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.errors import AccuracyError
+from twolink.geometry.detection import Detector
+from twolink.geometry.gaps import axes_of
+from twolink.geometry.points import CLOSED, Places, Points, joined
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import failure
 from twolink.integrate.state import Array
@@ -66,17 +64,18 @@ class Stepper:
         loops: LoopRows | None = None,
     ) -> None:
         self.equations, self.model = equations, equations.robot.model
-        self.detector = Detector(equations.robot, effects)
+        pairs = [(pair, effect) for effect in effects for pair in effect.selected(equations.robot).chosen]
+        self.detector = Detector(equations.robot, [pair for pair, _ in pairs])
         self.joints = JointPoints(stops, holds, len(self.detector.names))
-        self.laws = self.joints.laws(self.detector)
+        self.laws = self.joints.laws(self.detector, [effect for _, effect in pairs])
         self.bodies, self.loops = bodies_of(equations) if loops is None else Multibody(equations), loops
-        self.held = HeldSteps(self.bodies, self.detector, self.joints)
+        self.held = HeldSteps(self.bodies, self.detector, self.joints, self.laws)
         self.record, self.ahead = Record(), FIRST
 
     def start(self, t: float, q: Array, v: Array, numbers: Array) -> Memory:
         """The memory at the start of a run: what touches and does not slip sticks."""
         self.ahead = FIRST
-        points = self._points(self.bodies.places(q, self.bodies.own(q, v))[0], CLOSED, q)
+        points = self._points(self.bodies.places(q, self.bodies.to_local_velocity(q, v))[0], CLOSED, q)
         if not len(points.gap):
             return Memory.empty(np.zeros((2, len(v))))
         self.bodies.free_acceleration(t, q, v, numbers)  # of which the Jacobian takes the configuration
@@ -117,7 +116,7 @@ class Stepper:
             found = self.held.run(known, plan, slice(first, first + ahead), q, v, memory)
             if len(found):
                 self.ahead = min(2 * ahead, MOST) if len(found) == len(found.h) else 0  # what ended it ends it again
-                self.record.add(found.worth, len(found))
+                self.record.add(found.impulses, len(found))
                 return found
         numbers = plan.numbers[plan.piece[first]]
         return [self.advance(float(plan.t[first]), float(plan.h[first]), q, v, numbers, memory)]
@@ -132,7 +131,7 @@ class Stepper:
             _require_finite(step.v, t, h)
             step = self._checked(step, memory, halve=depth < UNSEEN_HALVINGS)
         if step is not None:
-            self.record.add(step.worth)
+            self.record.add(step.impulses)
             return step
         if depth == HALVINGS:
             raise AccuracyError("no impulses obey the laws of contact and friction within a step, at speeds up to "
@@ -150,7 +149,7 @@ class Stepper:
         """
         if self.detector.sees_all:
             return step
-        places, speeds = self.bodies.places(step.q, self.bodies.own(step.q, step.v))
+        places, speeds = self.bodies.places(step.q, self.bodies.to_local_velocity(step.q, step.v))
         overlap = self.detector.overlap(places)[0]
         if halve and overlap - memory.overlap > UNSEEN * self._reach(step.h, speeds):
             return None
@@ -163,7 +162,7 @@ class Stepper:
     def step(self, t: float, h: float, q: Array, v: Array, numbers: Array, memory: Memory) -> Step | None:
         """One step; None where its laws are not reached."""
         middle = self.bodies.moved(q, 0.5 * h * v)
-        places, speeds = self.bodies.places(middle, self.bodies.own(middle, v))
+        places, speeds = self.bodies.places(middle, self.bodies.to_local_velocity(middle, v))
         # By the mean of two steps: with that of the last alone, damping d is stable up to h d = 1 only, now up to 2.
         change = 0.5 * h * memory.change.mean(axis=0)
         a = self.bodies.free_acceleration(t + 0.5 * h, middle, v + change, numbers)
@@ -194,13 +193,13 @@ class Stepper:
         solution = law.solved(rows, kept.inverse, free)
         if solution is None:
             return None
-        active, response, worth = solution
-        ends = free + response @ worth.p.ravel()
-        move = 0.5 * h * ends + response @ (law.late[active, None] * worth.p).ravel() + kept.closing
+        active, response, impulses = solution
+        ends = free + response @ impulses.p.ravel()
+        move = 0.5 * h * ends + response @ (law.late[active, None] * impulses.p).ravel() + kept.closing
         u, off = (rows @ ends).reshape(-1, 3), np.empty_like(before)
         off[:, :2] = 0.5 * h * (before + u)[:, :2]
         off[:, 2] = points.gap + (rows @ move).reshape(-1, 3)[:, 2]
-        pressing, stuck = worth.p[:, 2] > 0.0, np.hypot(*worth.u[:, :2].T) < STILL
+        pressing, stuck = impulses.p[:, 2] > 0.0, np.hypot(*impulses.u[:, :2].T) < STILL
         lasts = np.zeros(off.shape, dtype=bool)
         lasts[active, 2] = pressing & law.known[active] & law.rests[active]
         lasts[active, :2] = (lasts[active, 2] & stuck & law.stuck[active] & ~law.of_joints[active])[:, None]
@@ -210,18 +209,18 @@ class Stepper:
         move = move + push
         still = np.abs(u[active, 2]) < STILL
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
-        chosen, own = active[closed], worth.p[closed]
+        chosen, own = active[closed], impulses.p[closed]
         order = np.argsort(points.key[chosen])
         keys = points.key[chosen][order]
         smooth = np.array_equal(keys, memory.keys) and not law.hits[chosen].any()
         mean = (ends - v) / h
         passed = Memory(keys, own[order] / h, stuck[closed][order], still[closed][order],
                         memory.changes(mean, smooth=smooth))  # fmt: skip
-        joints, chosen, p = self._of_joints(rows, law, active[pressing], worth.p[pressing])
-        impulse = np.einsum("ni,nij->nj", p, axes[chosen])
+        joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
+        on_first = np.einsum("ni,nij->nj", p, axes[chosen])
         end = self.bodies.moved(middle, move)
         return Step(
-            h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], impulse, worth, joints=joints
+            h, end, ends, mean, passed, points.pair[chosen], points.position[chosen], on_first, impulses, joints=joints
         )
 
     def _of_joints(self, rows: Any, law: _Law, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
@@ -292,14 +291,14 @@ class _Law:
             matrix = own @ response
             if self.of_joints.any():
                 complete(matrix, b, np.flatnonzero(self.of_joints[active]), self.given[active])
-            worth = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
-            if not worth.solved:
+            impulses = solve_impulses(Problem(matrix, b, self.mu[active]), self.guess[active])
+            if not impulses.solved:
                 return None
-            self.guess[active] = worth.p
-            slips = (self.mu[active] > self.slower[active]) & (np.hypot(*worth.u[:, :2].T) > STILL)
-            missed = ~self.active & (self.ends(rows @ (free + response @ worth.p.ravel())) < -CLOSED)
+            self.guess[active] = impulses.p
+            slips = (self.mu[active] > self.slower[active]) & (np.hypot(*impulses.u[:, :2].T) > STILL)
+            missed = ~self.active & (self.ends(rows @ (free + response @ impulses.p.ravel())) < -CLOSED)
             if not (slips.any() or missed.any()):
-                return active, response, worth
+                return active, response, impulses
             self.mu[active[slips]] = self.slower[active[slips]]
             self.active |= missed
         return None

@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from twolink.control.linearization import AT_REST, Linearization, linearize
 from twolink.control.smooth import depends_on_time
-from twolink.effects.joint_checks import Limits
-from twolink.effects.state_feedback import StateFeedback
+from twolink.effects.controllers import Limits, StateFeedback
 from twolink.errors import SceneError
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene

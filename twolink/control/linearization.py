@@ -16,8 +16,8 @@ from twolink.control.loops import freedom
 from twolink.control.smooth import equations_at
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, batch_shape, configuration
-from twolink.effects.joint_checks import check_joints, single_joints
-from twolink.effects.torque import Torque
+from twolink.effects.checks import check_joints, single_joints
+from twolink.effects.forces import Torque
 from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations

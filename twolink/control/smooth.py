@@ -27,19 +27,19 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
         return replace(equations, start=np.concatenate([x, equations.layout.numbers_at(t)]))
     run = RunState(replace(equations, start=np.concatenate([x, equations.start[equations.moving :]])), t, 0.0)
     run.require_room("the state")
-    run.settle()
+    run.resolve_mode()
     fire_timed(run)
-    run.settle()
+    run.resolve_mode()
     if run.ended or not np.array_equal(run.x, x):
         raise _not_smooth("an event changes the state there")
     _require_no_contact(run)
-    here = run.here
-    for guard in guards_of(run, here.look()):
+    state = run.mode_state
+    for guard in guards_of(run, state.evaluate()):
         if guard.at_zero:
             kind, number = guard.key
             raise _not_smooth(f"{_name(run, kind, number)} is where its force changes abruptly")
-    start = here.full_state()
-    return replace(with_parameters(here.own.equations, equations.parameters), start=start)
+    start = state.full_state()
+    return replace(with_parameters(state.own.equations, equations.parameters), start=start)
 
 
 def depends_on_time(equations: Equations) -> bool:

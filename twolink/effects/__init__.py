@@ -1,4 +1,4 @@
-"""Effects: what a scene calls for. One file an effect, with its equation and source, imported when it is used.
+"""Effects: what a scene calls for, each a class with its equation and source, imported when it is used.
 
 In: joints, frames and numbers with units. Out: forces, controllers, constraints and, for effects that switch, their
 own modes and guards, as formulas. This room knows no integration method and no scene.

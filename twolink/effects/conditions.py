@@ -4,12 +4,11 @@ from typing import Literal
 
 import msgspec
 
-from twolink.algorithms.spatial import Scalar, Vec, cross, dot
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.spatial import Scalar, dot, unit
 from twolink.dynamics import Robot
+from twolink.effects.checks import check_frame, check_joint
 from twolink.effects.effect import JointName, LinkName
-from twolink.effects.frame_checks import check_frame
-from twolink.effects.joint_checks import check_joint
-from twolink.effects.motion import Motion
 from twolink.errors import SceneError
 
 
@@ -76,22 +75,6 @@ class FrameReaches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_
 
 
 Condition = JointReaches | FrameReaches
-
-
-def unit(direction: Vec, field: str) -> Vec:
-    """A direction scaled to length 1. Raises SceneError where it has no length."""
-    length = sum(float(x) ** 2 for x in direction) ** 0.5
-    if not length > 0:
-        raise SceneError(f"expected a direction, got {direction!r}", where=field, remedy="such as (0, 0, 1)")
-    x, y, z = (float(c) / length for c in direction)
-    return x, y, z
-
-
-def across(axis: Vec) -> tuple[Vec, Vec]:
-    """Two unit vectors across a unit vector and each other."""
-    k = min(range(3), key=lambda i: abs(axis[i]))
-    first = unit(cross(axis, (float(k == 0), float(k == 1), float(k == 2))), "axis")
-    return first, cross(axis, first)
 
 
 def check_when(at: float | None, when: Condition | None, robot: Robot) -> None:

@@ -1,6 +1,8 @@
-"""Other values of the robot's physical constants."""
+"""Physical constants that a scene changes: gravity, payloads, rotors, and any by name."""
 
+import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Annotated
 
 import msgspec
@@ -9,8 +11,111 @@ import pinocchio as pin
 
 from twolink.algorithms.mechanism import body_names, moments, parameter_names, with_nominal
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, check_name, finite
+from twolink.effects.checks import check_frame, check_joints, check_subset
+from twolink.effects.effect import Effect, LinkName, NotNegative, check_name, finite
 from twolink.errors import SceneError
+from twolink.robots.physical_checks import is_impossible
+
+
+class Gravity(Effect, frozen=True):
+    """A uniform gravity field g: each body of mass m feels the force m g at its centre of mass.
+
+    Parameters
+    ----------
+    field : (3,) floats
+        g, m/s^2, along the world's axes; z points up.
+    """
+
+    field: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        three = isinstance(self.field, (tuple, list, np.ndarray)) and len(self.field) == 3
+        if not (three and all(isinstance(g, Real) and math.isfinite(g) for g in self.field)):
+            remedy = "give m/s^2, such as (0, 0, -9.81)"
+            raise SceneError(f"expected 3 finite numbers, got {self.field!r}", where="gravity.field", remedy=remedy)
+
+    def change(self, model: pin.Model) -> None:
+        """Set the model's field, which every query then uses."""
+        model.gravity.linear = np.array(self.field)
+
+
+class Payload(Effect, frozen=True):
+    """A rigid body fixed to a link from the start: its inertia is added to the link's.
+
+    Parameters
+    ----------
+    frame : str
+        The link.
+    mass : float
+        kg.
+    com : (3,) floats
+        The body's centre of mass in the link's frame, m.
+    inertia : (6,) floats
+        (xx, xy, xz, yy, yz, zz) about the body's centre of mass, along the link's axes, kg m^2; 0 for a point mass.
+    """
+
+    frame: LinkName
+    mass: NotNegative
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    def check(self, robot: Robot) -> None:
+        """Require a link that moves, and a mass and an inertia that a body can have."""
+        check_frame(self.frame, robot, "frame")
+        matrix, mass = _matrix(self.inertia), float(self.mass)
+        if is_impossible(matrix, mass) or (not mass and matrix.any()):
+            what = f"no body has the inertia {list(self.inertia)} with {mass:g} kg"
+            remedy = "give it about the centre of mass, as (xx, xy, xz, yy, yz, zz)"
+            raise SceneError(what, where="inertia", remedy=remedy)
+
+    def change(self, model: pin.Model) -> None:
+        """Put the sum of both bodies into the model."""
+        frame = model.frames[model.getFrameId(self.frame, pin.FrameType.BODY)]
+        body = pin.Inertia(float(self.mass), np.array(self.com, dtype=float), _matrix(self.inertia))
+        model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + frame.placement.act(body)
+
+
+def _matrix(inertia: tuple[float, ...]) -> np.ndarray:
+    """The symmetric matrix (3, 3) of (xx, xy, xz, yy, yz, zz)."""
+    xx, xy, xz, yy, yz, zz = map(float, inertia)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+class Rotor(Effect, frozen=True):
+    """Inertia of motors behind gears: N^2 J is added to the joint's inertia (its armature).
+
+    Parameters
+    ----------
+    inertia : mapping of joint to float
+        J of the rotor, kg m^2, not negative. Joints with one degree of freedom, turning or sliding.
+    ratio : mapping of joint to float
+        N, turns of the rotor per turn of the joint, or rad per metre of a joint that slides; 1 by default.
+
+    Notes
+    -----
+    Two effects of a rotor that its link carries are left out: its mass, which counts to the link, and its gyroscopic
+    moment, which is smaller by about 1 / N.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 7.1.1.
+    """
+
+    inertia: Mapping[str, NotNegative]
+    ratio: Mapping[str, float] = {}
+
+    def check(self, robot: Robot) -> None:
+        """Require joints of one degree of freedom."""
+        check_joints(self.inertia, robot, "inertia", dofs=True)
+        check_subset(self.ratio, self.inertia, "ratio", "joint with a rotor")
+
+    def change(self, model: pin.Model) -> None:
+        """Add N^2 J to the model's armature."""
+        armature = np.array(model.armature)
+        for joint, inertia in self.inertia.items():
+            armature[model.idx_vs[model.getJointId(joint)]] += float(self.ratio.get(joint, 1.0)) ** 2 * inertia
+        model.armature = armature
+
 
 _DAMPING = ".damping"
 ROUNDING = 1e-12  # relative

@@ -1,4 +1,4 @@
-"""Bodies that touch: pairs of links, with friction and restitution, each contact located."""
+"""Bodies that touch: pairs of links, or a ball and a plane, with friction and restitution."""
 
 from __future__ import annotations
 
@@ -6,15 +6,93 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 
+from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.spatial import Scalar, Vec, add, minus, plus, scale, times, unit
 from twolink.dynamics import Robot
-from twolink.effects.contact_law import contact_point
-from twolink.effects.contact_pairs import Body, Pair, Pairs, hollow_notes, select_pairs, solids_of
-from twolink.effects.contact_points import are_hulls, features_of, gaps_of
-from twolink.effects.effect import NotNegative
-from twolink.effects.joint_stops import check_restitution
+from twolink.effects.checks import check_frame, floats
+from twolink.effects.contact_pairs import Body, Pairs, hollow_notes, select_pairs, solids_of
+from twolink.effects.effect import LinkName, NotNegative
+from twolink.effects.inputs import Slot
+from twolink.effects.joint_switches import check_restitution
+from twolink.effects.loops import Loop
 from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
+from twolink.geometry.gaps import Ball, Gap, PlaneGap
+from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
 from twolink.robots.shapes import AnyShape
+
+SLOW = 1e-9  # m/s: a slip whose direction is not followed
+STILL = 1e-11  # m/s: one whose direction is rounding
+
+
+def contact_point(
+    name: str, gap: Gap, friction: float, restitution: float, static: float | None = None, *, reflects: bool = False
+) -> ContactPoint:
+    """A contact of the engine from a gap and the numbers of its law."""
+    constraint, content = functools.partial(Touching, name, gap, friction), repr((gap, friction, restitution))
+    return ContactPoint(name, restitution, friction, friction if static is None else static, gap.value, gap.velocity,
+                        constraint, content, gap.single, reflects)  # fmt: skip
+
+
+class Touching(Loop, frozen=True):
+    """g = 0, and while it rolls or sticks c = 0 along both tangents; while it slides, with friction.
+
+    pair: the name of the two bodies. friction: mu. rolling: whether it rolls or sticks. before: the direction of
+    sliding when that began, along the two tangents: c does not change to the other side of it before an event.
+    """
+
+    pair: str
+    gap: Gap
+    friction: float
+    rolling: bool
+    before: tuple[Slot, Slot] | tuple[float, float]
+
+    touches: ClassVar[bool] = True
+    max_rows: ClassVar[int] = 3  # the normal row, and two along the tangents
+
+    def rows(self, motion: Motion) -> list[Scalar]:
+        """The gap, of what touches."""
+        return [self.gap.nearest(motion).gap]
+
+    def velocity_rows(self, motion: Motion) -> list[Scalar]:
+        """c along the tangents."""
+        return list(self.gap.velocity(motion)[1:]) if self.rolling else []
+
+    def forces(self, motion: Motion, along: Motion) -> list[Scalar] | None:
+        """The power of a normal force of size 1 and of its friction."""
+        if self.rolling or not self.friction:
+            return None
+        normal, *others = self.gap.velocity(along)
+        friction = plus(*(times(d, other) for d, other in zip(self.sliding(motion), others, strict=True)))
+        return [minus(normal, times(self.friction, friction))]
+
+    def contact_force(self, motion: Motion, multipliers: Sequence[Scalar]) -> tuple[str, Vec, Vec]:
+        """The normal force and that of friction, at the nearest point of the first body."""
+        normal, *across = multipliers
+        if not self.rolling:
+            directions = self.sliding(motion) if self.friction else (0.0, 0.0)
+            across = [times(-self.friction, times(normal, d)) for d in directions]
+        near = self.gap.nearest(motion)
+        force = add(*(scale(size, axis) for size, axis in zip((normal, *across), near.axes, strict=True)))
+        return self.pair, near.first.position(motion), force
+
+    def sliding(self, motion: Motion) -> list[Scalar]:
+        """The direction of sliding along the two tangents: of c + s b, with the direction b of `before` and s = SLOW.
+
+        That of c alone is singular at c = 0, and need not be b there: steps would be ever smaller. This one is singular
+        past the plane c . b = 0, which ends the mode.
+        """
+        xp = motion.xp
+        _, x, y = self.gap.velocity(motion)
+        still = xp.less(plus(times(x, x), times(y, y)), STILL * STILL)
+        a, b = self.before
+        x, y = plus(x, times(SLOW, a)), plus(y, times(SLOW, b))
+        speed = xp.sqrt(plus(times(x, x), times(y, y)))
+        speed = xp.where(xp.less(speed, STILL), STILL, speed)
+        # Beyond, where steps look too, the direction stays, so that it has no corner.
+        sign = xp.where(xp.less(plus(times(x, a), times(y, b)), 0.0), -1.0, 1.0)
+        return [xp.where(still, was, times(sign, now / speed)) for was, now in ((a, x), (b, y))]
+
 
 SHOWN = 8  # names of pairs in a line
 
@@ -123,3 +201,53 @@ def _pairs(count: int) -> str:
 def _listed(names: Sequence[str]) -> str:
     """The first names of a list."""
     return ", ".join(names[:SHOWN]) + (", ..." if len(names) > SHOWN else "")
+
+
+class PlaneContact(SwitchingEffect, frozen=True):
+    """A ball or a point of a link in contact with a plane.
+
+        gap = n . x - height - radius >= 0
+        gap'+ = -e gap'-             at an impact (Newton 1687)
+        |f_t| <= mu f_n              Coulomb's friction; |f_t| = mu f_n against the sliding while the ball slides
+
+    x is the ball's centre; a point is a ball of radius 0. The friction impulse of an impact is mu times its normal
+    impulse, or less if that stops the sliding. Bounces that have become smaller than the accuracy end in rest.
+
+    Parameters
+    ----------
+    frame : str
+        The link.
+    point : (float, float, float)
+        The centre x in the link's axes, m.
+    radius : float
+        Of the ball, m.
+    normal : (float, float, float)
+        n, along the world's axes, of any length: it is scaled to 1.
+    height : float
+        Of the plane along n, m.
+    restitution : float
+        e, from 0 to 1.
+    friction : float
+        mu, not negative.
+    """
+
+    frame: LinkName
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: NotNegative = 0.0
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    height: float = 0.0
+    restitution: NotNegative = 0.0
+    friction: NotNegative = 0.0
+
+    def check(self, robot: Robot) -> None:
+        """Require a link that moves, and a normal that has a direction."""
+        check_frame(self.frame, robot, "frame")
+        unit(self.normal, "normal")
+        check_restitution(self.restitution)
+
+    def modes(self, robot: Robot) -> list[ContactPoint]:
+        """The gap to the plane."""
+        del robot
+        ball = Ball(self.frame, floats(self.point), float(self.radius))
+        gap = PlaneGap(ball, GROUND, unit(self.normal, "normal"), float(self.height))
+        return [contact_point(self.frame, gap, float(self.friction), float(self.restitution))]

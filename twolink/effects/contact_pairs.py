@@ -7,16 +7,16 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-import msgspec
 import pinocchio as pin
 
 from twolink.algorithms.functions import frame_pose
+from twolink.effects.checks import check_fields
 from twolink.effects.effect import check_name
-from twolink.effects.field_checks import check_fields
 from twolink.errors import SceneError
+from twolink.geometry.pairs import Pair, Plane
 from twolink.io.model_trees import joint_poses
 from twolink.robots.collisions import Solid, collision_model
-from twolink.robots.shapes import AnyShape, Capsule, Convex, Sphere, Vector
+from twolink.robots.shapes import AnyShape, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
@@ -25,31 +25,8 @@ SELF, GROUND = "self", "ground"
 TOUCHING = 1e-9  # m: what counts as no distance
 
 
-class Plane(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="plane"):
-    """A plane of the world: n . x = height, with the bodies on the side that the normal n points to.
-
-    Parameters
-    ----------
-    normal : (float, float, float)
-        n, along the world's axes, of any length: it is scaled to 1.
-    height : float
-        Along n, m.
-    """
-
-    normal: Vector = (0.0, 0.0, 1.0)
-    height: float = 0.0
-
-
 Body = str | Plane
 LEVEL = Plane()
-
-
-class Pair(NamedTuple):
-    """Two bodies that may touch, the rounder one first. name: of both."""
-
-    name: str
-    first: Solid
-    second: Solid | Plane
 
 
 class Pairs(NamedTuple):

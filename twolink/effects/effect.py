@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
+from twolink.algorithms.motion import Motion, placed
+from twolink.algorithms.spatial import ZERO, Scalar, Vec, add, cross, inward, plus
 from twolink.errors import SceneError, require_known
 from twolink.io.text import kebab_case
 
@@ -16,13 +18,45 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
     from twolink.dynamics import Robot
-    from twolink.effects.motion import Loads, Motion
 
-# A number that is not negative, for fields. The bound is for JSON Schema and `field_checks`, which names the field.
+# A number that is not negative, for fields. The bound is for JSON Schema and `checks`, which names the field.
 NotNegative = Annotated[float, msgspec.Meta(extra_json_schema={"minimum": 0.0})]
 # Names, for fields. The format is for JSON Schema: forms offer the robot's names. Each effect checks its names.
 LinkName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "link"})]
 JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]
+
+
+class Loads:
+    """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
+
+    sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
+    """
+
+    def __init__(self, motion: Motion, sides: Sequence[Scalar] | None = None) -> None:
+        self.sides = sides
+        self._motion = motion
+        self.tau: list[Scalar] = [0.0] * motion.mech.nv
+        self.wrenches: dict[int, list[Scalar]] = {}
+        self.limits: list[tuple[str, Scalar]] = []  # of effort, by name: distances to them, which pass 0
+
+    def torque(self, dof: int, value: Scalar) -> None:
+        """Add a joint torque or force, N m or N."""
+        self.tau[dof] = plus(self.tau[dof], value)
+
+    def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
+        """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
+        i, place = self._motion.frame(frame)
+        if i == 0:
+            return  # on the ground
+        body = self._motion.body(i)
+        own, turning = inward(body, force), inward(body, moment)
+        turning = add(turning, cross(placed(place, point), own))
+        self.wrench(i, own, turning)
+
+    def wrench(self, body: int, force: Vec, moment: Vec) -> None:
+        """Add a force and a moment at the origin of a body's joint, along its own axes."""
+        before = self.wrenches.get(body, [0.0] * 6)
+        self.wrenches[body] = [plus(a, b) for a, b in zip(before, (*force, *moment), strict=True)]
 
 
 class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type", tag=kebab_case):
@@ -42,7 +76,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     def check(self, robot: Robot) -> None:
         """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.
 
-        `field_checks` has checked before that the fields have their declared types, with finite numbers.
+        `checks` has checked before that the fields have their declared types, with finite numbers.
         """
 
     def change(self, model: pin.Model) -> None:

@@ -19,12 +19,12 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.motion import GROUND, Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Symbol, Tape
 from twolink.dynamics import Robot
-from twolink.effects.effect import Effect, check_name
+from twolink.effects.effect import Effect, Loads, check_name
 from twolink.effects.inputs import with_pieces
-from twolink.effects.motion import GROUND, Loads, Motion
 from twolink.errors import SceneError, TwolinkError
 
 Outputs = dict[str, list[str]]  # by joint

@@ -14,15 +14,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Scalar
 from twolink.effects.effect import Effect
 from twolink.effects.inputs import Slot
-from twolink.effects.loop import Loop
-from twolink.effects.motion import Motion
+from twolink.effects.loops import Loop
+from twolink.geometry.features import Feature
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot
@@ -95,15 +96,6 @@ class ContactPoint:
     content: str
     single: Callable[[Motion], Scalar | None]
     reflects: bool
-
-
-class Feature(NamedTuple):
-    """A feature of a pair that touches: its number, its gap as a formula, where, and the normal from the second."""
-
-    number: int
-    gap: Any
-    place: np.ndarray
-    normal: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ import numpy as np
 
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import Mechanism, mechanism
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
 from twolink.algorithms.sparse_factors import ldlt_solve
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.effects import Effect
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.integrate.constraints import locked_matrix
 from twolink.integrate.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.equations import Equations

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.force_share import within_laws

@@ -15,8 +15,7 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects import Effect
-from twolink.effects.inputs import Slot, tables_of, with_pieces
-from twolink.effects.sampled import Sampled
+from twolink.effects.inputs import Sampled, Slot, tables_of, with_pieces
 from twolink.integrate.state import Array, StateSpace
 
 _E = TypeVar("_E", bound=Effect)

@@ -16,7 +16,7 @@ from twolink.algorithms.differences import derivative
 from twolink.algorithms.mechanism import mechanism, moments, nominal, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.effects.switching import Switching, SwitchingEffect, changes_robot, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.effect_numbers import contact_numbers, physical, with_effect_numbers

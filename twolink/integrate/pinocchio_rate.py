@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.errors import QueryError
 from twolink.integrate.constraints import Constraints, locked_matrix
 from twolink.integrate.equations import Equations

@@ -17,7 +17,7 @@ from twolink.dynamics.certificates import with_values
 from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.inputs import with_pieces
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.effects.own_effects import formula_fingerprint
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError

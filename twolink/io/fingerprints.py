@@ -16,7 +16,7 @@ from twolink.io.model_trees import trees_of
 KERNEL_FORMAT = 1
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("heyoka", "pin", "numpy", "scipy", "example-robot-data")  # which results depend on
-TRACED_ROOMS = ("algorithms", "contact", "dynamics", "effects", "integrate")  # whose code is in kernels
+TRACED_ROOMS = ("algorithms", "contact", "dynamics", "effects", "geometry", "integrate")  # whose code is in kernels
 # What a URDF says of joints beside their inertias: effects may act by it.
 OF_JOINTS = ("damping", "friction", "effortLimit", "velocityLimit", "lowerPositionLimit", "upperPositionLimit",
              "rotorInertia", "rotorGearRatio")  # fmt: skip

@@ -17,10 +17,10 @@ import numpy as np
 
 from twolink.algorithms.differences import derivative
 from twolink.algorithms.mechanism import mechanism, nominal, with_nominal
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.dynamics import Robot
-from twolink.effects.motion import Motion
-from twolink.effects.watch import Watch
+from twolink.effects.triggers import Watch
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.effect_numbers import nominal_value, physical

@@ -16,9 +16,8 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.effects.effect import Effect
-from twolink.effects.release import Release
-from twolink.effects.torque import Torque
-from twolink.effects.watch import Watch
+from twolink.effects.forces import Torque
+from twolink.effects.triggers import Release, Watch
 from twolink.errors import SceneError, require_known
 from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
 from twolink.optimization.optimize import Optimum, optimize

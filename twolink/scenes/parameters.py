@@ -18,7 +18,7 @@ import numpy as np
 
 from twolink.algorithms.mechanism import moments, nominal_values, split_name
 from twolink.effects.effect import Effect
-from twolink.effects.sampled import Sampled
+from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, nearest
 from twolink.io.joint_columns import joint_columns

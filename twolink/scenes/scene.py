@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration, positive
 from twolink.effects import Effect
-from twolink.effects.field_checks import check_effect
+from twolink.effects.checks import check_effect
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.listing import facts_html
 from twolink.scenes.save import save_scene

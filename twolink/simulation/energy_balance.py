@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import outward, spatial_dot
-from twolink.effects.motion import Loads, Motion
+from twolink.effects.effect import Loads
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations

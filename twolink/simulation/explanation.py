@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.contact.choice import Choice, choose_way
+from twolink.contact.choice import Choice, choose_contact_method
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
 from twolink.integrate.compiled_functions import compiled_function
@@ -146,9 +146,9 @@ def explain(
         An argument does not fit, or the first part of the motion cannot be solved.
     """
     length, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
-    way = choose_way(scene, contact)
-    if way.way == "stepped":
-        return _of_steps(scene, way, accuracy, length)
+    chosen = choose_contact_method(scene, contact)
+    if chosen.method == "stepped":
+        return _of_steps(scene, chosen, accuracy, length)
     equations = equations_of(scene)
     more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
@@ -159,7 +159,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        (*_notes(scene, way), *_digits(more, accuracy)),
+        (*_notes(scene, chosen), *_digits(more, accuracy)),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -174,9 +174,9 @@ def explain(
     )
 
 
-def _notes(scene: Scene, way: Choice) -> tuple[str, ...]:
+def _notes(scene: Scene, chosen: Choice) -> tuple[str, ...]:
     """What is to be said of the start and of the effects, and how contacts are computed."""
-    return (*scene.notes(), *([f"contacts are {way.way}: {way.why}"] if way.way else []))
+    return (*scene.notes(), *([f"contacts are {chosen.method}: {chosen.why}"] if chosen.method else []))
 
 
 def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
@@ -186,10 +186,12 @@ def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
     return [f"where 16 digits do not keep the accuracy: {' or '.join(DIGITS[one] for one in more)}"]
 
 
-def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Explanation:
+def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> Explanation:
     """How a scene with stepped contacts is computed."""
-    from twolink.contact.scene_stepper import stepper_of  # which other scenes do not load
-    from twolink.contact.solver import solve_stepped
+    from twolink.contact.solver import (
+        solve_stepped,
+        stepper_of,  # which other scenes do not load
+    )
     from twolink.simulation.stepped_run import FIRST
 
     stepper = stepper_of(scene)
@@ -201,7 +203,7 @@ def _of_steps(scene: Scene, way: Choice, accuracy: float, length: float) -> Expl
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        (*_notes(scene, way), *stepper.notes()),
+        (*_notes(scene, chosen), *stepper.notes()),
         "impulses (time stepping: the error is estimated)",
         stepper.equations.moving,
         stepper.equations.operations,

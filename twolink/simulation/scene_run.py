@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from twolink.contact.choice import choose_way
+from twolink.contact.choice import choose_contact_method
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
@@ -101,8 +101,8 @@ def simulate(
     times = sample_times(end, samples, MAX_SAMPLES)
     if patience is not None:
         patience = positive(patience, "patience", AccuracyError, "such as 600")
-    way = choose_way(scene, contact)
-    if way.way == "stepped":
+    chosen = choose_contact_method(scene, contact)
+    if chosen.method == "stepped":
         return _stepped(scene, times, asked, method, tolerance, step, precision, progress, patience, verify=verify)
     limit = TimeLimit(patience or PATIENCE, progress=progress, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
@@ -117,7 +117,7 @@ def simulate(
         return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
     except AccuracyError as error:
         reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
-        if way.way == "located" and error.code in NOT_LOCATED and not reflects:
+        if chosen.method == "located" and error.code in NOT_LOCATED and not reflects:
             parts = {"where": error.where, "code": error.code, "run": error.run, **error.data}
             remedy = f'{error.remedy}; or contact="stepped" and step=1e-3, whose error is estimated'
             raise AccuracyError(error.what, remedy=remedy, **parts) from None

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from twolink.algorithms.differences import derivative
-from twolink.effects.loop import Loop
+from twolink.effects.loops import Loop
 from twolink.errors import SceneError
 from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints

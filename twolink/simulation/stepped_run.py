@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twolink.contact.scene_stepper import stepper_of
-from twolink.contact.solver import SteppedSolution, solve_stepped
+from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
 from twolink.contact.stepping import Stepper
 from twolink.errors import AccuracyError
 from twolink.integrate.failures import failure

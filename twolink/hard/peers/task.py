@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from twolink import effects as fx
+from twolink.algorithms.spatial import across, unit
 from twolink.dynamics import Robot
-from twolink.effects.conditions import across, unit
-from twolink.effects.contact_pairs import Plane
+from twolink.geometry.pairs import Plane
 from twolink.hard.case import Track
 from twolink.robots.collisions import Solid
 from twolink.robots.shapes import AnyShape

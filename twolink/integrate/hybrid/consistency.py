@@ -11,10 +11,20 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.contact_problem import Held, Outcome, Rows, sliding_of, solve_contacts
-from twolink.integrate.hybrid.contact_rows import contact_bias, contact_rows, inverse_under, loop_rows, mass_matrix
+from twolink.integrate.hybrid.contact_problem import (
+    Held,
+    Outcome,
+    Rows,
+    contact_bias,
+    contact_rows,
+    inverse_under,
+    loop_rows,
+    mass_matrix,
+    sliding_of,
+    solve_contacts,
+)
 from twolink.integrate.hybrid.force_share import share_of
-from twolink.integrate.hybrid.modes import Mode, Situation
+from twolink.integrate.hybrid.modes import Mode, ModeState
 from twolink.integrate.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
@@ -42,51 +52,38 @@ def different(v: Array, slips: Array) -> float:
     return DIFFERENT + ROUNDING * (1.0 + float(np.abs(v).max(initial=0.0))) / slowest
 
 
-def consistent(here: Situation, opened: frozenset[Key] = frozenset()) -> Situation:
+def consistent(state: ModeState, opened: frozenset[Key] = frozenset()) -> ModeState:
     """The same state in the mode that is consistent there, with 0 for velocities of what is at rest.
 
     opened: what an event has just freed; it is not tried at rest again unless it would move the wrong way.
     Raises AccuracyError where no mode is consistent.
     """
-    still = still_speed(here.v)
-    here, indeterminate = _with_joints_at_rest(here, still, opened), False
+    still = still_speed(state.v)
+    state, indeterminate = _with_joints_at_rest(state, still, opened), False
     for slow in (SLOW, SLOWEST):
-        found = _with_consistent_contacts(here, still, opened, slow)
+        found = _with_consistent_contacts(state, still, opened, slow)
         if found is not None and _is_determined(found):
             return found
         indeterminate |= found is not None
     if indeterminate:
         raise AccuracyError("bodies slide on more points than determine their forces, and the motion depends on the "
-                            "share of each", where=f"t = {here.t:.9g} s", remedy="let them touch at three points",
-                            code="indeterminate-forces", t=here.t)  # fmt: skip
+                            "share of each", where=f"t = {state.t:.9g} s", remedy="let them touch at three points",
+                            code="indeterminate-forces", t=state.t)  # fmt: skip
     raise AccuracyError("friction and contact allow no motion, or several: no consistent forces exist",
-                        where=f"t = {here.t:.9g} s", remedy="less friction, or smooth friction",
-                        code="no-consistent-mode", t=here.t)  # fmt: skip
+                        where=f"t = {state.t:.9g} s", remedy="less friction, or smooth friction",
+                        code="no-consistent-mode", t=state.t)  # fmt: skip
 
 
-def _with_consistent_contacts(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Situation | None:
-    """The situation in the mode that is consistent; None where none is found. slow: see SLOW."""
-    here = here.in_mode(_with_closed_contacts(here, still, opened, slow))
-    here = here.in_mode(_without_redundant_locks(here))
-    return here if _is_lawful(here, still) else _by_contact_problem(here, still, opened, slow)
+def _with_consistent_contacts(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> ModeState | None:
+    """The state in the mode that is consistent; None where none is found. slow: see SLOW."""
+    state = state.in_mode(_with_closed_contacts(state, still, opened, slow))
+    state = state.in_mode(_without_redundant_locks(state))
+    return state if _is_lawful(state, still) else _by_contact_problem(state, still, opened, slow)
 
 
-def freed(here: Situation, k: int, torque: float) -> Mode:
-    """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
-    if k not in here.system.has_friction:
-        return here.mode.freeing(k, 0.0)
-    return here.mode.freeing(k, 1.0 if torque < here.system.torque_range(k, here.x)[0] or torque < 0.0 else -1.0)
-
-
-def sliding(mode: Mode, i: int, forces: Array) -> Mode:
-    """The mode with contact i sliding against the force (normal, two tangential) that would hold it."""
-    size = math.hypot(forces[1], forces[2])
-    return mode.with_contact(i, "sliding", (float(-forces[1] / size), float(-forces[2] / size)))
-
-
-def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) -> Situation:
+def _with_joints_at_rest(state: ModeState, still: float, opened: frozenset[Key]) -> ModeState:
     """Every joint locked that is at rest and can be held; velocities of joints at rest are 0."""
-    system, mode, x, _ = here
+    system, mode, x, _ = state
     x = np.array(x)
     for k in system.lockable:
         v = x[system.nq + k]
@@ -97,16 +94,16 @@ def _with_joints_at_rest(here: Situation, still: float, opened: frozenset[Key]) 
         x[system.nq + k] = 0.0
         if ("joint", k) not in opened and system.holds(k, x):
             mode = mode.locking(k)
-    return here._replace(mode=mode, x=x)
+    return state._replace(mode=mode, x=x)
 
 
-def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Mode:
+def _with_closed_contacts(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> Mode:
     """The mode with every contact closed that touches and does not part."""
-    mode = here.mode
+    mode = state.mode
     if not mode.contacts:
         return mode
-    rows = here.look().contacts[:, :, 0]
-    for i, contact in enumerate(here.system.contacts):
+    rows = state.evaluate().contacts[:, :, 0]
+    for i, contact in enumerate(state.system.contacts):
         gap, rate, *slip = rows[i, :4]
         free = mode.contacts[i] == "free"
         impact_to_come = rate < -still and free
@@ -124,11 +121,11 @@ def _with_closed_contacts(here: Situation, still: float, opened: frozenset[Key],
     return mode
 
 
-def _without_redundant_locks(here: Situation) -> Mode:
+def _without_redundant_locks(state: ModeState) -> Mode:
     """The mode without locks of joints that loops hold already: their friction is not determined."""
-    mode = here.mode
-    loops = loop_rows(here) if mode.locked else np.empty((0, 0))
-    wanted, free = np.linalg.matrix_rank(loops, tol=RANK) if len(loops) else 0, np.ones(len(here.v))
+    mode = state.mode
+    loops = loop_rows(state) if mode.locked else np.empty((0, 0))
+    wanted, free = np.linalg.matrix_rank(loops, tol=RANK) if len(loops) else 0, np.ones(len(state.v))
     for k in sorted(mode.locked) if wanted else ():
         free[k] = 0.0
         if np.linalg.matrix_rank(loops * free, tol=RANK) < wanted:
@@ -137,17 +134,17 @@ def _without_redundant_locks(here: Situation) -> Mode:
     return mode
 
 
-def _is_lawful(here: Situation, still: float) -> bool:
+def _is_lawful(state: ModeState, still: float) -> bool:
     """Whether all that is held, and that presses, does so within its law, and nothing else begins the wrong way."""
-    system, mode, x, t = here
-    own, snapshot = here.own, here.look()
+    system, mode, x, t = state
+    own, snapshot = state.own, state.evaluate()
     if not np.isfinite(snapshot.a).all():
         raise AccuracyError("contact or friction allows no motion here: the forces are not determined, or friction "
                             "drives what it should stop (Painleve's paradox)", where=f"t = {t:.9g} s",
                             remedy="less friction, or smooth friction", code="no-consistent-mode", t=t)  # fmt: skip
     allowed = ALLOWED * own.largest_load(snapshot)
     if own.redundant:
-        lawful = float(share_of(here).best(snapshot).margin[0]) >= -allowed
+        lawful = float(share_of(state).best(snapshot).margin[0]) >= -allowed
     else:
         lawful = all(least - allowed <= torque <= greatest + allowed for torque, (least, greatest) in (
             (float(snapshot.locks[i, 0]), system.torque_range(k, x)) for i, k in enumerate(system.lockable)
@@ -160,14 +157,14 @@ def _is_lawful(here: Situation, still: float) -> bool:
     small = OVERLAPS * (1.0 + float(np.abs(snapshot.a).max(initial=0.0)))
     return (
         lawful
-        and not _wrong_joints(here, snapshot.a[:, 0], small)
-        and not any(mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(here, still))
+        and not _wrong_joints(state, snapshot.a[:, 0], small)
+        and not any(mode.contacts[i] == "free" and snapshot.contacts[i, 4, 0] < -small for i in _touching(state, still))
     )
 
 
-def _wrong_joints(here: Situation, a: Array, small: float) -> list[int]:
+def _wrong_joints(state: ModeState, a: Array, small: float) -> list[int]:
     """The joints at rest that nothing holds and that begin to move into a stop, or not as their friction says."""
-    system, mode, x, _ = here
+    system, mode, x, _ = state
     wrong = []
     for k in system.lockable:
         if k in mode.locked or x[system.nq + k] != 0.0 or abs(a[k]) <= small:
@@ -179,48 +176,48 @@ def _wrong_joints(here: Situation, a: Array, small: float) -> list[int]:
     return wrong
 
 
-def _is_determined(here: Situation) -> bool:
+def _is_determined(state: ModeState) -> bool:
     """Whether friction has the same effect for all shares of the normal forces."""
-    own, mode = here.own, here.mode
-    slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and here.system.contacts[i].friction]
+    own, mode = state.own, state.mode
+    slides = [i for i, kind in enumerate(mode.contacts) if kind == "sliding" and state.system.contacts[i].friction]
     if not (own.redundant and slides):
         return True
-    look = here.look()
-    sizes = np.linalg.svd(share_of(here).columns(look)[0], compute_uv=False)
+    snapshot = state.evaluate()
+    sizes = np.linalg.svd(share_of(state).columns(snapshot)[0], compute_uv=False)
     constraints = own.equations.constraints
     kept = 0 if constraints is None else len(constraints.kept)
-    return bool((sizes > different(here.v, look.contacts[slides, 2:4, 0]) * sizes[0]).sum() <= kept)
+    return bool((sizes > different(state.v, snapshot.contacts[slides, 2:4, 0]) * sizes[0]).sum() <= kept)
 
 
-def _touching(here: Situation, still: float) -> list[int]:
+def _touching(state: ModeState, still: float) -> list[int]:
     """The contacts that touch and do not part or approach."""
-    if not here.system.contacts:
+    if not state.system.contacts:
         return []
-    gap, rate = here.look().contacts[:, :2, 0].T
+    gap, rate = state.evaluate().contacts[:, :2, 0].T
     return np.flatnonzero((gap <= NEAR) & (np.abs(rate) <= still)).tolist()
 
 
-def _by_contact_problem(here: Situation, still: float, opened: frozenset[Key], slow: float) -> Situation | None:
+def _by_contact_problem(state: ModeState, still: float, opened: frozenset[Key], slow: float) -> ModeState | None:
     """The mode in which all that touches and rests does what the contact problem says; None without a solution.
 
     What an event has just opened, or set sliding, is in the problem only where it would begin the wrong way.
     """
-    here = _without_slow_slips(here, _touching(here, still), max(still, slow))
-    touching, problem = _touching(here, still), Problem(here, still)
+    state = _without_slow_slips(state, _touching(state, still), max(still, slow))
+    touching, problem = _touching(state, still), Problem(state, still)
     contacts = {i for i in touching if ("contact", i) not in opened}
     sticking = {i for i in touching if ("roll", i) not in opened and problem.slip(i) is None}
-    joints = set(here.mode.locked)
-    for _ in range(2 + len(touching) + len(here.system.lockable)):
+    joints = set(state.mode.locked)
+    for _ in range(2 + len(touching) + len(state.system.lockable)):
         outcome = problem.solved(sorted(contacts), sorted(joints), sticking)
         if outcome is None:
             return None
-        found, a = problem.situation(outcome, sorted(contacts), sorted(joints), sticking), outcome.a
+        found, a = problem.mode_state(outcome, sorted(contacts), sorted(joints), sticking), outcome.a
         small = OVERLAPS * (1.0 + float(np.abs(a).max()))
-        look = found.look()
-        if not np.abs(look.a[:, 0] - a).max() <= SAME * (1.0 + np.abs(a).max()):
+        snapshot = found.evaluate()
+        if not np.abs(snapshot.a[:, 0] - a).max() <= SAME * (1.0 + np.abs(a).max()):
             return None
         wrong = {k for k in _wrong_joints(found, a, small) if k not in joints}
-        overlap = {i for i in touching if i not in contacts and look.contacts[i, 4, 0] < -small}
+        overlap = {i for i in touching if i not in contacts and snapshot.contacts[i, 4, 0] < -small}
         back = {i for i in contacts - sticking if problem.slip(i) is None and problem.turns_back(found, i, small)}
         if not (wrong or overlap or back):
             return found
@@ -229,46 +226,46 @@ def _by_contact_problem(here: Situation, still: float, opened: frozenset[Key], s
 
 
 class Problem:
-    """The contact problem of a situation: of contacts that touch and of joints at rest, as they are asked for."""
+    """The contact problem of a state: of contacts that touch and of joints at rest, as they are asked for."""
 
-    def __init__(self, here: Situation, still: float) -> None:
-        self.here, self.still, self.mass = here, still, mass_matrix(here)
-        self.slips = here.look().contacts[:, 2:4, 0] if here.system.contacts else np.empty((0, 2))
-        self.inverse = inverse_under(self.mass, loop_rows(here))
+    def __init__(self, state: ModeState, still: float) -> None:
+        self.state, self.still, self.mass = state, still, mass_matrix(state)
+        self.slips = state.evaluate().contacts[:, 2:4, 0] if state.system.contacts else np.empty((0, 2))
+        self.inverse = inverse_under(self.mass, loop_rows(state))
 
     def slip(self, i: int) -> Array | None:
         """The direction in which contact i slides; None where it does not."""
         speed = float(np.linalg.norm(self.slips[i]))
         return self.slips[i] / speed if speed > self.still else None
 
-    def turns_back(self, found: Situation, i: int, small: float) -> bool:
+    def turns_back(self, found: ModeState, i: int, small: float) -> bool:
         """Whether contact i, set sliding, begins to slide the other way."""
-        ahead = contact_rows(found, i) @ found.look().a[:, 0] + contact_bias(found, i)
+        ahead = contact_rows(found, i) @ found.evaluate().a[:, 0] + contact_bias(found, i)
         return float(ahead[1:] @ found.mode.directions[i]) < -small
 
     def gain(self, contact: bool, number: int) -> float:
         """The acceleration of a contact's gap, or of a joint, by a force of size 1 there."""
-        row = contact_rows(self.here, number)[0] if contact else np.eye(len(self.here.v))[number]
+        row = contact_rows(self.state, number)[0] if contact else np.eye(len(self.state.v))[number]
         return float(row @ self.inverse @ row)
 
     def solved(self, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]) -> Outcome | None:
         """The motion with these contacts and joints; those that stick, and do not begin to slide as an event says."""
-        system, mode = self.here.system, self.here.mode
+        system, mode = self.state.system, self.state.mode
         for i in range(len(mode.contacts)):
             mode = mode.with_contact(i, "free")
         for k in {*joints, *mode.locked}:
             mode = mode.freeing(k, 0.0)
-        without = self.here.in_mode(mode)
-        held = [Held(np.eye(len(self.here.v))[[k]], *system.torque_range(k, self.here.x), system.kinetic[k])
+        without = self.state.in_mode(mode)
+        held = [Held(np.eye(len(self.state.v))[[k]], *system.torque_range(k, self.state.x), system.kinetic[k])
                 for k in joints]  # fmt: skip
         rows = [self._rows(without, i, sticking) for i in contacts]
-        return solve_contacts(without.look().a[:, 0], self.inverse, [*rows, *held])
+        return solve_contacts(without.evaluate().a[:, 0], self.inverse, [*rows, *held])
 
-    def situation(
+    def mode_state(
         self, outcome: Outcome, contacts: Sequence[int], joints: Sequence[int], sticking: AbstractSet[int]
-    ) -> Situation:
-        """The situation in the mode of a solution."""
-        system, mode = self.here.system, self.here.mode
+    ) -> ModeState:
+        """The state in the mode of a solution."""
+        system, mode = self.state.system, self.state.mode
         for i in range(len(mode.contacts)):
             mode = mode.with_contact(i, "free")
         for i, rates in zip(contacts, outcome.rates, strict=False):
@@ -278,44 +275,44 @@ class Problem:
         for k, (rate,) in zip(joints, outcome.rates[len(contacts) :], strict=True):
             slip = float(np.sign(rate)) if k in system.has_friction else 0.0
             mode = mode.freeing(k, slip) if rate else mode.locking(k)
-        return self.here.in_mode(_without_redundant_locks(self.here.in_mode(mode)))
+        return self.state.in_mode(_without_redundant_locks(self.state.in_mode(mode)))
 
     def without_rates(self, contacts: Sequence[int], joints: Sequence[int]) -> Array:
         """The velocities with the rates of contacts, and of joints, stopped by the forces that act there."""
-        rows, forces = [np.eye(len(self.here.v))[list(joints)]], [np.eye(len(self.here.v))[list(joints)]]
+        rows, forces = [np.eye(len(self.state.v))[list(joints)]], [np.eye(len(self.state.v))[list(joints)]]
         for i in contacts:
-            every, friction, slip = contact_rows(self.here, i), self.here.system.contacts[i].friction, self.slip(i)
+            every, friction, slip = (contact_rows(self.state, i), self.state.system.contacts[i].friction, self.slip(i))
             sticks = friction > 0.0 and slip is None
             rows.append(every if sticks else every[:1])
             forces.append(every if sticks or slip is None else every[:1] - friction * slip @ every[1:])
         j, b = np.concatenate(rows), np.concatenate(forces)
-        stopping = np.linalg.pinv(j @ self.inverse @ b.T, rcond=RANK) @ j @ self.here.v
-        new = self.here.v - self.inverse @ b.T @ stopping
+        stopping = np.linalg.pinv(j @ self.inverse @ b.T, rcond=RANK) @ j @ self.state.v
+        new = self.state.v - self.inverse @ b.T @ stopping
         new[list(joints)] = 0.0
         return np.asarray(new)
 
     def _direction(self, i: int, sticking: AbstractSet[int]) -> Array | None:
         """The direction in which contact i slides, or begins to as an event says; None where it sticks."""
         slip = self.slip(i)
-        return slip if slip is not None or i in sticking else np.array(self.here.mode.directions[i])
+        return slip if slip is not None or i in sticking else np.array(self.state.mode.directions[i])
 
-    def _rows(self, without: Situation, i: int, sticking: AbstractSet[int]) -> Rows:
+    def _rows(self, without: ModeState, i: int, sticking: AbstractSet[int]) -> Rows:
         """The rows of contact i."""
-        contact, count = self.here.system.contacts[i], 3 if self.here.system.contacts[i].friction else 1
+        contact, count = self.state.system.contacts[i], 3 if self.state.system.contacts[i].friction else 1
         return Rows(contact_rows(without, i)[:count], contact_bias(without, i)[:count], contact.friction,
                     contact.static, self._direction(i, sticking))  # fmt: skip
 
 
-def _without_slow_slips(here: Situation, touching: list[int], slow: float) -> Situation:
-    """The same situation, if all that touches slips slowly: without these slips, by the impulses that stop them.
+def _without_slow_slips(state: ModeState, touching: list[int], slow: float) -> ModeState:
+    """The same state, if all that touches slips slowly: without these slips, by the impulses that stop them.
 
     Where a body stops, its points have slips in all directions, though they begin to slide in one.
     """
-    rough = [i for i in touching if here.system.contacts[i].friction]
-    if not rough or np.linalg.norm(here.look().contacts[rough, 2:4, 0], axis=1).max() > slow:
-        return here
-    rows = np.concatenate([contact_rows(here, i)[: 3 if i in rough else 1] for i in touching])
-    locked = np.eye(len(here.v))[sorted(here.mode.locked)]
-    inverse = inverse_under(mass_matrix(here), np.concatenate([loop_rows(here), locked]))
-    change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ here.v
-    return here._replace(x=np.concatenate([here.x[: here.system.nq], here.v - change]))
+    rough = [i for i in touching if state.system.contacts[i].friction]
+    if not rough or np.linalg.norm(state.evaluate().contacts[rough, 2:4, 0], axis=1).max() > slow:
+        return state
+    rows = np.concatenate([contact_rows(state, i)[: 3 if i in rough else 1] for i in touching])
+    locked = np.eye(len(state.v))[sorted(state.mode.locked)]
+    inverse = inverse_under(mass_matrix(state), np.concatenate([loop_rows(state), locked]))
+    change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ state.v
+    return state._replace(x=np.concatenate([state.x[: state.system.nq], state.v - change]))

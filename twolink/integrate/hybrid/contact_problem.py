@@ -19,7 +19,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.namespaces import Numbers
+from twolink.integrate.hybrid.modes import ModeState
 from twolink.integrate.state import Array
 
 FIRST, SWEEPS = 32, 5_000  # of the first look for a solution, and of the last
@@ -233,3 +238,45 @@ def sliding_of(friction: float, slip: Array | None, rates: Array) -> tuple[float
     direction = rates[1:] if slip is None else slip
     size = math.hypot(*direction)
     return (float(direction[0] / size), float(direction[1] / size)) if size > 0.0 else None
+
+
+def contact_rows(state: ModeState, i: int) -> Array:
+    """The rows J of contact i, (3, nv): its velocities are linear in v, so they are those of unit velocities."""
+    nq, nv = state.system.nq, len(state.v)
+    states = np.repeat(state.full_state()[:, None], nv, axis=1)
+    states[nq : nq + nv] = np.eye(nv)
+    return state.own.evaluate(np.full(nv, state.t), states).contacts[i, 1:4]
+
+
+def contact_bias(state: ModeState, i: int) -> Array:
+    """J' v of contact i, (3,): the derivative of its velocities with v constant."""
+    equations, nq = state.own.equations, state.system.nq
+    q, v = state.x[:nq], state.v
+    jets = [Jet(pair) for pair in zip(q, equations.space.rate(q, v), strict=True)]
+    moving = Motion(equations.robot.model, equations.mechanism, jets, list(v), state.t, JetNamespace(Numbers))
+    return np.array([float(coefficient(row, 1)) for row in state.system.contacts[i].velocity(moving)])
+
+
+def mass_matrix(state: ModeState) -> Array:
+    """M(q), by Pinocchio, with what acts in the mode."""
+    robot = state.own.equations.robot
+    return np.array(pin.crba(robot.model, robot.data, state.x[: state.system.nq]))
+
+
+def loop_rows(state: ModeState) -> Array:
+    """The rows of constraints that are no contacts, (m, nv)."""
+    constraints = state.own.equations.constraints
+    if constraints is None:
+        return np.empty((0, len(state.v)))
+    of_contacts = {row for rows in state.own.rows.values() for row in rows}
+    kept = [number for row, number in enumerate(constraints.kept) if row not in of_contacts]
+    return constraints.jacobian_at(state.x[: state.system.nq], kept)
+
+
+def inverse_under(mass: Array, fixed: Array) -> Array:
+    """The inverse of M for motions that rows (m, nv) allow: W = M^-1 - M^-1 G^T (G M^-1 G^T)^+ G M^-1."""
+    inverse = np.linalg.inv(mass)
+    if len(fixed):
+        gain = fixed @ inverse @ fixed.T
+        inverse = inverse - inverse @ fixed.T @ np.linalg.pinv(gain, rcond=1e-10) @ fixed @ inverse
+    return np.asarray(inverse)

@@ -64,10 +64,10 @@ class Engine:
         self.whole.require(run.t, self.end)
         stops = [*(t for t in self.whole.breaks(self.end) if t > run.t), self.end]
         run.require_room("the start")
-        run.settle()
+        run.resolve_mode()
         run.events.clear()  # the mode at the start is no event
         if fire_timed(run):
-            run.settle()
+            run.resolve_mode()
         parts: list[Solution] = []
         try:
             while run.t < self.end and not run.ended:
@@ -117,7 +117,7 @@ class Engine:
         if run.t == stop:
             before = run.mode
             if fire_timed(run) or run.t < self.end:
-                run.settle(before)
+                run.resolve_mode(before)
         if self.at_once > AT_ONCE or len(run.events) > MAX_EVENTS:
             raise AccuracyError("events follow each other without end", where=f"t = {run.t:.9g} s",
                                 remedy="more restitution, smooth friction, or a shorter duration",
@@ -126,12 +126,12 @@ class Engine:
     def _piece(self, grid: Array, stop: float) -> tuple[Equations, Solution, Hit | None]:
         """Solve from now to the next event or stop."""
         self.run.drop_open_features()
-        run, here = self.run, self.run.here
-        equations = replace(here.own.equations, start=here.full_state(0.5 * (run.t + stop)))
+        run, state = self.run, self.run.mode_state
+        equations = replace(state.own.equations, start=state.full_state(0.5 * (run.t + stop)))
         steps = step_map(equations, self.method)
-        snapshot = here.look()
+        snapshot = state.evaluate()
         guards = guards_of(run, snapshot)
-        watcher = Watcher(here.own.evaluate, steps, guards, self.perturbation.touch_margin)
+        watcher = Watcher(state.own.evaluate, steps, guards, self.perturbation.touch_margin)
         space = equations.space
         rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
         part = integrate(steps, grid, self.setting, self.progress, perturbation=self.perturbation, watcher=watcher,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from twolink.integrate.hybrid.consistency import NEAR
-from twolink.integrate.hybrid.guard import Guard
 from twolink.integrate.hybrid.impacts import contact_touch, onto_contact
+from twolink.integrate.hybrid.locating import Guard
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState, no_single_point
 
@@ -50,22 +50,22 @@ def _meet(p: int, run: RunState) -> None:
             return
     else:
         raise no_single_point(run.system.pairs[p].name, run.t)
-    rates = run.here.look().contacts[:, 1, 0]
+    rates = run.mode_state.evaluate().contacts[:, 1, 0]
     i = min(own, key=lambda i: float(rates[i]))
-    run.x[: run.system.nq] = onto_contact(run.here, i)
-    run.strike(contact_touch(run.here, i))
-    run.settle()
+    run.x[: run.system.nq] = onto_contact(run.mode_state, i)
+    run.apply_impact(contact_touch(run.mode_state, i))
+    run.resolve_mode()
 
 
 def pass_edge(i: int, run: RunState) -> None:
     """A corner that leaves a face, or the end of an edge: the features beside it that touch become contacts."""
-    look, name = run.here.look(), run.system.contacts[i].name
+    snapshot, name = run.mode_state.evaluate(), run.system.contacts[i].name
     closed = [k for k, _, _ in run.features if run.mode.contacts[k] != "free"]
-    gone = {i, *(k for k in closed if np.asarray(single_point(run, k, look)).item() <= NEAR)}
+    gone = {i, *(k for k in closed if np.asarray(single_point(run, k, snapshot)).item() <= NEAR)}
     run.passed |= {(p, one.number) for k, p, one in run.features if k in gone}
     run.keep_contacts([k for k in range(len(run.system.contacts)) if k not in gone])
     known = len(run.events)
-    run.settle()
+    run.resolve_mode()
     touches = any(run.mode.contacts[k] != "free" and run.system.contacts[k].name == name for k, _, _ in run.features)
     run.events[known:] = [event for event in run.events[known:] if event.what != name]
     run.note("edge" if touches else "leave", name)

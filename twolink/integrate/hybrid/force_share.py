@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from twolink.integrate.equations import Equations
-from twolink.integrate.hybrid.modes import Mode, ModeEquations, Situation, contact_places
+from twolink.integrate.hybrid.modes import Mode, ModeEquations, ModeState, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.state import Array
 
@@ -75,11 +75,11 @@ class Support:
         return float(force[0]) + self.least if math.isfinite(self.least) else self.greatest - float(force[0])
 
 
-def share_of(here: Situation) -> ForceShare:
-    """The shares of the forces of what touches and what is held in a situation."""
-    system, mode = here.system, here.mode
-    held = [Support(i, k, *system.torque_range(k, here.x)) for i, k in enumerate(system.lockable) if k in mode.locked]
-    return ForceShare(here.own, mode, system.static, held)
+def share_of(state: ModeState) -> ForceShare:
+    """The shares of the forces of what touches and what is held in a state of its mode."""
+    system, mode = state.system, state.mode
+    held = [Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked]
+    return ForceShare(state.own, mode, system.static, held)
 
 
 class ForceShare:

@@ -6,11 +6,19 @@
 
 J: rows of all that touches, at rest or hit. G: rows of loops. This is the contact problem with velocities in place of
 accelerations. Contacts that reflect are solved in rounds, each of what still approaches (Smith et al. 2012).
+
+What bounces lower than a run resolves comes to rest at once, all of it together.
+
+    v+ = v - W B (J W B)^+ J v,   so that J v+ = 0
+
+J: rows of what rests, B: the forces there, with the friction of contacts that slide. A stop or contact that parts with
+a speed u comes back if it presses with a force p where all that rests is held: it is accelerated back by g = p J W J^T,
+from a height u^2 / (2 g). Bounces with restitution e end after 2 u / (g (1 - e)) seconds.
 """
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +26,16 @@ import pinocchio as pin
 
 from twolink.effects.switching import Catch, Stop
 from twolink.errors import AccuracyError
-from twolink.integrate.hybrid.consistency import NEAR, different, still_speed
-from twolink.integrate.hybrid.contact_problem import Rows, solve_contacts
-from twolink.integrate.hybrid.contact_rows import contact_rows, inverse_under, loop_rows, mass_matrix
-from twolink.integrate.hybrid.modes import Situation, System
+from twolink.integrate.hybrid.consistency import NEAR, Problem, different, still_speed
+from twolink.integrate.hybrid.contact_problem import (
+    Rows,
+    contact_rows,
+    inverse_under,
+    loop_rows,
+    mass_matrix,
+    solve_contacts,
+)
+from twolink.integrate.hybrid.modes import ModeState, System
 from twolink.integrate.state import Array
 
 ROUNDS = 1000  # of reflections
@@ -63,21 +77,21 @@ def catch_touch(system: System, catch: Catch, v: float) -> Touch:
     return Touch(system.names[catch.dof], row, 0.0, 0.0, catch.unit)
 
 
-def contact_touch(here: Situation, i: int) -> Touch:
+def contact_touch(state: ModeState, i: int) -> Touch:
     """A contact that is hit or closed."""
-    contact, rows = here.system.contacts[i], contact_rows(here, i)
+    contact, rows = state.system.contacts[i], contact_rows(state, i)
     return Touch(contact.name, rows if contact.friction else rows[:1], contact.restitution, contact.friction, "m/s",
                  i, contact.reflects)  # fmt: skip
 
 
-def collide(here: Situation, hit: Touch) -> tuple[Array, list[Impact]] | None:
+def collide(state: ModeState, hit: Touch) -> tuple[Array, list[Impact]] | None:
     """Velocities after an impact, and what it did to each thing that was hit; None where it would only graze."""
-    v, still = here.v, still_speed(here.v)
-    touches = [hit, *_others(here, hit)]
+    v, still = state.v, still_speed(state.v)
+    touches = [hit, *_others(state, hit)]
     approach = np.array([-float(touch.rows[0] @ v) for touch in touches])
     if not approach[0] > 0.0:
         return None
-    mass, fixed = mass_matrix(here), loop_rows(here)
+    mass, fixed = mass_matrix(state), loop_rows(state)
     solve = after
     if any(touch.reflects for touch in touches):
         solve = functools.partial(_reflected, still=still)
@@ -104,12 +118,12 @@ def whole(impacts: Sequence[Impact]) -> list[Impact]:
     return list(pairs.values())
 
 
-def onto_contact(here: Situation, i: int) -> Array:
+def onto_contact(state: ModeState, i: int) -> Array:
     """q moved by the rounding that contact i's gap is off 0, in the direction of least kinetic energy."""
-    gap, row = float(here.look().contacts[i, 0, 0]), contact_touch(here, i).rows[0]
-    direction = np.linalg.solve(mass_matrix(here), row)
-    q = here.x[: here.system.nq]
-    return np.asarray(pin.integrate(here.system.robot.model, q, -gap / float(row @ direction) * direction))
+    gap, row = float(state.evaluate().contacts[i, 0, 0]), contact_touch(state, i).rows[0]
+    direction = np.linalg.solve(mass_matrix(state), row)
+    q = state.x[: state.system.nq]
+    return np.asarray(pin.integrate(state.system.robot.model, q, -gap / float(row @ direction) * direction))
 
 
 def _unit_row(system: System, dof: int, side: float) -> Array:
@@ -118,13 +132,13 @@ def _unit_row(system: System, dof: int, side: float) -> Array:
     return row
 
 
-def _others(here: Situation, hit: Touch) -> list[Touch]:
+def _others(state: ModeState, hit: Touch) -> list[Touch]:
     """What touches besides what is hit: stops at which joints are, and contacts without a gap."""
-    system = here.system
-    touches = [stop_touch(system, stop) for stop in system.stops if here.x[stop.entry] == stop.position]
+    system = state.system
+    touches = [stop_touch(system, stop) for stop in system.stops if state.x[stop.entry] == stop.position]
     touches = [touch for touch in touches if (touch.name, touch.rows.tolist()) != (hit.name, hit.rows.tolist())]
-    gaps = here.look().contacts[:, 0, 0] if system.contacts else ()
-    return touches + [contact_touch(here, i) for i, kind in enumerate(here.mode.contacts)
+    gaps = state.evaluate().contacts[:, 0, 0] if system.contacts else ()
+    return touches + [contact_touch(state, i) for i, kind in enumerate(state.mode.contacts)
                       if i != hit.contact and (kind != "free" or gaps[i] <= NEAR)]  # fmt: skip
 
 
@@ -200,3 +214,70 @@ def _reflected(mass: Array, v: Array, touches: Sequence[Touch], fixed: Array, *,
 def kinetic_energy(mass: Array, v: Array) -> float:
     """v M v / 2, J."""
     return 0.5 * float(v.dot(mass.dot(v)))
+
+
+STRONGEST = 1e4  # m/s^2 or rad/s^2: bounces that come back faster are followed
+RESOLVED = 4e-13  # relative to the state: lower bounces are not seen
+
+
+@dataclass(frozen=True)
+class Bounce:
+    """What parts with a speed. contact: whether it is a contact, else a stop; number: its own, or the joint's."""
+
+    name: str
+    contact: bool
+    number: int
+    speed: float
+    restitution: float
+
+
+def brought_to_rest(state: ModeState, small: float) -> tuple[Array, list[tuple[str, float]], float] | None:
+    """The velocities without bounces lower than `small`, each one's name and seconds until it ends, and the loss, J.
+
+    None where there are no such bounces.
+    """
+    seen = RESOLVED * (1.0 + float(np.abs(state.x).max()))
+    low = max(small, seen)
+    parting = list(_parting(state, math.sqrt(2.0 * STRONGEST * low)))
+    if not parting:
+        return None
+    still, problem = still_speed(state.v), Problem(state, still_speed(state.v))
+    resting = {k for k in state.system.lockable if abs(state.v[k]) <= still and state.system.holds(k, state.x)}
+    rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else np.empty((0, 2))
+    touching = {i for i, (gap, rate) in enumerate(rows) if gap <= NEAR and abs(rate) <= still}
+    while parting:
+        contacts = sorted(touching | {one.number for one in parting if one.contact})
+        joints = sorted(resting | {one.number for one in parting if not one.contact})
+        solved = problem.solved(contacts, joints, {i for i in contacts if problem.slip(i) is None})
+        if solved is None:
+            return None
+        forces = {(True, i): force[0] for i, force in zip(contacts, solved.forces, strict=False)}
+        forces |= {(False, k): abs(force[0]) for k, force in zip(joints, solved.forces[len(contacts) :], strict=True)}
+        back = [forces[one.contact, one.number] * problem.gain(one.contact, one.number) for one in parting]
+        rests = [g > 0.0 and one.speed**2 <= 2.0 * g * (low if one.restitution < 1.0 else seen)
+                 for one, g in zip(parting, back, strict=True)]  # fmt: skip
+        if all(rests):
+            break
+        parting = [one for one, stays in zip(parting, rests, strict=True) if stays]
+    else:
+        return None
+    pressing = [i for i, rates in zip(contacts, solved.rates, strict=False) if not rates[0] > 0.0]
+    held = [k for k, rates in zip(joints, solved.rates[len(contacts) :], strict=True) if not rates[0]]
+    new = problem.without_rates(pressing, held)
+    ends = [(one.name, 2.0 * one.speed / (g * (1.0 - one.restitution)) if 0.0 < one.restitution < 1.0 else 0.0)
+            for one, g in zip(parting, back, strict=True)]  # fmt: skip
+    return new, ends, kinetic_energy(problem.mass, state.v) - kinetic_energy(problem.mass, new)
+
+
+def _parting(state: ModeState, fastest: float) -> Iterator[Bounce]:
+    """What touches and parts, but not fast."""
+    still = still_speed(state.v)
+    for stop in state.system.stops:
+        rate = stop.side * float(state.v[stop.dof])
+        if state.x[stop.entry] == stop.position and still < rate <= fastest:
+            yield Bounce(stop.name, False, stop.dof, rate, stop.restitution)
+    rows = state.evaluate().contacts[:, :2, 0] if state.system.contacts else ()
+    for i, (gap, rate) in enumerate(rows):
+        if gap <= NEAR and still < rate <= fastest:
+            contact = state.system.contacts[i]
+            yield Bounce(contact.name, True, i, float(rate), contact.restitution)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.effects.switching import Feature, Hold, Switching, Trigger
+from twolink.effects.switching import Hold, Switching, Trigger
+from twolink.geometry.features import Feature
 from twolink.integrate.assembly import independent_rows
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.effect_numbers import contact_slots
@@ -171,11 +173,11 @@ class System:
             self._modes[*name, mode.locked] = self._under_locks(own, mode, x)
         return self._modes[*name, mode.locked]
 
-    def look(self, here: Situation) -> Snapshot:
+    def evaluate(self, state: ModeState) -> Snapshot:
         """The snapshot of a state; kept until the next one, for the same state is looked at more than once."""
-        key = here.mode, here.t, here.x.tobytes()
+        key = state.mode, state.t, state.x.tobytes()
         if self._seen is None or self._seen[0] != key:
-            self._seen = key, here.own.evaluate(np.array([here.t]), here.full_state()[:, None])
+            self._seen = key, state.own.evaluate(np.array([state.t]), state.full_state()[:, None])
         return self._seen[1]
 
     def _under_locks(self, own: ModeEquations, mode: Mode, x: Array) -> ModeEquations:
@@ -220,7 +222,7 @@ def contact_places(constraints: Constraints, contacts: Sequence[int]) -> dict[in
     return rows
 
 
-class Situation(NamedTuple):
+class ModeState(NamedTuple):
     """A state x = (q, v) of a system in a mode at time t."""
 
     system: System
@@ -248,10 +250,23 @@ class Situation(NamedTuple):
         numbers = layout.numbers_at(self.t if t is None else t, slots, np.array(locks + friction))
         return np.concatenate([self.x, numbers])
 
-    def look(self) -> Snapshot:
+    def evaluate(self) -> Snapshot:
         """Its snapshot."""
-        return self.system.look(self)
+        return self.system.evaluate(self)
 
-    def in_mode(self, mode: Mode) -> Situation:
+    def in_mode(self, mode: Mode) -> ModeState:
         """The same state in another mode."""
         return self._replace(mode=mode)
+
+
+def freed(state: ModeState, k: int, torque: float) -> Mode:
+    """The mode with a joint freed that this torque would hold: it slips where the load drives it."""
+    if k not in state.system.has_friction:
+        return state.mode.freeing(k, 0.0)
+    return state.mode.freeing(k, 1.0 if torque < state.system.torque_range(k, state.x)[0] or torque < 0.0 else -1.0)
+
+
+def sliding(mode: Mode, i: int, forces: Array) -> Mode:
+    """The mode with contact i sliding against the force (normal, two tangential) that would hold it."""
+    size = math.hypot(forces[1], forces[2])
+    return mode.with_contact(i, "sliding", (float(-forces[1] / size), float(-forces[2] / size)))

@@ -23,8 +23,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.formulas import projected
 from twolink.integrate.hybrid.engine import Engine
-from twolink.integrate.hybrid.guard import Guard
-from twolink.integrate.hybrid.locating import Hit
+from twolink.integrate.hybrid.locating import Guard, Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
@@ -126,7 +125,7 @@ class Saltation:
                 continue
 
             def rows(other: RunState, i: int = i, count: int = 4 if kind == "rolling" else 2) -> Array:
-                return np.asarray(other.here.look().contacts[i, :count, 0])
+                return np.asarray(other.mode_state.evaluate().contacts[i, :count, 0])
 
             if any(np.abs(self._derivative(run, rows, column, 0.0, bound=False)).max() > UNCHANGED for column in s.T):
                 names.append(run.system.contacts[i].name)
@@ -149,11 +148,15 @@ class Saltation:
 
         def value(run: RunState) -> Array:
             own = guard if run.system is before.system else guard_of(run, guard.key) or guard
-            return np.atleast_1d(np.asarray(own.value(run.here.look()), dtype=float)).ravel()[:1]
+            return np.atleast_1d(np.asarray(own.value(run.mode_state.evaluate()), dtype=float)).ravel()[:1]
 
         flow = np.concatenate([rate, np.zeros(len(self.variation.names))])
         along_motion = self._derivative(before, value, flow, 1.0, bound=False, share=share)[0]
-        load = before.here.own.largest_load(before.here.look()) if guard.is_force else np.abs(rate).max(initial=0.0)
+        load = (
+            before.mode_state.own.largest_load(before.mode_state.evaluate())
+            if guard.is_force
+            else np.abs(rate).max(initial=0.0)
+        )
         if not abs(along_motion) > GRAZING * (1.0 + load):
             raise _undefined(jump, "what causes it only touches its limit, so that another motion may miss it")
         across = [self._derivative(before, value, column, 0.0, bound=False, share=share)[0] for column in s.T]
@@ -192,7 +195,7 @@ class Saltation:
         if jump.timed is not None:
             mode = run.mode
             fire(run, jump.timed)
-            run.settle(mode)
+            run.resolve_mode(mode)
         if _kind(run) != _kind(jump.after):
             raise _undefined(jump, "other things happen beside it, such as another event in the same instant")
         nq, robot = run.system.nq, self.equations.robot
@@ -252,19 +255,19 @@ def _held(other: RunState, run: RunState, *, bound: bool) -> RunState:
         for hold, own in zip(other.system.every_hold(k), run.system.every_hold(k), strict=True):
             if own.entry is not None and own.acts(run.x):
                 other.x[own.entry] = hold.position
-    equations = other.here.own.equations
+    equations = other.mode_state.own.equations
     if bound and equations.constraints is not None:
-        other.x = projected(equations, other.here.full_state(), Numbers)[: equations.moving]
+        other.x = projected(equations, other.mode_state.full_state(), Numbers)[: equations.moving]
     return other
 
 
 def _rate(run: RunState, begin: float | None = None) -> Array:
     """(v, a) of a run; begin: of its piece, whose numbers then count, instead of those of the next piece."""
-    here = run.here
+    state = run.mode_state
     if begin is None:
-        snapshot = here.look()
+        snapshot = state.evaluate()
     else:
-        snapshot = here.own.evaluate(np.array([run.t]), here.full_state(0.5 * (begin + run.t))[:, None])
+        snapshot = state.own.evaluate(np.array([run.t]), state.full_state(0.5 * (begin + run.t))[:, None])
     return np.concatenate([run.x[run.system.nq :], snapshot.a[:, 0]])
 
 

@@ -20,9 +20,9 @@ import pinocchio as pin
 
 from twolink.algorithms.jets import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
-from twolink.effects.motion import Motion
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
 from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible

@@ -5,18 +5,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
-from twolink.effects.motion import Motion
-from twolink.effects.switching import Feature
 from twolink.errors import AccuracyError, SceneError
+from twolink.geometry.features import Feature
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
 from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
-from twolink.integrate.hybrid.guard import Key
-from twolink.integrate.hybrid.impacts import Touch, collide, onto_contact, whole
-from twolink.integrate.hybrid.modes import ContactMode, Mode, Situation, System
-from twolink.integrate.hybrid.rest import brought_to_rest
+from twolink.integrate.hybrid.impacts import Touch, brought_to_rest, collide, onto_contact, whole
+from twolink.integrate.hybrid.locating import Key
+from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
@@ -50,9 +49,9 @@ class RunState:
         self._rest_noted: set[str] = set()
 
     @property
-    def here(self) -> Situation:
+    def mode_state(self) -> ModeState:
         """The state in its mode."""
-        return Situation(self.system, self.mode, self.x, self.t)
+        return ModeState(self.system, self.mode, self.x, self.t)
 
     def note(
         self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None,
@@ -61,14 +60,14 @@ class RunState:
         """Add an event, now unless t is said."""
         self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect))
 
-    def settle(self, before: Mode | None = None) -> None:
+    def resolve_mode(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""
         before = self.mode if before is None else before
         self.add_touching()
         before = before.with_contacts(range(len(before.contacts)), len(self.mode.contacts) - len(before.contacts))
         directions = self.mode.directions
         self._end_bounces()
-        _, self.mode, self.x, _ = consistent(self.here, frozenset(self.opened))
+        _, self.mode, self.x, _ = consistent(self.mode_state, frozenset(self.opened))
         for k in sorted(before.locked ^ self.mode.locked):
             self._note_joint(k)
         for i, (last, now) in enumerate(zip(directions, self.mode.directions, strict=True)):
@@ -86,7 +85,7 @@ class RunState:
 
     def _end_bounces(self) -> None:
         """Bring to rest what bounces too low to follow."""
-        result = brought_to_rest(self.here, self.small)
+        result = brought_to_rest(self.mode_state, self.small)
         if result is None:
             return
         self.x[self.system.nq :], ends, energy = result
@@ -104,10 +103,10 @@ class RunState:
         if not locked:
             self.note(holds[-1].kinds[1] if holds else "leave", name)
 
-    def strike(self, touch: Touch, kind: str = "impact") -> None:
+    def apply_impact(self, touch: Touch, kind: str = "impact") -> None:
         """Change the velocities by the impulses of what is hit, if it is not only grazed."""
         self.add_touching()
-        result = collide(self.here, touch)
+        result = collide(self.mode_state, touch)
         if result is None:
             return
         self.x[self.system.nq :], impacts = result
@@ -125,7 +124,7 @@ class RunState:
 
     def motion(self, snapshot: Snapshot | None = None) -> Motion:
         """The motion of the states of a snapshot, or of the present one."""
-        snapshot, equations = snapshot or self.here.look(), self.here.own.equations
+        snapshot, equations = snapshot or self.mode_state.evaluate(), self.mode_state.own.equations
         return motion_of(equations, equations.mechanism, snapshot.t, snapshot.x, Numbers)
 
     def add_touching(self, reach: float = NEAR) -> None:
@@ -149,7 +148,7 @@ class RunState:
 
     def _require_normals(self, closed: Sequence[Touched], found: Sequence[Touched]) -> None:
         """Require that no corner on an edge, or on a corner, is pressed on: it has several normals. AccuracyError."""
-        motion, still = self.motion(), still_speed(self.here.v)
+        motion, still = self.motion(), still_speed(self.mode_state.v)
         presses = [(p, one) for p, one in found if float(np.asarray(one.gap.velocity(motion)[0]).item()) <= still]
         for (p, one), (k, other) in itertools.combinations([*closed, *presses], 2):
             if p == k and np.abs(one.place - other.place).max() <= SAME_PLACE:
@@ -192,14 +191,14 @@ class RunState:
             _require_gap(who, pair.name, pair.separation(self.motion()))
         self.add_touching()
         for i, contact in enumerate(self.system.contacts):
-            gap = float(self.here.look().contacts[i, 0, 0])
+            gap = float(self.mode_state.evaluate().contacts[i, 0, 0])
             _require_gap(who, contact.name, gap)
             if abs(gap) <= BEYOND:
-                self.x[: self.system.nq] = onto_contact(self.here, i)
+                self.x[: self.system.nq] = onto_contact(self.mode_state, i)
 
     def stored_energy(self) -> float:
         """Kinetic and potential energy of what acts now, J."""
-        robot = self.here.own.equations.robot
+        robot = self.mode_state.own.equations.robot
         kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
         return float(kinetic + potential)
 

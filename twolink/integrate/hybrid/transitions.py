@@ -12,11 +12,12 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
 from twolink.integrate.formulas import projected
-from twolink.integrate.hybrid.consistency import ALLOWED, freed, sliding
+from twolink.integrate.hybrid.consistency import ALLOWED
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
-from twolink.integrate.hybrid.guard import Guard, Key
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, stop_touch
+from twolink.integrate.hybrid.locating import Guard, Key
+from twolink.integrate.hybrid.modes import freed, sliding
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState, no_single_point
 from twolink.integrate.state import Array
@@ -31,7 +32,7 @@ def guards_of(run: RunState, snapshot: Snapshot) -> list[Guard]:
     distance = AT_ZERO * (1.0 + float(np.abs(run.x).max(initial=0.0)))
     guards = [*_joint_guards(run), *_contact_guards(run), *pair_guards(run), *_trigger_guards(run)]
     forces = any(guard.is_force for guard in guards)
-    force = FORCE_AT_ZERO * run.here.own.largest_load(snapshot) if forces else 0.0
+    force = FORCE_AT_ZERO * run.mode_state.own.largest_load(snapshot) if forces else 0.0
     with np.errstate(all="ignore"):
         for guard in guards:
             first = np.asarray(guard.value(snapshot)).item()
@@ -47,10 +48,10 @@ def guard_of(run: RunState, key: Key) -> Guard | None:
 
 def _joint_guards(run: RunState) -> Iterator[Guard]:
     """Locks that may be overcome, joints that may come to rest, stops that may be hit."""
-    system, mode, x, t = run.here
+    system, mode, x, t = run.mode_state
     for i, k in enumerate(system.lockable):
         if k in mode.locked:
-            if run.here.own.redundant:
+            if run.mode_state.own.redundant:
                 continue  # its share is watched
             for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
@@ -67,7 +68,7 @@ def _joint_guards(run: RunState) -> Iterator[Guard]:
 
 def _contact_guards(run: RunState) -> Iterator[Guard]:
     """Gaps that may close; closed contacts that may open, begin to slide, or begin to roll."""
-    system, mode, _, t = run.here
+    system, mode, _, t = run.mode_state
     fixed = len(system.contacts) - len(system.features)
     for i, contact in enumerate(system.contacts):
         if mode.contacts[i] == "free":
@@ -76,19 +77,19 @@ def _contact_guards(run: RunState) -> Iterator[Guard]:
             gap, rate = (partial(_row, "contacts", (i, row), 1.0, 0.0) for row in (0, 1))
             yield Guard(("impact", i), gap, partial(_hit_contact, i), t, touching=True, rate=rate)
             continue
-        if single_point(run, i, run.here.look()) is not None:
+        if single_point(run, i, run.mode_state.evaluate()) is not None:
             ends = _require_point if i < fixed else pass_edge
             yield Guard(("single", i), partial(single_point, run, i), partial(ends, i), t)
         if mode.contacts[i] == "sliding" and contact.friction:
-            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.settle, t)
-        if run.here.own.redundant:
+            yield Guard(("roll", i), partial(_slip, i, mode.directions[i]), RunState.resolve_mode, t)
+        if run.mode_state.own.redundant:
             continue
-        forces = partial(run.here.own.contact_forces, i=i)
+        forces = partial(run.mode_state.own.contact_forces, i=i)
         yield Guard(("leave", i), partial(_normal_force, forces), partial(_open, i), t, is_force=True)
         if mode.contacts[i] == "rolling":
             yield Guard(("slide", i), partial(_cone, forces, contact.static), partial(_slide, i), t, is_force=True)
-    if run.here.own.redundant:
-        share = share_of(run.here)
+    if run.mode_state.own.redundant:
+        share = share_of(run.mode_state)
         yield Guard(("share", 0), partial(_margin, share), partial(_give_way, share), t, is_force=True)
 
 
@@ -171,7 +172,7 @@ def _trigger_value(run: RunState, n: int) -> Value | None:
 
 def _limit_value(run: RunState, i: int) -> Value | None:
     """The distance to the i-th limit of effort of all effects; None where its effect does not act."""
-    limits, own = run.system.whole.effort_limits, run.here.own.equations.effort_limits
+    limits, own = run.system.whole.effort_limits, run.mode_state.own.equations.effort_limits
     return partial(_row, "limits", own.index(limits[i]), 1.0, 0.0) if limits[i] in own else None
 
 
@@ -188,15 +189,15 @@ def _is_caught(run: RunState, trigger: Trigger) -> bool:
 
 def _free_joint(k: int, torque: float, run: RunState) -> None:
     before = run.mode
-    run.mode = freed(run.here, k, torque)
+    run.mode = freed(run.mode_state, k, torque)
     run.opened.add(("joint", k))
-    run.settle(before)
+    run.resolve_mode(before)
 
 
 def _stick(k: int, run: RunState) -> None:
     run.x[run.system.nq + k] = 0.0
     run.opened.discard(("joint", k))
-    run.settle()
+    run.resolve_mode()
     if k not in run.mode.locked:
         run.note("reverse", run.system.names[k])
 
@@ -204,55 +205,55 @@ def _stick(k: int, run: RunState) -> None:
 def _hit_stop(n: int, run: RunState) -> None:
     stop = run.system.stops[n]
     run.x[stop.entry] = stop.position
-    run.strike(stop_touch(run.system, stop))
-    run.settle()
+    run.apply_impact(stop_touch(run.system, stop))
+    run.resolve_mode()
 
 
 def _hit_contact(i: int, run: RunState) -> None:
-    single = single_point(run, i, run.here.look())
+    single = single_point(run, i, run.mode_state.evaluate())
     if single is not None and not np.asarray(single).item() > 0.0:
         _require_point(i, run)
-    run.x[: run.system.nq] = onto_contact(run.here, i)
-    run.strike(contact_touch(run.here, i))
-    run.settle()
+    run.x[: run.system.nq] = onto_contact(run.mode_state, i)
+    run.apply_impact(contact_touch(run.mode_state, i))
+    run.resolve_mode()
 
 
 def _open(i: int, run: RunState) -> None:
     before = run.mode
     run.mode = run.mode.with_contact(i, "free")
     run.opened.add(("contact", i))
-    run.settle(before)
+    run.resolve_mode(before)
 
 
 def _slide(i: int, run: RunState) -> None:
     _still(run)
-    before, here = run.mode, run.here
-    run.mode = sliding(before, i, here.own.contact_forces(here.look(), i)[:, 0])
+    before, state = run.mode, run.mode_state
+    run.mode = sliding(before, i, state.own.contact_forces(state.evaluate(), i)[:, 0])
     run.opened.add(("roll", i))
-    run.settle(before)
+    run.resolve_mode(before)
 
 
 def _still(run: RunState) -> None:
     """Take the rounding of steps from slips that are 0: it would be the direction of a sliding that begins."""
-    here = run.here
-    run.x = projected(here.own.equations, here.full_state(), Numbers)[: len(run.x)]
+    state = run.mode_state
+    run.x = projected(state.own.equations, state.full_state(), Numbers)[: len(run.x)]
 
 
 def _give_way(share: ForceShare, run: RunState) -> None:
     """What happens where no share of the contact forces obeys the laws any more: those at their limit give way."""
     _still(run)
-    before, best = run.mode, share.best(run.here.look())
+    before, best = run.mode, share.best(run.mode_state.evaluate())
     tight, count = best.weight[0] > TIGHT * best.weight[0].max(), len(share.contacts)
     for one, force, gives in zip(share.held, best.forces[0, count:], tight[count:], strict=True):
         if gives:
-            run.mode = freed(run.here, one.dof, one.torque(force))
+            run.mode = freed(run.mode_state, one.dof, one.torque(force))
             run.opened.add(("joint", one.dof))
     for i, force, gives in zip(share.contacts, best.forces[0], tight, strict=False):
         if gives:
             opens = run.mode.contacts[i] != "rolling" or force[0] <= EMPTY * best.load
             run.mode = run.mode.with_contact(i, "free") if opens else sliding(run.mode, i, force)
             run.opened.add(("contact" if opens else "roll", i))
-    run.settle(before)
+    run.resolve_mode(before)
 
 
 def _fire(n: int, run: RunState) -> None:
@@ -266,7 +267,7 @@ def _fire(n: int, run: RunState) -> None:
     before = run.mode
     _act(run, n)
     if trigger.changes:
-        run.settle(before)
+        run.resolve_mode(before)
 
 
 def _act(run: RunState, n: int) -> None:
@@ -277,7 +278,7 @@ def _act(run: RunState, n: int) -> None:
         v = float(run.x[run.system.nq + catch.dof])
         if abs(v) <= catch.speed:
             run.x[catch.entry] = catch.position
-            run.strike(catch_touch(run.system, catch, v), trigger.kind)
+            run.apply_impact(catch_touch(run.system, catch, v), trigger.kind)
         return
     energy = 0.0
     if trigger.begins:

@@ -1,0 +1,79 @@
+"""Points of all pairs at once: gaps, normals and places are those of the formulas, and of Coal where cores overlap."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import free_bodies
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.namespaces import Numbers
+from twolink.effects.contact_pairs import select_pairs, solids_of
+from twolink.geometry.detection import Detector
+from twolink.geometry.pairs import Pair, gaps_of
+from twolink.geometry.points import Places, Points
+from twolink.robots.shapes import AnyShape
+
+E = tl.effects
+TURNED = {"point": (0.02, -0.05, 0.03), "rpy": (0.3, -0.7, 1.1)}
+SPHERE, CAPSULE, BOX = (
+    E.Sphere(0.1, (0.02, -0.05, 0.03)),
+    E.Capsule(0.1, 0.5, **TURNED),
+    E.Box((0.2, 0.4, 0.6), **TURNED),
+)
+CYLINDER = E.Cylinder(0.15, 0.5, **TURNED)
+PAIRS = [(SPHERE, E.Sphere(0.2)), (SPHERE, CAPSULE), (CAPSULE, E.Capsule(0.2, 0.3)), (SPHERE, BOX), (SPHERE, CYLINDER)]
+
+
+def found(robot: tl.Robot, detector: Detector, q: np.ndarray) -> Points:
+    """All points at a state."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    places = Places(np.array([x.rotation for x in data.oMi]), np.array([x.translation for x in data.oMi]))
+    return detector.points(places, 10.0)
+
+
+def pairs_of(robot: tl.Robot, shapes: dict[str, tuple[AnyShape, ...]]) -> tuple[Pair, ...]:
+    return select_pairs(robot, solids_of(robot, shapes), ["self", "ground"]).chosen
+
+
+@pytest.mark.parametrize("shapes", PAIRS, ids=lambda pair: "-".join(type(shape).__name__ for shape in pair))
+def test_points_of_all_pairs_are_those_of_the_formulas(shapes: tuple[AnyShape, AnyShape]) -> None:
+    robot = free_bodies("a", "b", "c")
+    pairs = pairs_of(robot, {"a": shapes[:1], "b": shapes[1:], "c": shapes[:1]})
+    detector, random, compared = Detector(robot, pairs), np.random.default_rng(2), 0
+    for _ in range(20):
+        q = robot.normalize(pin.integrate(robot.model, robot.neutral, random.uniform(-1.5, 1.5, robot.nv)))
+        points = found(robot, detector, q)
+        motion = Motion(robot.model, mechanism(robot.model), list(q), [0.0] * robot.nv, 0.0, Numbers)
+        for k, pair in enumerate(pairs):
+            if len(own := np.flatnonzero(points.pair == k)) != 1 or len(gaps := gaps_of(pair)) != 1:
+                continue
+            near = gaps[0].nearest(motion)
+            if near.gap < 0.0:
+                continue
+            middle = np.array(near.first.position(motion)) - 0.5 * near.gap * np.array(near.axes[0])
+            assert points.gap[own[0]] == pytest.approx(near.gap, abs=1e-14)
+            assert points.normal[own[0]] == pytest.approx(np.array(near.axes[0]), abs=1e-12)
+            assert points.position[own[0]] == pytest.approx(middle, abs=1e-12)
+            compared += 1
+    assert compared > 20
+
+
+@pytest.mark.parametrize("shapes", PAIRS, ids=lambda pair: "-".join(type(shape).__name__ for shape in pair))
+def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape]) -> None:
+    robot = free_bodies("a", "b")
+    (pair,) = select_pairs(robot, solids_of(robot, {"a": shapes[:1], "b": shapes[1:]}), [("a", "b")]).chosen
+    middle = np.array(shapes[0].point) - np.array(shapes[1].point)
+    q = np.array([0, 0, 0, 0, 0, 0, 1, *middle, 0, 0, 0, 1.0])
+    points = found(robot, Detector(robot, [pair]), q)
+    solids = [(pair.first.shape, q[:3] if pair.first.link == "a" else q[7:10])]
+    solids += [(pair.second.shape, q[:3] if pair.second.link == "a" else q[7:10])]  # type: ignore[union-attr]
+    (a, p), (b, r) = ((shape.coal(), coal.Transform3s(shape.placement.rotation, x + shape.placement.translation))
+                      for shape, x in solids)  # fmt: skip
+    depth = coal.distance(a, p, b, r, coal.DistanceRequest(), coal.DistanceResult())
+    assert depth < -0.1
+    assert points.gap == pytest.approx([depth], abs=1e-9)
+    assert np.linalg.norm(points.normal) == pytest.approx(1.0)

@@ -1,0 +1,111 @@
+"""Steps: what they begin with, their ends, what they pass on, and the record of all steps of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from twolink.contact.impulses import Impulses
+from twolink.integrate.equations import Equations
+from twolink.integrate.state import Array
+
+
+class Plan(NamedTuple):
+    """Of each step its begin and its length (n,), s, its smooth piece (n,), and whether a sample is at its end (n,).
+
+    numbers (pieces, m): of each piece.
+    """
+
+    t: Array
+    h: Array
+    piece: Array
+    sampled: Array
+    numbers: Array
+
+
+def plan_steps(equations: Equations, times: Array, step: float, halvings: int) -> Plan:
+    """Steps of at most `step` [s] for samples at times (n,). Samples and breaks end a step.
+
+    halvings: how often the steps between two of those are doubled in number, and one more: else many steps began at the
+    same times, and an impact would fall on the same place within them.
+    """
+    grid = np.union1d(times, equations.breaks(float(times[-1])))
+    count = (np.maximum(1, np.ceil(np.diff(grid) / step - 1e-9).astype(int)) + 1) * 2**halvings - 1
+    after, piece = np.cumsum(count), np.repeat(np.arange(len(count)), count)
+    h, sampled = (np.diff(grid) / count)[piece], np.zeros(len(piece), dtype=bool)
+    sampled[after - 1] = np.isin(grid[1:], times)
+    numbers = np.array([equations.layout.numbers_at(t) for t in (0.5 * (grid[:-1] + grid[1:])).tolist()])
+    return Plan(grid[piece] + (np.arange(len(piece)) - (after - count)[piece]) * h, h, piece, sampled, numbers)
+
+
+STILL = 1e-9  # m/s: a slip that counts as none
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a step passes on: keys of the contacts that pressed or stayed closed, their forces (n, 3).
+
+    stuck, still (n,): those that had no slip at the end, and no velocity along the normal. change (2, nv): w' of the
+    last two steps, 0 where it was not smooth. overlap: of hulls at the end, m.
+    """
+
+    keys: Array
+    forces: Array
+    stuck: Array
+    still: Array
+    change: Array
+    overlap: float = 0.0
+
+    def changes(self, mean: Array, *, smooth: bool = True) -> Array:
+        """What the next step passes on of w'."""
+        if not smooth:
+            return np.zeros_like(self.change)
+        return np.array([mean, self.change[0] if self.change[0].any() else mean])
+
+    @staticmethod
+    def empty(change: Array) -> Memory:
+        """Of a step without contacts."""
+        return Memory(np.empty(0, int), np.empty((0, 3)), np.empty(0, bool), np.empty(0, bool), change)
+
+
+@dataclass(frozen=True)
+class Step:
+    """The end of a step of length h: q, w, the memory, and of the points that pressed the pairs, places and impulses.
+
+    mean (nv,): of w'. on_first (n, 3): impulses on the first of two bodies, along the world's axes, N s. impulses: with
+    the residuals of the laws. overlap: the largest at the end, m; None where it is not known. joints (nv,): impulses of
+    stops and of dry friction; None without.
+    """
+
+    h: float
+    q: Array
+    v: Array
+    mean: Array
+    memory: Memory
+    pair: Array
+    place: Array
+    on_first: Array
+    impulses: Impulses | None = None
+    overlap: float | None = None
+    joints: Array | None = None
+
+
+@dataclass
+class Record:
+    """Of a run: counts of steps, of halved ones and by solver; the largest misses of the laws (m/s and J)."""
+
+    steps: int = 0
+    halved: int = 0
+    solvers: dict[str, int] = field(default_factory=dict)
+    feasibility: float = 0.0
+    complementarity: float = 0.0
+
+    def add(self, impulses: Impulses | None, count: int = 1) -> None:
+        """Count steps. impulses: None where nothing touched."""
+        self.steps += count
+        if impulses is not None:
+            self.solvers[impulses.solver] = self.solvers.get(impulses.solver, 0) + count
+            self.feasibility = max(self.feasibility, impulses.feasibility)
+            self.complementarity = max(self.complementarity, impulses.complementarity)

@@ -1,0 +1,191 @@
+"""Checks of what effects are given: fields by their declared types, values by joint, frames and points."""
+
+from collections.abc import Iterable, Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import msgspec
+
+from twolink.algorithms.functions import frame_pose
+from twolink.algorithms.motion import GROUND, Motion
+from twolink.algorithms.spatial import Scalar, Vec, minus
+from twolink.dynamics import Robot
+from twolink.effects.effect import Effect, all_finite, check_name, finite, number
+from twolink.effects.inputs import Bezier, Input, Sampled, check_curve, check_table
+from twolink.effects.own_effects import check_own_formula, check_own_methods
+from twolink.errors import SceneError, require_known
+
+# By the number of entries: how messages name it, and what to give.
+_VECTORS = {3: ("three", "one along each of x, y, z"), 6: ("six", "(xx, xy, xz, yy, yz, zz)")}
+
+
+def check_effect(effect: Effect, robot: Robot) -> None:
+    """Require an effect whose fields have the declared types and that fits the robot. Raises SceneError."""
+    check_fields(effect)
+    own = not type(effect).__module__.startswith("twolink.")
+    if own:
+        check_own_methods(effect)
+    effect.check(robot)
+    if own:
+        check_own_formula(effect, robot)
+
+
+def check_fields(part: msgspec.Struct, place: str = "") -> None:
+    """Require values of the declared types in the fields of an effect, input or condition. Raises SceneError."""
+    for field in msgspec.structs.fields(part):
+        _check(getattr(part, field.name), field.type, f"{place}{field.name}")
+
+
+def _check(value: Any, kind: Any, field: str, words: tuple[str, ...] = ()) -> None:
+    """Require a value of a type, in place of which messages name `words`. The effect checks names and callables."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if kind is float:
+        finite(value, field)
+    elif origin is Annotated and arguments[0] is float:
+        finite(value, field, least=arguments[1].extra_json_schema["minimum"])
+    elif origin is Annotated:  # names of links and joints, which the effect checks
+        _check(value, arguments[0], field)
+    elif origin is Literal:
+        require_known(value, arguments, SceneError, where=field)
+    elif origin is Mapping:
+        if not isinstance(value, Mapping):
+            what = f"expected {' or '.join(['values by joint', *map(repr, words)])}, got {value!r}"
+            raise SceneError(what, where=field, remedy="such as {'elbow': 1.0}")
+        for key, item in value.items():
+            _check(item, arguments[1], f"{field}.{key}")
+    elif origin is tuple and arguments != (float, float):  # a pair of stops may be infinite
+        _check_tuple(value, arguments, field)
+    elif origin in (Union, UnionType):
+        _check_choice(value, kind, field)
+
+
+def _check_tuple(value: Any, kinds: tuple[Any, ...], field: str) -> None:
+    """Require a tuple or list of so many numbers or inputs; for kinds (float, ...) of any size."""
+    if len(kinds) in _VECTORS and not (isinstance(value, (tuple, list)) and len(value) == len(kinds)):
+        word, remedy = _VECTORS[len(kinds)]
+        raise SceneError(f"expected {word}, got {value!r}", where=field, remedy=f"give {remedy}")
+    if kinds[0] is float:
+        all_finite(value, field)
+    elif get_origin(kinds[0]) is Annotated and get_args(kinds[0])[0] is float:
+        for i, item in enumerate(value):
+            _check(item, kinds[0], f"{field}[{i}]")
+    elif kinds[0] == Input:
+        for i, item in enumerate(value):
+            _check(item, Input, f"{field}[{i}]")
+    elif _structs(kinds[0]) or get_origin(kinds[0]) is tuple:  # shapes, or points
+        if not isinstance(value, (tuple, list)):
+            raise SceneError(f"expected a list, got {value!r}", where=field, remedy="put it into brackets: [...]")
+        for i, item in enumerate(value):
+            _check(item, kinds[0], f"{field}[{i}]")
+
+
+def _structs(kind: Any) -> bool:
+    """Whether a type is a union of structs alone, such as shapes."""
+    return get_origin(kind) in (Union, UnionType) and all(
+        isinstance(one, type) and issubclass(one, msgspec.Struct) for one in get_args(kind)
+    )
+
+
+def _check_choice(value: Any, kind: Any, field: str) -> None:
+    """Require one of the types of a union: an input, a condition, or None or a word in place of the first type."""
+    arguments = get_args(kind)
+    words = next((get_args(other) for other in arguments if get_origin(other) is Literal), ())
+    if isinstance(value, tuple(other for other in arguments if isinstance(other, type) and other is not float)):
+        if isinstance(value, msgspec.Struct):
+            check_fields(value, f"{field}.")
+        if isinstance(value, Sampled):
+            check_table(value, field)
+        if isinstance(value, Bezier):
+            check_curve(value, field)
+    elif _structs(kind):
+        names = ", ".join(one.__name__ for one in arguments)
+        raise SceneError(
+            f"expected one of {names}, got {value!r}", where=field, remedy=f"see effects.{arguments[0].__name__}"
+        )
+    elif kind == Input and not isinstance(value, (int, float)):
+        what = f"expected a number, Polynomial, Bezier, Sine or Sampled, got {value!r}"
+        raise SceneError(what, where=field, remedy="such as 1.5")
+    elif not (isinstance(value, str) and value in words):
+        _check(value, arguments[0], field, words)
+
+
+def check_joints(values: Any, robot: Robot, field: str, *, dofs: bool = False, coordinates: bool = False) -> None:
+    """Require values by joint, for one joint or more. Raises SceneError.
+
+    dofs: joints with one degree of freedom only. coordinates: joints with one coordinate only, an angle or a length.
+    """
+    if not values:
+        raise SceneError("it names no joint", where=field, remedy="name joints, or leave the effect out")
+    for joint in values:
+        check_joint(joint, robot, field, dofs=dofs or coordinates, coordinate=coordinates)
+
+
+def check_joint(joint: str, robot: Robot, field: str, *, dofs: bool = True, coordinate: bool = False) -> None:
+    """Require a joint that moves: with one degree of freedom, or with one coordinate. Raises SceneError."""
+    if joint in (robot.visuals.model.names[i] for i in robot.visuals.locked):
+        raise SceneError(f"joint {joint!r} is locked", where=field, remedy="leave it out, or load the robot without")
+    check_name(joint, robot.joint_names, field, "joint")
+    if dofs:
+        check_name(joint, single_joints(robot), field, "joint of one degree of freedom")
+    if coordinate and next(j.kind for j in robot.joints if j.name == joint) != "vector":
+        what = f"joint {joint!r} is continuous: its configuration is (cos, sin), which does not count turns"
+        remedy = 'give the joint limits in the URDF (type="revolute"), so that it has an angle'
+        raise SceneError(what, where=field, remedy=remedy)
+
+
+def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> None:
+    """Require values by joint for some of the joints alone, which are each a `what`. Raises SceneError."""
+    for joint in values:
+        check_name(joint, joints, field, what)
+
+
+def check_values_or_urdf(
+    values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str, what: str = ""
+) -> None:
+    """Require values by joint; or None, and values (nv,) in the URDF, named `what`. Raises SceneError."""
+    if values is not None:
+        check_joints(values, robot, field)
+    elif not urdf.any():
+        remedy = "give it by joint, or leave the effect out"
+        raise SceneError(f"the URDF gives no joint {what or field}", where=field, remedy=remedy)
+
+
+def values_by_dof(values: Mapping[str, float] | None, urdf: Any, motion: Motion) -> dict[int, float]:
+    """The values of each degree of freedom that has one: those by joint, or for None the URDF's (nv,)."""
+    if values is None:
+        return dict(enumerate(urdf.tolist()))
+    return {k: number(value) for joint, value in values.items() for k in motion.dofs(joint)}
+
+
+def single_joints(robot: Robot) -> list[str]:
+    """The joints with one degree of freedom."""
+    return [j.name for j in robot.joints if j.v.stop - j.v.start == 1]
+
+
+def check_frame(frame: str, robot: Robot, field: str, *, ground: bool = False) -> int:
+    """Require a link that moves, or with `ground` any link or the ground. Raises SceneError.
+
+    Returns the number of the body that carries the link's frame; the ground is body 0.
+    """
+    names = [f.name for f in robot.model.frames if f.type.name == "BODY"]
+    if frame == GROUND and frame not in names:
+        body = 0
+    else:
+        check_name(frame, [*names, GROUND] if ground else names, field, "frame")
+        body = frame_pose(robot.model, frame)[0]
+    if body == 0 and not ground:
+        what = f"frame {frame!r} does not move, so the effect changes nothing"
+        raise SceneError(what, where=field, remedy="name a link that moves")
+    return body
+
+
+def apart(motion: Motion, a: str, point_a: Vec, b: str, point_b: Vec) -> list[Scalar]:
+    """x_a - x_b of two frames' points, along the axes that the motion is seen in, m."""
+    ends = motion.position(a, point_a), motion.position(b, point_b)
+    return [minus(x, y) for x, y in zip(*ends, strict=True)]
+
+
+def floats(vector: tuple[float, float, float]) -> Vec:
+    """Three numbers as floats, which a formula folds as constants."""
+    x, y, z = map(number, vector)
+    return x, y, z

@@ -1,0 +1,336 @@
+"""Controllers: torques of joints by what the robot does, within limits of effort."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.recursions import newton_euler
+from twolink.algorithms.spatial import Scalar, Vec, add, cross, dot, minus, negative, plus, scale, times
+from twolink.dynamics import Robot
+from twolink.dynamics.arguments import configuration
+from twolink.effects.checks import check_joint, check_joints, check_subset, single_joints
+from twolink.effects.effect import Effect, Loads, NotNegative, check_name, number
+from twolink.effects.inputs import Input, Sampled, derivatives_at, value_at
+from twolink.errors import SceneError
+from twolink.robots.joint_layout import joint_layouts
+
+Limits = Mapping[str, NotNegative] | Literal["urdf"] | None
+
+
+class JointPD(Effect, frozen=True):
+    """Proportional-derivative control: tau = kp (target - q) - kd v + feedforward, within limits.
+
+    Parameters
+    ----------
+    target : mapping of joint to input
+        rad or m: numbers or functions of time. Joints with one coordinate.
+    kp : mapping of joint to float
+        N m/rad or N/m, not negative; for every joint with a target.
+    kd : mapping of joint to float
+        N m s/rad or N s/m, not negative; 0 by default.
+    feedforward : mapping of joint to input
+        N m or N: numbers or functions of time; 0 by default.
+    effort : mapping of joint to float, "urdf" or None
+        Limits L of the torques, -L <= tau <= L, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    The controller is continuous in time: it does not sample.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 8.5.1.
+    """
+
+    target: Mapping[str, Input]
+    kp: Mapping[str, NotNegative]
+    kd: Mapping[str, NotNegative] = {}
+    feedforward: Mapping[str, Input] = {}
+    effort: Limits = None
+
+    @property
+    def analytic(self) -> bool:
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        return self.effort is None
+
+    def check(self, robot: Robot) -> None:
+        """Require joints with one coordinate, all with a target and kp."""
+        check_joints(self.target, robot, "target", coordinates=True)
+        for name in ("kp", "kd", "feedforward"):
+            check_subset(getattr(self, name), self.target, name, "joint with a target")
+        for joint in self.target:
+            check_name(joint, self.kp, "kp", "gain for joint")
+        check_limits(self.effort, self.target, robot)
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add kp (target - q) - kd v + feedforward."""
+        for joint, target in self.target.items():
+            entry, dof = motion.coordinate(joint)
+            error = minus(value_at(target, motion.t, motion.xp), motion.q[entry])
+            torque = plus(
+                times(number(self.kp[joint]), error),
+                times(-number(self.kd.get(joint, 0.0)), motion.v[dof]),
+                value_at(self.feedforward.get(joint, 0.0), motion.t, motion.xp),
+            )
+            loads.torque(dof, clamped(torque, joint, self.effort, motion, loads))
+
+
+class GravityCompensation(Effect, frozen=True):
+    """Compensation of gravity: tau = g(q) = h(q, 0), from recursive Newton-Euler at rest.
+
+    Parameters
+    ----------
+    joints : sequence of str or None
+        The joints that are driven, each with one degree of freedom; None: all of these.
+    effort : mapping of joint to float, "urdf" or None
+        Limits of the torques, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    g is that of the scene's robot, payloads included. Without gravity in the scene there are no torques.
+
+    References
+    ----------
+    Siciliano et al., Robotics, 2009, section 8.5.1.
+    """
+
+    joints: tuple[str, ...] | None = None
+    effort: Limits = None
+
+    @property
+    def analytic(self) -> bool:
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        return self.effort is None
+
+    def check(self, robot: Robot) -> None:
+        """Require joints of one degree of freedom, each named once."""
+        joints = single_joints(robot) if self.joints is None else self.joints
+        if not isinstance(joints, (list, tuple)) or not joints or any(joints.count(joint) > 1 for joint in joints):
+            what, remedy = f"expected joints, each once, got {self.joints!r}", "leave it out for all joints"
+            raise SceneError(what, where="joints", remedy=remedy)
+        for joint in joints:
+            check_joint(joint, robot, "joints")
+        check_limits(self.effort, joints, robot)
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add g(q)."""
+        zeros = [0.0] * motion.mech.nv
+        torques = newton_euler(motion.mech, motion.own(), zeros, zeros, None)
+        model, joints = motion.model, self.joints
+        if joints is None:
+            joints = tuple(model.names[i] for i in range(1, model.njoints) if model.nvs[i] == 1)
+        for joint in joints:
+            k = motion.dofs(joint)[0]
+            if type(torques[k]) is not float or torques[k] != 0.0:
+                loads.torque(k, clamped(torques[k], joint, self.effort, motion, loads))
+
+
+class ComputedTorque(Effect, frozen=True):
+    """Inverse-dynamics control: tau = M(q) (a_ref + kd e' + kp e) + h(q, v), e = q_ref - q.
+
+    The tracking error then obeys e'' + kd e' + kp e = 0.
+
+    Parameters
+    ----------
+    path : mapping of joint to input
+        q_ref of joints, rad or m: numbers, polynomials, sines or tables with cubic interpolation.
+    kp : float
+        1/s^2, not negative.
+    kd : float
+        1/s, not negative; 2 sqrt(kp) gives critical damping.
+    effort : mapping of joint to float, "urdf" or None
+        Limits of the torques, N m or N: by joint, the URDF's, or none.
+    following : mapping of joint to mapping of joint to float
+        q_ref of the other joints, as sums of factors times those of joints with a path: with {"wrist": {"shoulder":
+        -1.0, "elbow": -1.0}}, three parallel joints keep what they carry level. Every joint needs one or the other.
+
+    Notes
+    -----
+    M and h are those of the scene's robot, with its gravity and payloads. Other effects, such as friction, act as
+    disturbances.
+
+    References
+    ----------
+    Luh, Walker, Paul 1980, IEEE Transactions on Automatic Control 25(3). Siciliano et al., Robotics, 2009, section
+    8.5.2.
+    """
+
+    path: Mapping[str, Input]
+    kp: NotNegative
+    kd: NotNegative
+    effort: Limits = None
+    following: Mapping[str, Mapping[str, float]] = {}
+
+    @property
+    def analytic(self) -> bool:
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        return self.effort is None
+
+    def check(self, robot: Robot) -> None:
+        """Require a path for every joint, twice differentiable; each joint has one coordinate."""
+        check_joints(self.path, robot, "path", coordinates=True)
+        if self.following:
+            check_joints(self.following, robot, "following", coordinates=True)
+        for joint, factors in self.following.items():
+            if joint in self.path:
+                raise SceneError(f"{joint!r} has a path of its own", where=f"following.{joint}", remedy="leave one out")
+            check_subset(factors, self.path, f"following.{joint}", "joint with a path")
+        missing = [joint for joint in robot.joint_names if joint not in {*self.path, *self.following}]
+        if missing:
+            floating = robot.joints[0].kind == "free-flyer"
+            remedy = "give every joint a path" + (": the robot's free root has no motor" if floating else "")
+            raise SceneError(f"it has no path for {', '.join(map(repr, missing))}", where="path", remedy=remedy)
+        for joint, path in self.path.items():
+            if isinstance(path, Sampled) and path.interpolation != "cubic":
+                what = "a path needs accelerations, which this interpolation does not have"
+                raise SceneError(what, where=f"path.{joint}.interpolation", remedy='interpolation="cubic"')
+        check_limits(self.effort, [*self.path, *self.following], robot)
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add the inverse dynamics of a_ref + kd e' + kp e."""
+        paths = {joint: derivatives_at(path, motion.t, motion.xp) for joint, path in self.path.items()}
+        for joint, factors in self.following.items():
+            parts = [[times(number(factor), x) for x in paths[other]] for other, factor in factors.items()]
+            paths[joint] = tuple(plus(0.0, *column) for column in zip(*parts, strict=True))
+        wanted: list[Scalar] = [0.0] * motion.mech.nv
+        for joint, (q, v, a) in paths.items():
+            entry, dof = motion.coordinate(joint)
+            wanted[dof] = plus(
+                a, times(number(self.kd), minus(v, motion.v[dof])), times(number(self.kp), minus(q, motion.q[entry]))
+            )
+        torques = newton_euler(motion.mech, motion.own(), motion.v, wanted, None)
+        for joint in paths:
+            dof = motion.dofs(joint)[0]
+            loads.torque(dof, clamped(torques[dof], joint, self.effort, motion, loads))
+
+
+class StateFeedback(Effect, frozen=True):
+    """Feedback of the state to joint torques: tau = torque - K (e, v), e = q - target, within limits.
+
+    `tl.lqr` makes one that is optimal near its target.
+
+    Parameters
+    ----------
+    gain : mapping of joint to tuple of float
+        The row of K (2 nv) of each driven joint: N m or N per entry of e, then of v. Joints with one degree of freedom.
+    target : tuple of float
+        Configuration (nq,), in the robot's order; rad or m.
+    torque : mapping of joint to float
+        The torque that holds the robot at its target, N m or N; 0 by default.
+    effort : mapping of joint to float, "urdf" or None
+        Limits L of the torques, -L <= tau <= L, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    e is q - target for angles and lengths. For a continuous joint it is sin(angle), for an orientation sin(angle) axis,
+    the rotation being that from the target: both are smooth, count no turns and agree to first order with the tangent
+    vector `robot.difference(target, q)`. The position of a free root is taken along the target's axes.
+
+    References
+    ----------
+    Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010 (the error of orientations).
+    """
+
+    gain: Mapping[str, tuple[float, ...]]
+    target: tuple[float, ...]
+    torque: Mapping[str, float] = {}
+    effort: Limits = None
+
+    @property
+    def analytic(self) -> bool:
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        return self.effort is None
+
+    def check(self, robot: Robot) -> None:
+        """Require a target of the robot, and rows as long as its state is."""
+        check_joints(self.gain, robot, "gain", dofs=True)
+        for joint, row in self.gain.items():
+            if len(row) != 2 * robot.nv:
+                raise SceneError(f"expected {2 * robot.nv} numbers, got {len(row)}", where=f"gain.{joint}",
+                                 remedy="give one for each entry of q in the tangent space, then of v")  # fmt: skip
+        if len(self.target) != robot.nq:
+            raise SceneError(f"expected {robot.nq} numbers, got {len(self.target)}", where="target",
+                             remedy="give a configuration (nq,)")  # fmt: skip
+        configuration("target", self.target, robot.nq, robot.joints)
+        check_subset(self.torque, self.gain, "torque", "joint with a gain")
+        check_limits(self.effort, self.gain, robot)
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add torque - K (e, v)."""
+        state = [*_errors(motion, [number(x) for x in self.target]), *motion.v]
+        for joint, row in self.gain.items():
+            torque = plus(number(self.torque.get(joint, 0.0)),
+                          *(times(negative(number(k)), x) for k, x in zip(row, state, strict=True)))  # fmt: skip
+            loads.torque(motion.dofs(joint)[0], clamped(torque, joint, self.effort, motion, loads))
+
+
+def _errors(motion: Motion, target: list[Scalar]) -> list[Scalar]:
+    """e (nv)."""
+    errors: list[Scalar] = []
+    for joint in joint_layouts(motion.model):
+        p, x = target[joint.q], list(motion.q[joint.q])
+        if joint.kind == "free-flyer":
+            errors += [*_turned_back(p[3:], _minus(x[:3], p[:3])), *_rotation(p[3:], x[3:])]
+        elif joint.kind == "planar":
+            dx, dy, _ = _minus([*x[:2], 0.0], [*p[:2], 0.0])
+            c, s = p[2:]
+            errors += [plus(times(c, dx), times(s, dy)), minus(times(c, dy), times(s, dx)), _sine(p[2:], x[2:])]
+        elif joint.kind == "quaternion":
+            errors += _rotation(p, x)
+        else:
+            errors += [_sine(p, x)] if joint.kind == "cos-sin" else [minus(x[0], p[0])]
+    return errors
+
+
+def _minus(x: list[Scalar], p: list[Scalar]) -> Vec:
+    return minus(x[0], p[0]), minus(x[1], p[1]), minus(x[2], p[2])
+
+
+def _sine(p: list[Scalar], x: list[Scalar]) -> Scalar:
+    """sin of the angle from one (cos, sin) pair to another."""
+    return minus(times(p[0], x[1]), times(p[1], x[0]))
+
+
+def _rotation(p: list[Scalar], x: list[Scalar]) -> Vec:
+    """sin(angle) axis of the rotation from one quaternion (u, w) to another: 2 w u of conj(p) x."""
+    (a, b, c, w), (ax, bx, cx, wx) = p, x
+    turned = add(scale(w, (ax, bx, cx)), scale(negative(wx), (a, b, c)), cross((ax, bx, cx), (a, b, c)))
+    cosine = plus(dot((a, b, c), (ax, bx, cx)), times(w, wx))  # of half the angle
+    return scale(times(2.0, cosine), turned)
+
+
+def _turned_back(p: list[Scalar], d: Vec) -> Vec:
+    """R(p)^T d = d - 2 w u x d + 2 u x (u x d), with p = (u, w)."""
+    u = (p[0], p[1], p[2])
+    once = cross(u, d)
+    return add(d, scale(times(-2.0, p[3]), once), scale(2.0, cross(u, once)))
+
+
+def check_limits(limits: Limits, joints: Iterable[str], robot: Robot) -> None:
+    """Require effort limits of driven joints, or "urdf" where the URDF gives them. Raises SceneError."""
+    if limits is not None and limits != "urdf":
+        check_subset(limits, joints, "effort", "driven joint")
+    for joint in joints if limits == "urdf" else ():
+        value = _urdf_limit(robot.model, joint)
+        if not (math.isfinite(value) and value > 0):
+            what = f"the URDF's effort limit of joint {joint!r} is {value:g}"
+            raise SceneError(what, where="effort", remedy="give limits by joint")
+
+
+def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
+    """The torque of a joint within its limit L: min(max(torque, -L), L). The loads note where it is not smooth."""
+    limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
+    if limit is None:
+        return torque
+    limit, xp, before = number(limit), motion.xp, len(loads.limits) // 2
+    loads.limits += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
+    below, above = xp.less(torque, -limit), xp.less(limit, torque)
+    if loads.sides is not None:
+        side = loads.sides[before]
+        below, above = xp.less(side, -0.5), xp.less(0.5, side)
+    return xp.where(below, -limit, xp.where(above, limit, torque))
+
+
+def _urdf_limit(model: Any, joint: str) -> float:
+    return float(model.effortLimit[model.idx_vs[model.getJointId(joint)]])

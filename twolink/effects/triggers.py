@@ -1,0 +1,138 @@
+"""What happens at a time or a condition: events of the user, effects that end, and effects that begin."""
+
+from typing import Any
+
+from twolink.dynamics import Robot
+from twolink.effects.checks import check_effect
+from twolink.effects.conditions import Condition, check_when
+from twolink.effects.effect import Effect, NotNegative
+from twolink.effects.loops import Loop
+from twolink.effects.switching import SwitchingEffect, Trigger
+from twolink.errors import SceneError
+from twolink.io.text import kebab_case
+
+
+class Watch(SwitchingEffect, frozen=True):
+    """An event in run.events where a condition is reached, from either side, or at a time.
+
+    Parameters
+    ----------
+    name : str
+        Of the event.
+    at : float, optional
+        Time, s.
+    when : JointReaches or FrameReaches, optional
+        Condition.
+    function : callable, optional
+        In place of a condition, from Python only: f(motion) -> a number that passes 0. motion.q and motion.v are
+        arrays of many states, motion.xp has sin, cos and sqrt.
+    stop : bool
+        Whether the run ends there.
+    then : callable, optional
+        From Python only: (q, v) -> (q, v) after the event.
+    """
+
+    name: str
+    at: NotNegative | None = None
+    when: Condition | None = None
+    function: Any = None
+    stop: bool = False
+    then: Any = None
+
+    def check(self, robot: Robot) -> None:
+        """One of a time, a condition and a function is given, and fits."""
+        if self.function is None:
+            check_when(self.at, self.when, robot)
+        elif self.at is not None or self.when is not None:
+            raise SceneError("a function is given beside a time or a condition", where="function", remedy="give one")
+        elif not callable(self.function):
+            raise SceneError(f"expected a function, got {self.function!r}", where="function", remedy="f(motion)")
+        if self.then is not None and not callable(self.then):
+            raise SceneError(f"expected a function, got {self.then!r}", where="then", remedy="(q, v) -> (q, v)")
+
+    def modes(self, robot: Robot) -> list[Trigger]:
+        """The event."""
+        del robot
+        return [Trigger("watch", self.name, self.at, self.when, self.function, state=self.then, ends=self.stop)]
+
+
+class Release(SwitchingEffect, frozen=True):
+    """An effect that acts until a time or a condition, and no more from then on.
+
+    Velocities do not jump. A released payload leaves with its own energy; a body that was welded on moves freely.
+
+    Parameters
+    ----------
+    of : Effect
+        An effect without modes, such as a payload or a weld loop that holds a ball.
+    at : float, optional
+        Time, s.
+    when : JointReaches or FrameReaches, optional
+        Condition; one of the two is needed.
+    """
+
+    of: Any  # an Effect: scene files read it by its type
+    at: NotNegative | None = None
+    when: Condition | None = None
+
+    def check(self, robot: Robot) -> None:
+        """Require an effect without modes that fits, and a time or a condition."""
+        check_inner(self.of, robot, "released")
+        check_when(self.at, self.when, robot)
+
+    def acting(self) -> tuple[Effect, ...]:
+        """The effect, until it is released."""
+        return (self.of,)
+
+    def modes(self, robot: Robot) -> list[Trigger]:
+        """The release."""
+        del robot
+        return [Trigger("release", kebab_case(type(self.of).__name__), self.at, self.when, drops=True)]
+
+
+def check_inner(effect: Any, robot: Robot, verb: str) -> None:
+    """Require an effect without modes that fits. Raises SceneError; `where` begins with "of"."""
+    if not isinstance(effect, Effect) or isinstance(effect, SwitchingEffect):
+        raise SceneError(f"{type(effect).__name__} cannot be {verb}", where="of",
+                         remedy="give an effect without modes, such as a controller")  # fmt: skip
+    try:
+        check_effect(effect, robot)
+    except SceneError as error:
+        raise error.at(f"of.{error.where}") from None
+
+
+class Engage(SwitchingEffect, frozen=True):
+    """An effect that acts from a time or a condition on, and not before.
+
+    Velocities do not jump: the effect is a force, not a mass or a constraint.
+
+    Parameters
+    ----------
+    of : Effect
+        An effect without modes that gives forces, such as a `StateFeedback` that catches an arm near upright.
+    at : float, optional
+        Time, s.
+    when : JointReaches or FrameReaches, optional
+        Condition, of which the first time counts; one of the two is needed.
+    """
+
+    of: Any  # an Effect: scene files read it by its type
+    at: NotNegative | None = None
+    when: Condition | None = None
+
+    def check(self, robot: Robot) -> None:
+        """Require an effect that gives forces alone and fits, and a time or a condition."""
+        check_inner(self.of, robot, "engaged")
+        if isinstance(self.of, Loop) or type(self.of).change is not Effect.change:
+            what = f"{type(self.of).__name__} cannot begin during a motion: velocities would jump"
+            raise SceneError(what, where="of", remedy="give a force, such as a controller or a spring")
+        check_when(self.at, self.when, robot)
+
+    def acting(self) -> tuple[Effect, ...]:
+        """The effect, from then on."""
+        return (self.of,)
+
+    def modes(self, robot: Robot) -> list[Trigger]:
+        """The begin."""
+        del robot
+        return [Trigger("engage", kebab_case(type(self.of).__name__), self.at, self.when, begins=True)]

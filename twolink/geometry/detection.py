@@ -1,0 +1,290 @@
+"""Detection: the points at which the bodies of a robot touch or are about to, with gaps and normals.
+
+Boxes and convex meshes touch with features (`hulls`). For other shapes without a formula, and where bodies overlap so
+far that a formula has no normal, Coal tells the nearest points.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.namespaces import Array
+from twolink.dynamics import Robot
+from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
+from twolink.geometry.hulls import Name, Touch, hull_of, touching
+from twolink.geometry.pairs import Pair, Plane, gaps_of
+from twolink.geometry.points import Links, Places, Points, each, joined, key_of, points_of, stacked
+from twolink.robots.collisions import Solid
+from twolink.robots.shapes import AnyShape, Box, Capsule, Convex, Cylinder, Sphere
+
+BURIED = 1e-9  # m: cores that are nearer have no normal
+FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
+MANY = 2_000  # pairs beyond which a tree finds those that are near
+
+
+class Group:
+    """Pairs of shapes of one kind, with their numbers. number: of each link, by its name."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        raise NotImplementedError
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points with gaps below the reach."""
+        raise NotImplementedError
+
+    def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
+        """How deep bodies overlap [m], and the numbers of the pairs."""
+        found = self.points(links, 0.0)
+        return zip((-found.gap).tolist(), found.pair.tolist(), strict=True)
+
+
+class OnPlanes(Group):
+    """Balls and points of bodies over planes of the world, and the rims of cylinders.
+
+    gaps: of each point, by formulas. key, pair: see `Points`.
+    """
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        rows = [(pair_number, k, gap) for pair_number, pair in items for k, gap in enumerate(self._gaps(pair))]
+        self.pair = np.array([row[0] for row in rows])
+        self.feature = np.array([row[1] for row in rows])
+        self.key, self.gaps = key_of(self.pair, self.feature), [cast(PlaneGap, gap) for *_, gap in rows]
+        self.every = stacked(self.gaps, number)
+
+    def _gaps(self, pair: Pair) -> Sequence[Gap]:
+        return gaps_of(pair)
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The balls' lowest points."""
+        return points_of(self.pair, self.feature, links, self.every.nearest(links), reach)
+
+
+class RimsOnPlanes(OnPlanes):
+    """Cylinders over planes of the world: of each end the lowest point of the rim and three others."""
+
+    def _gaps(self, pair: Pair) -> Sequence[Gap]:
+        return [gap for gap in gaps_of(pair) if isinstance(gap, RimGap)]
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The lowest point of each rim, the highest one, and those between."""
+        gap, found = self.every, []
+        u = links.direction(gap.link, gap.axis)
+        down = np.array(down_rim(gap.normal, u))
+        any_radius = np.cross(u, np.where(np.abs(u[:1]) < 0.9, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]), axis=0)
+        down = np.where(np.linalg.norm(down, axis=0) > FLAT, down, any_radius)
+        down /= np.linalg.norm(down, axis=0)
+        side, centre = np.cross(u, down, axis=0), links.position(gap.link, gap.point)
+        for feature, way in enumerate((down, side, -side, -down)):
+            x = centre + gap.radius * way
+            height = np.einsum("in,in->n", gap.normal, x) - gap.height
+            ground = np.zeros(len(height), dtype=int)
+            found.append(Points(self.pair, key_of(self.pair, 4 * self.feature + feature), links.joint[gap.link], ground,
+                                height, gap.normal.T, (x - 0.5 * height * gap.normal).T))  # fmt: skip
+        every = joined(found)
+        return every.taken(np.flatnonzero(every.gap < reach))
+
+
+class OfSolids(Group):
+    """Pairs of solids, looked at where their bounding spheres are near."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        solids: dict[int, int] = {}
+        every = [cast(Solid, solid) for _, pair in items for solid in (pair.first, pair.second)]
+        self.ends = np.array([solids.setdefault(id(solid), len(solids)) for solid in every]).reshape(-1, 2)
+        self.solids = list({id(solid): solid for solid in every}.values())
+        self.pairs, self.pair = [pair for _, pair in items], np.array([number for number, _ in items])
+        self.shapes = [solid.shape.coal() for solid in self.solids]
+        self.links, self.number = np.array([number[solid.link] for solid in self.solids]), number
+        places = [solid.shape.placement for solid in self.solids]
+        self.rotations = np.array([place.rotation for place in places])
+        self.origins = np.array([place.translation for place in places]).T
+        self.bounds = np.array([bounding_radius(solid.shape) for solid in self.solids])
+        self.names: list[dict[Name, int]] = [{} for _ in items]  # of the points of each pair, with their numbers
+        self.of_ends: Array | None = None
+        if len(items) > MANY:
+            self.of_ends = np.full((len(solids), len(solids)), -1)
+            self.of_ends[self.ends[:, 0], self.ends[:, 1]] = np.arange(len(items))
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The points of the pairs that are near, one pair after the other."""
+        return self._one_by_one(self._near(links, reach), links, reach)
+
+    def _near(self, links: Links, reach: float) -> Array:
+        """The numbers of the pairs whose bounding spheres are near."""
+        centre = links.position(self.links, self.origins).T
+        if self.of_ends is not None:
+            from scipy.spatial import cKDTree
+
+            close = cKDTree(centre).query_pairs(2.0 * float(self.bounds.max()) + reach, output_type="ndarray")
+            numbers = np.concatenate([self.of_ends[close[:, 0], close[:, 1]], self.of_ends[close[:, 1], close[:, 0]]])
+            return np.sort(numbers[numbers >= 0])
+        i, k = self.ends.T
+        apart = centre[i] - centre[k]
+        limit = self.bounds[i] + self.bounds[k] + reach
+        return np.flatnonzero(np.einsum("ni,ni->n", apart, apart) < limit**2)
+
+    def _placed(self, pairs: Array, links: Links) -> tuple[Array, Array]:
+        """The rotations (n, 2, 3, 3) and origins (n, 2, 3) of the solids of pairs."""
+        solids = self.ends[pairs].ravel()
+        own = self.links[solids]
+        rotations, origins = links.rotations[own] @ self.rotations[solids], links.position(own, self.origins[:, solids])
+        return rotations.reshape(-1, 2, 3, 3), origins.T.reshape(-1, 2, 3)
+
+    def _looked_at(self, pairs: Array, links: Links, reach: float) -> Iterator[tuple[int, Any, Array, Array]]:
+        """Of those of the pairs nearer than the reach the number, Coal's result, rotations and origins."""
+        import coal
+
+        request, (rotations, origins) = coal.DistanceRequest(), self._placed(pairs, links)
+        for k, rotation, origin in zip(pairs.tolist(), rotations, origins, strict=True):
+            (first, second), result = (self.shapes[i] for i in self.ends[k].tolist()), coal.DistanceResult()
+            at = [coal.Transform3s(one, x) for one, x in zip(rotation, origin, strict=True)]
+            if coal.distance(first, at[0], second, at[1], request, result) < reach:
+                yield k, result, rotation, origin
+
+    def _one_by_one(self, pairs: Array, links: Links, reach: float) -> Points:
+        found = [(k, one) for k, result, rotation, origin in self._looked_at(pairs, links, reach)
+                 for one in self._between(k, result, rotation, origin, reach) if one.gap < reach]  # fmt: skip
+        which = np.array([k for k, _ in found], dtype=int)
+        feature = np.array([self.names[k].setdefault(one.name, len(self.names[k])) for k, one in found], dtype=int)
+        pair, joints = self.pair[which], links.joint[self.links[self.ends[which]]]
+        return Points(pair, key_of(pair, feature), joints[:, 0], joints[:, 1], np.array([one.gap for _, one in found]),
+                      np.array([one.normal for _, one in found]).reshape(-1, 3),
+                      np.array([one.middle for _, one in found]).reshape(-1, 3))  # fmt: skip
+
+    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
+        """The points of a pair of placed solids: the nearest ones. There is one, also where they touch along a line."""
+        del number, rotations, origins, reach
+        middle = 0.5 * (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2()))
+        normal = -np.array(result.normal)
+        if not normal.any():  # segments that cross have none
+            normal = np.array([0.0, 0.0, 1.0])
+        return [Touch((), float(result.min_distance), normal, middle)]
+
+
+class ByFormula(OfSolids):
+    """Solids with a formula of their one gap."""
+
+    def __init__(self, items: Sequence[tuple[int, Pair]], number: dict[str, int]) -> None:
+        super().__init__(items, number)
+        self.row = np.full(len(items), -1)  # of each pair in the formulas of those that have been near
+        self.every: Any = None
+        radius = np.array([getattr(s.shape, "radius", 0.0) * (not isinstance(s.shape, Cylinder)) for s in self.solids])
+        self.radii = radius[self.ends].sum(axis=1)
+
+    def points(self, links: Links, reach: float) -> Points:
+        """The nearest points by the formula; by Coal where cores overlap."""
+        near = self._near(links, reach)
+        if not len(near):
+            return self._one_by_one(near, links, reach)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = self._formulas(near).nearest(links)
+            buried = ~(found.gap + self.radii[near] > BURIED)
+            points = points_of(self.pair[near[~buried]], 0, links, found, reach, np.flatnonzero(~buried))
+        return joined([points, self._one_by_one(near[buried], links, reach)]) if buried.any() else points
+
+    def _formulas(self, near: Array) -> Any:
+        """The gaps of pairs as one."""
+        fresh = near[self.row[near] < 0]
+        if len(fresh):
+            new = stacked([gaps_of(self.pairs[k])[0] for k in fresh.tolist()], self.number)
+            self.row[fresh] = np.arange(len(fresh)) + (self.row.max() + 1)
+            self.every = new if self.every is None else each(lambda x: np.concatenate(x, axis=-1), [self.every, new])
+        rows, known = self.row[near], self.row.max() + 1
+        same = np.array_equal(rows, np.arange(known))
+        return self.every if same else each(lambda x: x[0][..., rows], [self.every])
+
+
+class Hulls(OfSolids):
+    """Boxes and convex meshes against each other."""
+
+    def overlaps(self, links: Links) -> Iterator[tuple[float, int]]:
+        """How deep the solids overlap [m], and the numbers of the pairs."""
+        for k, result, *_ in self._looked_at(self._near(links, 0.0), links, 0.0):
+            yield -float(result.min_distance), int(self.pair[k])
+
+    def _between(self, number: int, result: Any, rotations: Array, origins: Array, reach: float) -> list[Touch]:
+        """The corners of faces that lie over each other, or the crossing of two edges."""
+        del result
+        a, b = (hull_of(cast(Box | Convex, self.solids[i].shape)) for i in self.ends[number].tolist())
+        return touching(a.placed(rotations[0], origins[0]), b.placed(rotations[1], origins[1]), reach)
+
+
+class Detector:
+    """Finds the points of pairs of a robot. names: of the pairs.
+
+    thickness: m, of each pair, how deep bodies can go before they are out on the other side. sees_all: whether what
+    touches within a step is a point before. extent (joints,): of the shapes around their joint, m.
+    """
+
+    def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
+        self.names = [pair.name for pair in pairs]
+        solids = {id(s): s for pair in pairs for s in (pair.first, pair.second) if isinstance(s, Solid)}
+        inner = {key: _inner(solid.shape) for key, solid in solids.items()}
+        self.thickness = np.array([
+            np.inf if isinstance(pair.second, Plane) else inner[id(pair.first)] + inner[id(pair.second)]
+            for pair in pairs
+        ])  # fmt: skip
+        number = {link: k for k, link in enumerate(dict.fromkeys(solid.link for solid in solids.values()))}
+        frames = [robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)] for link in number]
+        self.links = Links(np.array([frame.parentJoint for frame in frames], dtype=int),
+                           np.array([frame.placement.rotation for frame in frames]),
+                           np.array([frame.placement.translation for frame in frames]))  # fmt: skip
+        kinds: dict[tuple[type[Group], str], list[tuple[int, Pair]]] = {}
+        for k, pair in enumerate(pairs):
+            kinds.setdefault(_kind(pair), []).append((k, pair))
+        self.groups = [kind(items, number) for (kind, _), items in kinds.items()]
+        self.sees_all = not any(kind is Hulls for kind, _ in kinds)
+        self.extent = np.zeros(robot.model.njoints)
+        for solid in solids.values():
+            frame = frames[number[solid.link]]
+            far = float(np.linalg.norm((frame.placement * solid.shape.placement).translation))
+            self.extent[frame.parentJoint] = max(self.extent[frame.parentJoint], far + bounding_radius(solid.shape))
+
+    def points(self, places: Places, reach: float) -> Points:
+        """The points with gaps below the reach."""
+        links = self.links.at(places)
+        return joined(group.points(links, reach) for group in self.groups)
+
+    def overlap(self, places: Places) -> tuple[float, int]:
+        """The deepest overlap [m], and the number of its pair; 0 and -1 where there is none."""
+        links = self.links.at(places)
+        return max(itertools.chain(((0.0, -1),), *(group.overlaps(links) for group in self.groups)))
+
+
+def bounding_radius(shape: AnyShape) -> float:
+    """Of a sphere around a shape's middle, m."""
+    if isinstance(shape, Convex):
+        return float(np.linalg.norm(np.array(shape.vertices), axis=1).max())
+    if isinstance(shape, Box):
+        return 0.5 * float(np.linalg.norm(shape.size))
+    radius, half = float(shape.radius), 0.5 * float(getattr(shape, "length", 0.0))
+    return float(np.hypot(radius, half)) if isinstance(shape, Cylinder) else radius + half
+
+
+def _kind(pair: Pair) -> tuple[type[Group], str]:
+    """What finds the points of a pair, and the kind of its shapes where that has a formula for each."""
+    a, b = pair.first.shape, pair.second
+    if isinstance(b, Plane):
+        return (RimsOnPlanes if isinstance(a, Cylinder) else OnPlanes), ""
+    shapes, flat = (a, b.shape), (Box, Convex)
+    if all(isinstance(shape, flat) for shape in shapes):
+        return Hulls, ""
+    rounds = sum(isinstance(shape, (Sphere, Capsule)) for shape in shapes)
+    solid = isinstance(a, Sphere) and isinstance(b.shape, (Box, Cylinder))
+    if (rounds == 2 or solid) and sum(getattr(shape, "radius", 0.0) for shape in shapes[: max(1, rounds)]) > 0.0:
+        return ByFormula, " ".join(type(shape).__name__ for shape in shapes)
+    return OfSolids, ""
+
+
+def _inner(shape: AnyShape) -> float:
+    """Half of the smallest extent, m."""
+    if isinstance(shape, Box):
+        return 0.5 * float(min(shape.size))
+    if isinstance(shape, Convex):
+        return 0.5 * float(np.ptp(np.array(shape.vertices), axis=0).min())
+    return float(shape.radius)
