@@ -20,7 +20,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import FINGERS, Bars, Some, Table, study
-from twolink.simulation.world_scenes import world_scene
+from twolink.scenes.parameters import scene_with
 
 NOISE = {"arm": 0.05, "panda": 0.1}  # N m
 ANGLES = 2e-3  # rad: the noise of those that are fitted
@@ -71,7 +71,7 @@ def fall() -> tuple[tl.Scene, np.ndarray, np.ndarray]:
     """The guess, times, and true joint angles of an arm that falls."""
     effects = [tl.effects.Gravity(), tl.effects.JointDamping({"shoulder": 0.3, "elbow": 0.2})]
     robot, times = tl.load_robot("arm"), np.linspace(0.0, 3.0, 151)
-    truth = world_scene(tl.Scene(robot, [1.0, TRUE["q.elbow"]], effects=effects),
+    truth = scene_with(tl.Scene(robot, [1.0, TRUE["q.elbow"]], effects=effects),
                         {name: value for name, value in TRUE.items() if name != "q.elbow"})  # fmt: skip
     return tl.Scene(robot, [1.0, 0.7], effects=effects), times, tl.simulate(truth, 3.0, 1e-10).at(times)[0]
 

@@ -61,6 +61,7 @@ class Search:
     _digits: Precision = "double"
     _settings: int = 0
     _last: float = np.inf
+    _finite: float = 0.0  # the last setting whose bar was finite
     _worse: int = 0
     _left: Iterator[MethodChoice] | None = None
 
@@ -85,6 +86,7 @@ class Search:
     def _other(self, every: Iterator[MethodChoice]) -> MethodChoice | None:
         """The next of what is left to try, which the first call says."""
         self._left, self._settings, self._last, self._worse = self._left or every, 0, np.inf, 0
+        self._finite = 0.0
         return next(self._left, None)
 
     def _smaller(self, one: Verified) -> MethodChoice | None:
@@ -99,6 +101,10 @@ class Search:
             if self._worse > STRIKES or rounding > max(MOST * bar, CHANCE * self.accuracy):
                 return None
         self._last = min(bar, self._last)
+        if not np.isfinite(bar) and method.adaptive and self._finite > choice.setting:
+            # Steps of a smaller tolerance may not get across a singular position: try between.
+            return replace(choice, setting=float(np.sqrt(choice.setting * self._finite)))
+        self._finite = choice.setting if np.isfinite(bar) else 0.0
         ratio = AIM * self.accuracy / bar if np.isfinite(bar) else AIM
         if not method.adaptive:
             setting = choice.setting * min(0.9, ratio ** (1.0 / method.order))
