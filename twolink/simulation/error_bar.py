@@ -19,6 +19,8 @@ DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0, 1: 150.0}
 ENOUGH = 0.05  # of the accuracy: with less rounding by its bar, one disturbed solution suffices
 # Of the accuracy, added to a bar: where the first error is small by chance, it is still below what is usual.
 SLACK = 4e-3
+# rad or m: solutions of a larger distance have parted, and how far is chance, by which the error may be larger.
+PARTED, CHANCE = 1.0, 4.0
 ROUNDING = 16 * np.finfo(float).eps  # of the model's constants, relative to q
 # Of a step, on the mean, relative to the state: a swing of 46,000 steps of DOP853 lost 0.09 eps in each.
 BIAS = 0.1 * np.finfo(float).eps
@@ -42,6 +44,7 @@ def error_bar(distance: Array, rounding: Array, safety: float = 1.0) -> Array:
         safety distance + rounding, the largest so far and at a few samples later: one distance may be small by chance.
     """
     bar = safety * np.asarray(distance, dtype=float)
+    bar[bar > PARTED] *= CHANCE
     bar[1:] += rounding[1:]
     last = len(bar) - 1
     reach = np.minimum(np.arange(len(bar)) + min(last - 1, 1 + len(bar) // 40), last)
