@@ -12,6 +12,7 @@ from twolink.integrate.methods import Method
 from twolink.integrate.state import Array, StateSpace
 
 SAFETY = 2.5  # of the distance to a finer solution, which has an error of its own
+FEW = 16.0  # steps, of which the errors do not yet follow the tolerance
 # Of the largest distance to disturbed solutions, by their number. One distance may be small by chance, all of them
 # hardly: if rounding is all of the error, and normal, and disturbances are three times as large, a bar of 6, 3, 2 or 1
 # solutions is too small once in 14,000, 1,500, 700 or 700 motions.
@@ -65,9 +66,13 @@ def distances(space: StateSpace, x: Array, others: Array) -> Array:
     return out
 
 
-def truncation_factor(method: Method) -> float:
-    """The factor of the distance to a finer solution: with half the step its error is 2^-order of the run's."""
-    return SAFETY if method.adaptive else SAFETY / (1.0 - 0.5**method.order)
+def truncation_factor(method: Method, steps: Array | int) -> Array:
+    """The factor of the distance to a finer solution of a run of so many steps, of which few tell less.
+
+    With half the step its error is 2^-order of the run's.
+    """
+    factor = SAFETY * (1.0 + FEW / np.fmax(steps, 1.0))
+    return np.asarray(factor if method.adaptive else factor / (1.0 - 0.5**method.order))
 
 
 def common_rounding(space: StateSpace, t: Array, x: Array, steps: Array | int) -> Array:

@@ -154,7 +154,7 @@ class Verification:
 
     def _with_parts(self, run: Verified, each: Array) -> Verified:
         """The run with the parts of its bar, from its distances (k, n) to the finer and the disturbed solutions."""
-        truncation = truncation_factor(run.choice.method) * each[:, 0]
+        truncation = truncation_factor(run.choice.method, run.solution.steps) * each[:, 0]
         disturbed = each[:, 1:]
         # Steps may collapse beside a singular position of loops by chance: half of the others tell enough.
         arrived = disturbed[:, np.isfinite(disturbed[-1])]
