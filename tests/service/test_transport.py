@@ -13,7 +13,7 @@ import pytest
 
 import twolink as tl
 from tests.service.fake_server import JSON, PROBLEM, Request, fake, http, problem
-from twolink.dynamics.named_queries import QUERIES
+from twolink.dynamics.queries import QUERIES
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, TwolinkError
 from twolink.service import npz
@@ -276,7 +276,7 @@ def limited(most: int, counts: list[int]) -> Callable[[Request, socket.socket], 
             return http(200, {"R": pose[0].tolist(), "p": pose[1].tolist()})
         name = what.replace("-", "_")
         result = getattr(ROBOT, name)(*values, **({"f_ext": wrench} if wrench else {}))
-        return http(200, npz.write_npz({QUERIES[what].results[0]: result}), npz.MEDIA_TYPE)
+        return http(200, npz.write_npz({next(iter(QUERIES[what].results)): result}), npz.MEDIA_TYPE)
 
     return answer
 
@@ -326,7 +326,7 @@ def test_arguments_are_checked_as_those_of_a_local_robot() -> None:
             there.bias(*arguments)
         assert str(remote.value) == str(here.value)
     with pytest.raises(QueryError, match="f_ext"):
-        there.inverse_dynamics(Q, V, V, np.zeros(6))  # type: ignore[arg-type]
+        there.inverse_dynamics(Q, V, V, np.zeros(6))
     for wrong in (float("nan"), np.float64("inf"), object()):
         with pytest.raises(QueryError, match="cannot be sent"):
             tl.connect("h").simulate("arm-swing", accuracy=wrong)

@@ -19,6 +19,7 @@ from twolink.service.http_io import JSON, OCTETS, UNSPECIFIED, XML, ZIP, accepts
 from twolink.service.job_requests import version_key
 from twolink.service.json_keys import decode_unique
 from twolink.service.problems import Refusal
+from twolink.service.query_answers import QUERIES
 from twolink.service.robot_pool import catalogue
 from twolink.service.robot_tasks import ReceivedRobot, RobotOptions
 from twolink.service.settings import Quotas
@@ -39,6 +40,12 @@ def _about(name: str) -> dict[str, Any]:
     """A robot of the catalogue, without loading it."""
     entry = catalogue_entry(name)
     return {"id": name, "origin": "catalogue", "from": entry.origin, "usual_root": entry.usual_root}
+
+
+@get("/v1/queries", tags=["queries"], summary="List the dynamics queries")
+async def list_queries() -> list[dict[str, Any]]:
+    """What each takes and answers, with shapes and units; POST /v1/robots/{robot}/{query} asks one."""
+    return [query.to_dict() for query in QUERIES.values()]
 
 
 @get("/v1/robots/{robot:str}", tags=["robots"], summary="Inspect a robot")
@@ -169,4 +176,4 @@ async def delete_robot(service: Shared, robot: FromPath[str]) -> None:
     service.robots.forget(robot)
 
 
-HANDLERS = [list_robots, inspect_robot, upload_robot, visuals, delete_robot]
+HANDLERS = [list_queries, list_robots, inspect_robot, upload_robot, visuals, delete_robot]

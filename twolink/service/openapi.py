@@ -26,7 +26,6 @@ from twolink.service.robot_tasks import RobotOptions
 Json = dict[str, Any]
 _TEXT = {"type": "string"}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
-_OBJECT = {"schema": {"type": "object"}}
 _BODIES = {
     "/v1/scenes/validate": SceneRequest,
     "/v1/scenes/explain": ExplainRequest,
@@ -50,7 +49,7 @@ def openapi_document(app: Litestar) -> Json:
     """The document of an application."""
     document = app.openapi_schema.to_schema()
     bodies, components = msgspec.json.schema_components(
-        [*(body_of(what) for what in QUERIES), *_BODIES.values(), Problem, RobotOptions],
+        [*(body_of(query) for query in QUERIES.values()), *_BODIES.values(), Problem, RobotOptions],
         ref_template="#/components/schemas/{name}",
     )
     document.setdefault("components", {}).setdefault("schemas", {}).update(components)
@@ -71,7 +70,12 @@ def openapi_document(app: Litestar) -> Json:
 
 def _query(what: str, body: Json) -> Json:
     robot = "a robot's id: a name of the catalogue, or of an upload"
-    answer = {"description": "The answer, by name", "content": {JSON: _OBJECT, npz.MEDIA_TYPE: _BINARY}}
+    results = {
+        name: {"description": f"({', '.join(map(str, shape))}) for one state, {unit}"}
+        for name, (shape, unit) in QUERIES[what].results.items()
+    }
+    schema = {"schema": {"type": "object", "properties": results}}
+    answer = {"description": "The answer, by name", "content": {JSON: schema, npz.MEDIA_TYPE: _BINARY}}
     return {
         "tags": ["queries"],
         "operationId": what.replace("-", "_"),

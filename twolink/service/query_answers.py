@@ -2,51 +2,60 @@
 
 import functools
 import math
+from collections import ChainMap
 from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
-from twolink.dynamics import Robot, named_queries
-from twolink.dynamics.named_queries import NamedQuery
+from twolink.dynamics import Robot, queries
+from twolink.dynamics.queries import OPTIONS, Numbers, Query
 from twolink.errors import QueryError
 from twolink.service.json_keys import require_unique_keys
-from twolink.service.kinematics import link_poses
+from twolink.service.kinematics import KINEMATICS
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 
-Numbers = list[float | list[float]]
-QUERIES: dict[str, NamedQuery] = {
-    **named_queries.QUERIES,
-    "kinematics": NamedQuery(
-        "poses (..., n, 7) of the links, or of frames: position [m], quaternion (x y z w)",
-        ("q",), ("frames", "poses"), (7,), ("frames",)),
-    "derivatives": NamedQuery(
-        "da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)",
-        ("q", "v", "tau", "a"), ("da_dq", "da_dv", "da_dtau"), (3, "nv", "nv")),
-}  # fmt: skip
-_OPTIONS: dict[str, Any] = {
-    "f_ext": dict[str, Numbers], "method": str, "frame": str, "axes": str, "frames": list[str],
-}  # fmt: skip
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
 _SINGLE_STATE: set[tuple[int, ...]] = {()}
 
 
-def body_of(what: str) -> type[msgspec.Struct]:
+def _derivatives(
+    robot: Robot, q: ArrayLike, v: ArrayLike, tau: ArrayLike | None = None, a: ArrayLike | None = None
+) -> dict[str, np.ndarray]:
+    """da_dq, da_dv, da_dtau; or with a instead of tau dtau_dq, dtau_dv, dtau_da: (..., nv, nv)."""
+    what, given = "forward-dynamics-derivatives", {"q": q, "v": v, "tau": tau, "a": a}
+    if tau is None and a is not None:
+        what = "inverse-dynamics-derivatives"
+    return QUERIES[what].answer(robot, {name: value for name, value in given.items() if value is not None})
+
+
+_MATRIX = (("nv", "nv"), "")
+_OWN = {
+    "kinematics": KINEMATICS,
+    "derivatives": Query("derivatives", "", _derivatives, {"da_dq": _MATRIX, "da_dv": _MATRIX, "da_dtau": _MATRIX}),
+}
+QUERIES = ChainMap(_OWN, queries.QUERIES)
+
+
+@functools.cache
+def body_of(query: Query) -> type[msgspec.Struct]:
     """The JSON body of a query: q, and what else it takes, zero when left out. Lists of lists are batches."""
-    query = QUERIES[what]
-    optional = {**dict.fromkeys(query.arguments[1:], Numbers), **{name: _OPTIONS[name] for name in query.options}}
+    optional = {**dict.fromkeys(query.arguments[1:], Numbers), **{name: OPTIONS[name][0] for name in query.options}}
     fields: list[Any] = [("q", Numbers), *((name, kind | None, None) for name, kind in optional.items())]
-    name = what.title().replace("-", "")
+    name = query.name.title().replace("-", "")
     return msgspec.defstruct(name, fields, forbid_unknown_fields=True, frozen=True, module=__name__)
 
 
-_DECODERS = {what: msgspec.json.Decoder(body_of(what)) for what in QUERIES}
+@functools.cache
+def _decoder(query: Query) -> msgspec.json.Decoder[Any]:
+    return msgspec.json.Decoder(body_of(query))
 
 
 def arguments_from_json(what: str, body: bytes) -> dict[str, Any]:
     """The arguments in a JSON body, as arrays."""
-    decoded = _DECODERS[what].decode(body)
+    decoded = _decoder(QUERIES[what]).decode(body)
     arguments: dict[str, Any] = {}
     strings = 0
     for name in decoded.__struct_fields__:
@@ -54,7 +63,7 @@ def arguments_from_json(what: str, body: bytes) -> dict[str, Any]:
         if value is None:
             continue
         strings += 1
-        if name not in _OPTIONS:
+        if name not in OPTIONS:
             arguments[name] = _array(name, value)
             continue
         strings += 1 if isinstance(value, str) else len(value)
@@ -102,17 +111,8 @@ def count_of(robot: Robot, what: str, arguments: dict[str, Any]) -> tuple[int, i
         count = 1 if shapes == _SINGLE_STATE else math.prod(np.broadcast_shapes(*shapes))
     except ValueError:
         return 0, 0
-    numbers = _numbers_each(what, robot.nv)
-    if what == "kinematics":
-        frames = arguments.get("frames")
-        numbers *= robot.model.nframes if frames is None else len(frames)
-    return count, count * numbers
-
-
-@functools.cache
-def _numbers_each(what: str, nv: int) -> int:
-    """How many numbers the answer has for each state, or each frame of a state."""
-    return math.prod(nv if size == "nv" else size for size in QUERIES[what].shape)
+    frames = arguments.get("frames")
+    return count, count * QUERIES[what].numbers(robot.nv, robot.model.nframes if frames is None else len(frames))
 
 
 def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> None:
@@ -124,13 +124,5 @@ def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> Non
 
 def answer_query(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
     """The answer by the names of its results. Raises QueryError."""
-    if what == "kinematics":
-        frames = arguments.get("frames")
-        return {
-            "frames": list(robot.frame_names) if frames is None else frames,
-            "poses": link_poses(robot, arguments["q"], frames),
-        }
-    if what == "derivatives":
-        what = f"{'inverse' if 'a' in arguments and 'tau' not in arguments else 'forward'}-dynamics-derivatives"
-    options = {name: arguments.pop(name) for name in QUERIES[what].options if name in arguments}
-    return named_queries.answer_query(robot, what, arguments, **options)
+    options = {name: arguments.pop(name) for name in OPTIONS if name in arguments}
+    return QUERIES[what].answer(robot, arguments, **options)
