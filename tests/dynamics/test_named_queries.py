@@ -66,7 +66,7 @@ def test_a_query_with_a_parameter_that_nobody_knows_is_refused_where_it_is_decla
         return q if colour else self.neutral
 
     with pytest.raises(TypeError, match="'colour' is not one of ARGUMENTS and OPTIONS"):
-        query(tinted=(("nv",), "rad"))(tinted)
+        query({"tinted": (("nv",), "rad")})(tinted)
     assert "tinted" not in QUERIES
 
 

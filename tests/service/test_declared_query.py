@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 import twolink as tl
 from tests.service.test_transport import ABOUT
 from twolink.dynamics.queries import ALGORITHMS, QUERIES, answer_query, query
-from twolink.service.app import build
+from twolink.service.http.app import build
 from twolink.service.remote_robot import RemoteRobot
-from twolink.service.robot_pickle import write_robot
 from twolink.service.settings import Settings
+from twolink.service.store.robots import write_robot
 
 Q, V = [0.3, -0.7], [0.1, 0.2]
 
@@ -52,7 +52,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Here]:
         patch.setitem(QUERIES, "centroidal-map", QUERIES["bias"])  # the patch takes back what is declared here
         patch.setitem(ALGORITHMS, "centroidal_map", ALGORITHMS["bias"])
 
-        @query(lambda model, data, q: pin.computeCentroidalMap(model, data, q).copy(), map=((6, "nv"), "kg m^2 or kg"))
+        @query({"map": ((6, "nv"), "kg m^2 or kg")}, lambda *state: pin.computeCentroidalMap(*state).copy())
         def centroidal_map(self: tl.Robot, q: ArrayLike) -> np.ndarray:
             """A_g(q), (..., 6, nv): A_g v is the momentum."""
             return self._answer("centroidal_map", "pinocchio", q)

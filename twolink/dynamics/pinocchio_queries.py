@@ -1,15 +1,14 @@
 """Dynamics queries answered by Pinocchio: one state at a time, or rows of states.
 
-Each query is a frozen record with Pinocchio's algorithm for one state. `answer` checks the arguments, broadcasts the
+Each query has Pinocchio's algorithm for one state (`Algorithm`). `answer` checks the arguments, broadcasts the
 batch, calls the algorithm for every row, and refuses a result that is not finite.
 """
 
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,14 +16,12 @@ from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
 from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
-from twolink.dynamics.queries import ALGORITHMS
+from twolink.dynamics.queries import ALGORITHMS, Algorithm, Array
 from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
 from twolink.errors import QueryError
 from twolink.robots.model import RobotModel
 from twolink.robots.physical_checks import mass_matrix_by_columns
-
-Array = np.ndarray[Any, np.dtype[np.float64]]
 
 PARALLEL_FROM = 64
 """States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves
@@ -38,20 +35,8 @@ Pinocchio is imported, lets them sleep instead."""
 _local = threading.local()
 
 
-@dataclass(frozen=True)
-class BoundQuery:
-    """A dynamics query as Pinocchio answers it for a robot: an `Algorithm` with sizes in numbers, and the frame."""
-
-    name: str
-    arguments: tuple[str, ...]
-    shape: tuple[int, ...]
-    one: Callable[..., Array]
-    parallel: Callable[..., None] | None = None
-    join: Callable[[list[Array]], Array] | None = None
-
-
-def query_of(robot: RobotModel, name: str) -> BoundQuery:
-    """The query of this name; of a frame as in "frame_pose:tip".
+def query_of(robot: RobotModel, name: str) -> Algorithm:
+    """The algorithm of a query by name, of a frame as in "frame_pose:tip", with the robot's sizes.
 
     Raises QueryError for an unknown frame, or where Pinocchio has no algorithm for mimic joints.
     """
@@ -63,12 +48,11 @@ def query_of(robot: RobotModel, name: str) -> BoundQuery:
         raise QueryError(what, where="robot", remedy=algorithm.mimic, code="mimic-joints")
     if robot.has_mimic and callable(algorithm.mimic):
         one = algorithm.mimic
-    shape = tuple(robot.nv if n == "nv" else n for n in algorithm.shape)
-    return BoundQuery(name, algorithm.arguments, shape, one, algorithm.parallel, algorithm.join)
+    return replace(algorithm, one=one, shape=tuple(robot.nv if n == "nv" else n for n in algorithm.shape))
 
 
 def answer(
-    robot: RobotModel, query: BoundQuery, arguments: tuple[ArrayLike, ...], f_ext: FExt | None = None, method: str = ""
+    robot: RobotModel, query: Algorithm, arguments: tuple[ArrayLike, ...], f_ext: FExt | None = None, method: str = ""
 ) -> Array:
     """The answer (..., *shape) for checked and broadcast arguments.
 
@@ -87,7 +71,7 @@ def answer(
     return require_finite(result, batch, query.shape, robot.name).reshape(*batch, *query.shape)
 
 
-def answer_rows(robot: RobotModel, query: BoundQuery, states: list[Array], applied: list[Applied]) -> Array:
+def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applied: list[Applied]) -> Array:
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
     if not robot.is_whole and query.join and not applied:
         return query.join(_answers_of_trees(robot, query, states))
@@ -106,7 +90,7 @@ def answer_rows(robot: RobotModel, query: BoundQuery, states: list[Array], appli
     return out
 
 
-def _answers_of_trees(robot: RobotModel, query: BoundQuery, states: list[Array]) -> list[Array]:
+def _answers_of_trees(robot: RobotModel, query: Algorithm, states: list[Array]) -> list[Array]:
     """The answers (n, *shape) for each tree."""
     parts, (q, *others) = [], states
     for tree, data in zip(robot.trees, robot.tree_data, strict=True):
@@ -192,12 +176,10 @@ def frame_pose(index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
-LOCAL_AND_ALIGNED = {"local": pin.ReferenceFrame.LOCAL, "aligned": pin.ReferenceFrame.LOCAL_WORLD_ALIGNED}
-
-
 def by_axes(algorithm: Callable[..., Array]) -> dict[str, Callable[..., Array]]:
     """An algorithm that takes Pinocchio's axes first, by the names of the axes."""
-    return {name: partial(algorithm, axes) for name, axes in LOCAL_AND_ALIGNED.items()}
+    axes = {"local": pin.ReferenceFrame.LOCAL, "aligned": pin.ReferenceFrame.LOCAL_WORLD_ALIGNED}
+    return {name: partial(algorithm, each) for name, each in axes.items()}
 
 
 def frame_velocity(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:

@@ -4,11 +4,11 @@
 and the decorator the results with their shapes and units, and Pinocchio's algorithm for one state.
 """
 
-import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import Parameter, Signature, getdoc, signature
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from twolink.algorithms.functions import Shape
 from twolink.errors import QueryError, require_known
 
+Array = np.ndarray[Any, np.dtype[np.float64]]
 F = TypeVar("F", bound=Callable[..., Any])
 Numbers = list[float | list[float]]
 Results = Mapping[str, tuple[tuple[int | Literal["nv", "frames"], ...], str]]
@@ -57,9 +58,9 @@ class Query:
                 raise TypeError(f"{self.name}: {name!r} is not one of ARGUMENTS and OPTIONS")
 
     @cached_property
-    def signature(self) -> inspect.Signature:
+    def signature(self) -> Signature:
         """How the query is called, without the robot and the engine."""
-        whole = inspect.signature(self.function, eval_str=True)
+        whole = signature(self.function, eval_str=True)
         return whole.replace(parameters=[p for p in list(whole.parameters.values())[1:] if p.name != "engine"])
 
     @cached_property
@@ -77,7 +78,7 @@ class Query:
     @property
     def summary(self) -> str:
         """The first line of the docstring."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+        return (getdoc(self.function) or "").partition("\n")[0]
 
     def numbers(self, nv: int, frames: int = 1) -> int:
         """How many numbers answer the query for one state."""
@@ -100,9 +101,9 @@ class Query:
         if "frame" in self.options and "frame" not in chosen:
             remedy = f"one of {', '.join(robot.frame_names[:12])}, ..."
             raise QueryError("it is not given", argument="frame", code="missing-option", remedy=remedy)
-        given = {p.name: np.zeros(robot.nv) for p in self.signature.parameters.values()
-                 if p.name in ARGUMENTS and p.default is p.empty}  # fmt: skip
-        answer = self.function(robot, **{**given, **arguments, **chosen})
+        defaults, zero = self.signature.parameters, np.zeros(robot.nv)
+        left_out = [x for x in self.arguments if x not in arguments and defaults[x].default is Parameter.empty]
+        answer = self.function(robot, **dict.fromkeys(left_out, zero), **arguments, **chosen)
         if isinstance(answer, dict):
             return answer
         return dict(zip(self.results, answer if len(self.results) > 1 else (answer,), strict=True))
@@ -129,11 +130,11 @@ class Algorithm:
     """
 
     arguments: tuple[str, ...]
-    shape: Shape
-    one: Callable[..., Any]
+    shape: tuple[Any, ...]
+    one: Callable[..., Array]
     parallel: Callable[..., None] | None = None
-    join: Callable[[list[Any]], Any] | None = None
-    mimic: Callable[..., Any] | str | None = None
+    join: Callable[[list[Array]], Array] | None = None
+    mimic: Callable[..., Array] | str | None = None
 
 
 QUERIES: dict[str, Query] = {}
@@ -142,38 +143,37 @@ ALGORITHMS: dict[str, Algorithm] = {}
 
 
 def query(
-    one: Callable[..., Any] | None = None,
+    results: Mapping[str, tuple[Shape, str]],
+    one: Callable[..., Array] | Mapping[str, Callable[..., Array]] | None = None,
     *,
-    by_axes: Mapping[str, Callable[..., Any]] | None = None,
     parallel: Callable[..., None] | None = None,
-    join: Callable[[list[Any]], Any] | None = None,
-    mimic: Callable[..., Any] | str | None = None,
-    **results: tuple[Shape, str],
+    join: Callable[[list[Array]], Array] | None = None,
+    mimic: Callable[..., Array] | str | None = None,
 ) -> Callable[[F], F]:
     """Declare a method of Robot as a query.
 
     Parameters
     ----------
+    results : mapping of str to (shape, unit)
+        The results: their names, shapes for one state, and units.
     one, parallel, join, mimic
-        Pinocchio's algorithm, see `Algorithm`; none where the method asks other queries.
-    by_axes : mapping of str to callable
-        In place of `one`: the algorithms by the option `axes`.
-    **results
-        The shape for one state, and the unit, by the names of the results.
+        Pinocchio's algorithm, see `Algorithm`; several by the option `axes`, or none where the method asks others.
     """
 
     def declare(method: F) -> F:
         name = method.__name__
         declared = QUERIES[name.replace("_", "-")] = Query(name.replace("_", "-"), name, method, results)
-        shape = _whole(tuple(shape for shape, _ in results.values()))
-        for key, each in ({name: one} if one else {f"{name}_{axes}": f for axes, f in (by_axes or {}).items()}).items():
-            ALGORITHMS[key] = Algorithm(declared.arguments, shape, each, parallel, join, mimic)
+        shape = _whole(*(shape for shape, _ in results.values()))
+        variants = {f"{name}_{axes}": each for axes, each in one.items()} if isinstance(one, Mapping) else {name: one}
+        for key, each in variants.items():
+            if each is not None:
+                ALGORITHMS[key] = Algorithm(declared.arguments, shape, each, parallel, join, mimic)
         return method
 
     return declare
 
 
-def _whole(shapes: tuple[Shape, ...]) -> Shape:
+def _whole(*shapes: Shape) -> Shape:
     """The shape of results in one array: stacked if they are alike, else flat."""
     if len(shapes) == 1:
         return shapes[0]

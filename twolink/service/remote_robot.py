@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from twolink.dynamics import arguments as checked
 from twolink.dynamics.queries import QUERIES, Query
 from twolink.errors import QueryError
-from twolink.service import npz
-from twolink.service.kinematics import KINEMATICS
-from twolink.service.problems import Refusal
-from twolink.service.transport import JSON, Transport
+from twolink.service.problems import JSON, Refusal
+from twolink.service.store.archives import NPZ, write_npz
+from twolink.service.transport import Transport
+from twolink.service.work.query_answers import KINEMATICS
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _PART = 16 * 2**20  # bytes of a request or an answer: what the service takes from several clients at once
@@ -164,7 +164,7 @@ class RemoteRobot:
         """The answer to one request. npz has no place for texts, so requests with texts are JSON."""
         path = f"/v1/robots/{quote(self.id, safe='')}/{query.name}"
         if not texts and any(array.ndim > 1 for array in arrays.values()):
-            content, media = npz.write_npz(arrays), npz.MEDIA_TYPE
+            content, media = write_npz(arrays), NPZ
         else:
             body: dict[str, Any] = {**texts}
             for name, array in arrays.items():
@@ -178,7 +178,7 @@ class RemoteRobot:
         try:
             if kind != media:
                 raise ValueError(f"it is {kind}")
-            values = _arrays(answer) if media == npz.MEDIA_TYPE else msgspec.json.decode(answer)
+            values = _arrays(answer) if media == NPZ else msgspec.json.decode(answer)
             found = tuple(np.asarray(values[name], float) for name in query.results)
             numbers = math.prod(batch) * query.numbers(self.nv, len(self._links))
             if sum(value.size for value in found) != numbers or any(v.shape[: len(batch)] != batch for v in found):
