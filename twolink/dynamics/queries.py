@@ -69,6 +69,10 @@ class Query:
         return tuple(name for name in self.signature.parameters if name in ARGUMENTS)
 
     @cached_property
+    def _required(self) -> tuple[str, ...]:
+        return tuple(x for x in self.arguments if self.signature.parameters[x].default is Parameter.empty)
+
+    @cached_property
     def options(self) -> dict[str, tuple[str, ...]]:
         """The options: their names, and what can be chosen, where that is fixed."""
         given = self.signature.parameters.values()
@@ -101,9 +105,9 @@ class Query:
         if "frame" in self.options and "frame" not in chosen:
             remedy = f"one of {', '.join(robot.frame_names[:12])}, ..."
             raise QueryError("it is not given", argument="frame", code="missing-option", remedy=remedy)
-        defaults, zero = self.signature.parameters, np.zeros(robot.nv)
-        left_out = [x for x in self.arguments if x not in arguments and defaults[x].default is Parameter.empty]
-        answer = self.function(robot, **dict.fromkeys(left_out, zero), **arguments, **chosen)
+        left_out = [name for name in self._required if name not in arguments]
+        zero = dict.fromkeys(left_out, np.zeros(robot.nv)) if left_out else {}
+        answer = self.function(robot, **zero, **arguments, **chosen)
         if isinstance(answer, dict):
             return answer
         return dict(zip(self.results, answer if len(self.results) > 1 else (answer,), strict=True))

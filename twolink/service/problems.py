@@ -33,6 +33,7 @@ _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
+T = TypeVar("T")
 
 
 class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -146,9 +147,6 @@ def error_from(problem: Problem) -> TwolinkError:
     if kind is not None:
         return kind(problem.detail, **parts)
     return Refusal(problem.status, problem.detail, retry_after=problem.retry_after, **parts)
-
-
-T = TypeVar("T")
 
 
 def decode_unique(body: bytes, kind: type[T]) -> T:

@@ -34,6 +34,14 @@ MEDIA = {
     "zip": "application/zip",
 }
 MAX_POINTS = 20_000
+Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
+Limit = Annotated[int, QueryParameter(ge=1, le=LISTED_JOBS)]
+Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
+PLAYBACK_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
+)
+FIGURE_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"  # SVG carries its own styles
 
 
 async def result_file(service: Service, kind: str, key: str, name: str, task: str = "export", **arguments: Any) -> Path:
@@ -82,15 +90,7 @@ def _samples(path: Path, points: int) -> bytes:
     return msgspec.json.encode({"samples": count, "points": len(kept), "columns": thinned})
 
 
-Points = Annotated[int, QueryParameter(ge=2, le=MAX_POINTS)]
-Limit = Annotated[int, QueryParameter(ge=1, le=LISTED_JOBS)]
-Frames = Annotated[int, QueryParameter(ge=2, le=3600)]
 # The playback brings its scripts with it; it is shut off from the service it came from.
-PLAYBACK_POLICY = (
-    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:"
-)
-FIGURE_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"  # SVG carries its own styles
 
 
 def _answered(view: dict[str, Any], path: str) -> Response[dict[str, Any]]:

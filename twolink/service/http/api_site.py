@@ -43,6 +43,9 @@ _ABOUT = (
     "layout. In application/x-npz arrays go by their names, wrenches as f_ext.FRAME; npz is answered by npz unless "
     "Accept says otherwise. The same request has the same answer to the last bit."
 )
+_PAGE = Path(__file__).parents[1] / "page"
+_MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 
 @functools.lru_cache(maxsize=1)
@@ -115,11 +118,6 @@ def docs_page(document: Json) -> str:
 def _details(head: str, text: str, content: Json) -> str:
     shown = f"<pre>{escape(json.dumps(content, indent=1))}</pre>" if content else ""
     return f"<details><summary><code>{head}</summary><p>{escape(text)}</p>{shown}</details>"
-
-
-_PAGE = Path(__file__).parents[1] / "page"
-_MEDIA = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_HEADERS = {"Content-Security-Policy": PAGE_POLICY, "Cache-Control": "no-cache"}
 
 
 @get("/health", tags=["service"], summary="Whether the service answers")

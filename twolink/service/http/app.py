@@ -11,6 +11,7 @@ from litestar.di import Provide
 from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
+from twolink.dynamics.queries import Query
 from twolink.service.http import api_jobs, api_models, api_site
 from twolink.service.http.access import DENY_ALL, AccessControl, cors_headers
 from twolink.service.http.components import PREFIX, Service
@@ -125,7 +126,7 @@ class Shell:
         if answer is None:
             return None
         sent_id, seconds = request_id(header(scope, b"x-request-id")), time.perf_counter() - start
-        self._metrics.answered(query[1], 200, seconds)
+        self._metrics.answered(query[1].name, 200, seconds)
         self._log.note(
             Answered(
                 time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200, len(answer), seconds
@@ -153,8 +154,8 @@ class Shell:
             if query is None:
                 await self._to_litestar(scope, receive, send, cors, start)
                 return
-            key, route = query
-            status, headers, body = await self._queries.answer(scope, receive, key, route)
+            route = query[1].name
+            status, headers, body = await self._queries.answer(scope, receive, *query)
         except Exception as error:
             status, headers, body = answer_of(error)
         hold().keep(len(body))
@@ -204,13 +205,14 @@ class Shell:
             self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
 
 
-def _query_of(scope: Any) -> tuple[str, str] | None:
+def _query_of(scope: Any) -> tuple[str, Query] | None:
     """The robot's id and the query, if the request is one."""
     path: str = scope["path"]
     if not path.startswith(PREFIX) or scope["method"] != "POST":
         return None
     key, slash, name = path[len(PREFIX) :].partition("/")
-    return (key, name) if slash and name in QUERIES else None
+    query = QUERIES.get(name) if slash else None
+    return None if query is None else (key, query)
 
 
 def _replay(body: bytes, receive: Any) -> Any:

@@ -21,6 +21,7 @@ from litestar.di import NamedDependency
 from litestar.params import SkipValidation
 
 from twolink.dynamics import Robot
+from twolink.dynamics.queries import Query
 from twolink.dynamics.threads import thread_count
 from twolink.errors import TwolinkError, nearest
 from twolink.robots.catalogue import catalogue_names
@@ -40,6 +41,15 @@ from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory
 
 catalogue = functools.cache(catalogue_names)  # the names of the catalogue, which are ids too
+PREFIX = "/v1/robots/"
+_BODY_IN_LOOP = 4000  # bytes of a body that is read in the event loop
+STATES_IN_LOOP, _NUMBERS_IN_LOOP = 500, 4096  # of an answer that is computed there, in less than 3 ms
+_HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, NPZ)}
+_log = logging.getLogger("twolink.service")
+_READERS, _COMPUTERS = 2, 2  # processes: for uploads, scenes and files; and for batches of states
+_REQUEST_IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
+_CHECK_EACH = 1.0  # seconds between checks of the store, however often somebody asks
+_LAG_EACH = 0.5  # seconds between measurements of the event loop's lag
 
 
 class RobotPool:
@@ -80,19 +90,13 @@ class RobotPool:
         self._robots.drop(key)
 
 
-PREFIX = "/v1/robots/"
-IN_LOOP = 4000  # bytes of a body that is read in the event loop
-STATES_IN_LOOP, _NUMBERS_IN_LOOP = 500, 4096  # of an answer that is computed there, in less than 3 ms
-_HEADERS = {media: [(b"content-type", media.encode())] for media in (JSON, NPZ)}
-
-
 class Queries:
     """Answers POST /v1/robots/{id}/{query}."""
 
     def __init__(self, settings: Settings, robots: RobotPool, workers: Workers, metrics: Metrics) -> None:
         self._quotas, self._robots, self._workers, self._metrics = settings.quotas, robots, workers, metrics
 
-    async def answer(self, scope: Any, receive: Any, key: str, what: str) -> tuple[int, list[Any], bytes]:
+    async def answer(self, scope: Any, receive: Any, key: str, query: Query) -> tuple[int, list[Any], bytes]:
         """Status, headers and body. Raises Refusal or QueryError."""
         sent = media_type(header(scope, b"content-type"))
         sent = JSON if sent in UNSPECIFIED else sent
@@ -103,43 +107,36 @@ class Queries:
         same, other = (JSON, NPZ) if sent == JSON else (NPZ, JSON)
         accept = header(scope, b"accept")
         reply = other if other.encode() in accept and same.encode() not in accept else same
-        if sent == JSON and reply == JSON and len(body) < IN_LOOP:
+        if sent == JSON and reply == JSON and len(body) < _BODY_IN_LOOP:
             robot = self._robots.loaded(key) or await self._robots.get(key)
-            answer = self._answer_if_small(robot, what, body)
+            answer = self._answer_if_small(robot, query, body)
             if answer is not None:
                 return 200, _HEADERS[JSON], answer
         await self._robots.require(key)
         work = self._workers.exchange(
-            "query", self._quotas.query_seconds, body, key=key, what=what, sent=sent, reply=reply,
+            "query", self._quotas.query_seconds, body, key=key, what=query.name, sent=sent, reply=reply,
             robots=self._robots.folder, quotas=self._quotas,
         )  # fmt: skip
         count, content = await while_connected(receive, work)
         self._metrics.states.inc(count)
         return 200, _HEADERS[reply], content
 
-    def answer_now(self, scope: Any, body: bytes, key: str, what: str) -> bytes | None:
+    def answer_now(self, scope: Any, body: bytes, key: str, query: Query) -> bytes | None:
         """The answer in JSON to a few states in JSON, if the robot is loaded, else None. Raises as `answer`."""
         robot = self._robots.loaded(key)
         is_json = media_type(header(scope, b"content-type")) in (JSON, *UNSPECIFIED)
-        if robot is None or not is_json or len(body) >= IN_LOOP or NPZ.encode() in header(scope, b"accept"):
+        if robot is None or not is_json or len(body) >= _BODY_IN_LOOP or NPZ.encode() in header(scope, b"accept"):
             return None
-        return self._answer_if_small(robot, what, body)
+        return self._answer_if_small(robot, query, body)
 
-    def _answer_if_small(self, robot: Robot, what: str, body: bytes) -> bytes | None:
+    def _answer_if_small(self, robot: Robot, query: Query, body: bytes) -> bytes | None:
         """The answer to a few states, else None. Their number is below that from which functions are compiled."""
-        arguments = arguments_from_json(what, body)
-        count, numbers = count_of(robot, what, arguments)
+        arguments = arguments_from_json(query, body)
+        count, numbers = count_of(robot, query, arguments)
         if count > STATES_IN_LOOP or numbers > _NUMBERS_IN_LOOP:
             return None
         self._metrics.states.inc(count)
-        return msgspec.json.encode(answer_query(robot, what, arguments), enc_hook=np.ndarray.tolist)
-
-
-_log = logging.getLogger("twolink.service")
-_READERS, _COMPUTERS = 2, 2  # processes: for uploads, scenes and files; and for batches of states
-_IN_LOOP = 32_768  # bytes of JSON that are read in the event loop, in a millisecond
-_CHECK_EACH = 1.0  # seconds between checks of the store, however often somebody asks
-_LAG_EACH = 0.5  # seconds between measurements of the event loop's lag
+        return msgspec.json.encode(answer_query(robot, query, arguments), enc_hook=np.ndarray.tolist)
 
 
 class Service:
@@ -216,7 +213,7 @@ class Service:
 
     async def prepare(self, kind: str, body: bytes) -> JobRequest:
         """Check the body of a request for a job."""
-        if len(body) <= _IN_LOOP:
+        if len(body) <= _REQUEST_IN_LOOP:
             return prepare(kind=kind, body=body)
         return msgspec.convert(await self.read("prepare", kind=kind, body=body), JobRequest)
 

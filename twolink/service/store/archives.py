@@ -27,6 +27,13 @@ from twolink.service.settings import Quotas
 _KEPT = (".stl", ".dae", ".obj", ".mtl", ".png", ".jpg", ".jpeg", ".urdf")
 _CHUNK = 2**20
 METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of zips; others take memory by what the archive says
+GZIP_LEVEL = 5
+NPZ = "application/x-npz"
+_MAX_ARRAYS = 64
+_MAX_AXES = 16
+_HEADER = 10_000  # bytes a .npy header may take
+_END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
+_MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
 def unpack(archive: Path, folder: Path, quotas: Quotas) -> list[str]:
@@ -100,15 +107,6 @@ def upload_folders(files: Path, urdf: str) -> MeshFolders:
 
 def _refused(what: str, remedy: str) -> RobotError:
     return RobotError(what, where="upload", remedy=remedy)
-
-
-GZIP_LEVEL = 5
-NPZ = "application/x-npz"
-_MAX_ARRAYS = 64
-_MAX_AXES = 16
-_HEADER = 10_000  # bytes a .npy header may take
-_END, _ZIP64_LOCATOR = 22, 20  # bytes of the records at the end of a zip
-_MAX_DIRECTORY = 64 * 1024  # bytes of a zip's list of members
 
 
 def read_npz(file: BinaryIO, max_bytes: int) -> dict[str, np.ndarray]:

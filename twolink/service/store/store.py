@@ -21,17 +21,6 @@ import msgspec
 from twolink.service.problems import Refusal, problem_of
 from twolink.service.store.data_folder import RESULTS, ROBOTS, STAGING, VISUALS, open_folder, size_of, tidy, unusable
 
-
-class KeyedLocks:
-    """`async with locks(key)` lets one task at a time work on a key. A lock lives as long as somebody uses it."""
-
-    def __init__(self) -> None:
-        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
-
-    def __call__(self, key: str) -> asyncio.Lock:
-        return self._locks.setdefault(key, asyncio.Lock())
-
-
 P = ParamSpec("P")
 T = TypeVar("T")
 ENDED_JOBS = 5000  # that are remembered
@@ -41,6 +30,16 @@ RESUMED = ("sweep",)  # kinds of jobs that go on from their files when they are 
 _log = logging.getLogger("twolink.service")
 _LISTED_REQUEST = 16_384  # bytes: lists leave larger requests out
 _JOB_TEXTS = ("request", "progress", "problem", "result")  # JSON
+
+
+class KeyedLocks:
+    """`async with locks(key)` lets one task at a time work on a key. A lock lives as long as somebody uses it."""
+
+    def __init__(self) -> None:
+        self._locks: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
+
+    def __call__(self, key: str) -> asyncio.Lock:
+        return self._locks.setdefault(key, asyncio.Lock())
 
 
 class Job(msgspec.Struct, frozen=True):

@@ -20,6 +20,10 @@ from twolink.errors import QueryError
 from twolink.service.problems import Refusal, require_unique_keys
 from twolink.service.settings import Quotas
 
+_JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
+_numbers = functools.cache(Query.numbers)
+_SINGLE_STATE: set[tuple[int, ...]] = {()}
+
 
 def link_poses(robot: Robot, q: ArrayLike, frames: Sequence[str] | None = None) -> np.ndarray:
     """Poses (..., n, 7) in the world: position [m] and quaternion (x y z w), of frames by name, or of all links.
@@ -44,10 +48,6 @@ def _kinematics(robot: Robot, q: ArrayLike, frames: list[str] | None = None) -> 
 
 
 KINEMATICS = Query("kinematics", "link_poses", _kinematics, {"poses": (("frames", 7), "m, then 1")})
-
-
-_JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
-_SINGLE_STATE: set[tuple[int, ...]] = {()}
 
 
 def _derivatives(
@@ -82,9 +82,9 @@ def _decoder(query: Query) -> msgspec.json.Decoder[Any]:
     return msgspec.json.Decoder(body_of(query))
 
 
-def arguments_from_json(what: str, body: bytes) -> dict[str, Any]:
+def arguments_from_json(query: Query, body: bytes) -> dict[str, Any]:
     """The arguments in a JSON body, as arrays."""
-    decoded = _decoder(QUERIES[what]).decode(body)
+    decoded = _decoder(query).decode(body)
     arguments: dict[str, Any] = {}
     strings = 0
     for name in decoded.__struct_fields__:
@@ -111,9 +111,9 @@ def _array(name: str, value: Numbers) -> np.ndarray:
         raise QueryError(what, argument=name, remedy="give a state, or a list of states") from None
 
 
-def arguments_from_npz(what: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def arguments_from_npz(query: Query, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     """The arguments in arrays of their names; wrenches are named f_ext.FRAME."""
-    query, arguments = QUERIES[what], dict[str, Any]()
+    arguments: dict[str, Any] = {}
     for name, value in arrays.items():
         if name.startswith("f_ext.") and "f_ext" in query.options:
             arguments.setdefault("f_ext", {})[name.removeprefix("f_ext.")] = value
@@ -121,11 +121,11 @@ def arguments_from_npz(what: str, arrays: dict[str, np.ndarray]) -> dict[str, An
             arguments[name] = value
         else:
             remedy = f"it takes {', '.join(query.arguments)}"
-            raise QueryError(f"{what} takes no {name[:80]!r}", argument=name[:80], remedy=remedy)
+            raise QueryError(f"{query.name} takes no {name[:80]!r}", argument=name[:80], remedy=remedy)
     return arguments
 
 
-def count_of(robot: Robot, what: str, arguments: dict[str, Any]) -> tuple[int, int]:
+def count_of(robot: Robot, query: Query, arguments: dict[str, Any]) -> tuple[int, int]:
     """The number of states, and of the numbers in the answer; 0 where leading axes do not fit, as the query says."""
     if "q" not in arguments:
         raise Refusal(400, "q is missing", where="q", remedy=f"send the {robot.nq} numbers of a configuration")
@@ -141,7 +141,7 @@ def count_of(robot: Robot, what: str, arguments: dict[str, Any]) -> tuple[int, i
     except ValueError:
         return 0, 0
     frames = arguments.get("frames")
-    return count, count * QUERIES[what].numbers(robot.nv, robot.model.nframes if frames is None else len(frames))
+    return count, count * _numbers(query, robot.nv, robot.model.nframes if frames is None else len(frames))
 
 
 def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> None:
@@ -151,7 +151,7 @@ def require_size(count: int, numbers: int, quotas: Quotas, is_json: bool) -> Non
         raise Refusal(413, f"{count} states are too many at once", where="q", remedy="send smaller batches")
 
 
-def answer_query(robot: Robot, what: str, arguments: dict[str, Any]) -> dict[str, Any]:
+def answer_query(robot: Robot, query: Query, arguments: dict[str, Any]) -> dict[str, Any]:
     """The answer by the names of its results. Raises QueryError."""
-    options = {name: arguments.pop(name) for name in OPTIONS if name in arguments}
-    return QUERIES[what].answer(robot, arguments, **options)
+    options = {name: arguments.pop(name) for name in query.options if name in arguments}
+    return query.answer(robot, arguments, **options)

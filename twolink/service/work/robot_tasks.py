@@ -20,6 +20,7 @@ from twolink.service.settings import Quotas
 from twolink.service.store.archives import GZIP_LEVEL, choose_urdf, read_npz, save_npz, unpack, upload_folders
 from twolink.service.store.robots import RobotCache, write_robot
 from twolink.service.work.query_answers import (
+    QUERIES,
     answer_query,
     arguments_from_json,
     arguments_from_npz,
@@ -28,6 +29,10 @@ from twolink.service.work.query_answers import (
 )
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.viewer_data import Place, robot_data
+
+_OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
+_UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
+_robots = RobotCache(64)  # of this process
 
 
 def visuals_of(robot: Robot) -> bytes:
@@ -53,11 +58,6 @@ def _link(model: pin.Model, links: set[int], item: Any) -> Place:
         if frame < 0:
             return None, item.placement
     return model.frames[frame].name, model.frames[frame].placement.inverse() * item.placement
-
-
-_OPTIONS, _URDF, _FILES = "options.json", "robot.urdf", "files"  # in the folder of an uploaded robot
-_UPLOADED = re.compile(r"u-[0-9a-f]{20}")  # an uploaded robot's id
-_robots = RobotCache(64)  # of this process
 
 
 class RobotOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -150,14 +150,14 @@ def query(*, key: str, what: str, sent: str, reply: str, robots: str, quotas: Qu
 
     sent, reply: the media types of the body and of the answer. robots: the folder of uploaded robots.
     """
-    robot = robot_by_id(key, robots)
+    robot, asked = robot_by_id(key, robots), QUERIES[what]
     if sent == JSON:
-        arguments = arguments_from_json(what, exchange.read())
+        arguments = arguments_from_json(asked, exchange.read())
     else:
-        arguments = arguments_from_npz(what, read_npz(exchange, int(quotas.upload_mb * 2**20)))
-    count, numbers = count_of(robot, what, arguments)
+        arguments = arguments_from_npz(asked, read_npz(exchange, int(quotas.upload_mb * 2**20)))
+    count, numbers = count_of(robot, asked, arguments)
     require_size(count, numbers, quotas, reply == JSON)
-    result = answer_query(robot, what, arguments)
+    result = answer_query(robot, asked, arguments)
     exchange.seek(0)
     exchange.truncate()
     if reply == JSON:

@@ -43,6 +43,9 @@ from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
 _MAX_EFFECTS = 200
+SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
+_POSE_BYTES = 80  # of seven numbers as JSON
+_REPORT_EVERY = 0.1  # seconds
 
 
 def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
@@ -89,11 +92,6 @@ def _refuse_files(value: Any) -> None:
         value = list(value.values())
     for item in value if isinstance(value, list) else ():
         _refuse_files(item)
-
-
-SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
-_POSE_BYTES = 80  # of seven numbers as JSON
-_REPORT_EVERY = 0.1  # seconds
 
 
 def validate(*, body: bytes, robots: str) -> bytes:

@@ -24,6 +24,7 @@ from twolink.service.problems import Refusal
 SMALL = 16 * 1024  # bytes of a body or an answer that are not counted: the number of connections limits them
 _RETRY = 2.0  # seconds
 _NOBODY = ""  # the client of what the service does by itself
+NO_TASK = "no-task-under-way"
 
 
 class Shares:
@@ -168,9 +169,6 @@ class Turns:
                 queue.popleft().set_result(None)
                 return
         self._free += 1
-
-
-NO_TASK = "no-task-under-way"
 
 
 class _Record(msgspec.Struct):

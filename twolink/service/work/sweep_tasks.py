@@ -39,6 +39,10 @@ from twolink.sweeps import sweep as run_sweep
 from twolink.sweeps.outputs import OUTPUTS, STATUS
 from twolink.sweeps.results import column, column_names, run_dims
 
+STORE = "sweep.zarr"  # in the folder of the job
+_NUMBER_BYTES = 20  # of a number as JSON
+_VARIABLE_BYTES = 8  # of a number in the store, at most
+
 
 class _End:
     """An end of a pipe, with what asyncio asks of the sockets by which it wakes its loop."""
@@ -76,11 +80,6 @@ def use_pipes() -> None:
     """Have new event loops of this process use pipes in place of sockets, where there are pipes."""
     if sys.platform != "win32":
         asyncio.set_event_loop_policy(_Policy())
-
-
-STORE = "sweep.zarr"  # in the folder of the job
-_NUMBER_BYTES = 20  # of a number as JSON
-_VARIABLE_BYTES = 8  # of a number in the store, at most
 
 
 def pack_robot(*, body: bytes, robots: str) -> bytes:

@@ -30,6 +30,10 @@ from twolink.service.work.sharing import hold
 
 _SLICE = 2**19  # bytes copied at once: the event loop waits for a millisecond, for several where cores are busy
 _KEPT = 2**24  # bytes of the file that stay allocated from task to task
+_ATTEMPTS = 5
+# One thread that never ends: Linux ends workers (PR_SET_PDEATHSIG) with the thread that started them.
+_starter = ThreadPoolExecutor(1, "twolink-starter")
+_LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that time
 
 
 class Exchange:
@@ -75,10 +79,7 @@ class Exchange:
                 os.unlink(self.name)
 
 
-_ATTEMPTS = 5
-
 # One thread that never ends: Linux ends workers (PR_SET_PDEATHSIG) with the thread that started them.
-_starter = ThreadPoolExecutor(1, "twolink-starter")
 
 
 class WorkerProcess:
@@ -144,9 +145,6 @@ def _yield_to_service(pid: int, niceness: int) -> None:
             time.sleep(0.1)
         except OSError:
             return
-
-
-_LOOK = 0.1  # seconds between looks: a process may fill some 100 MB in that time
 
 
 @dataclass(eq=False)
