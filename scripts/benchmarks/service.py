@@ -56,7 +56,7 @@ def serve_bare() -> None:
     """Serve the bare application with the service's own options."""
     import uvicorn
 
-    from twolink.service.server import uvicorn_options
+    from twolink.service.http.server import uvicorn_options
     from twolink.service.settings import Settings
 
     config = uvicorn.Config(bare, port=0, **uvicorn_options(Settings(data="unused")))

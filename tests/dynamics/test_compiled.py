@@ -1,5 +1,6 @@
 """Compiled dynamics: the same answers as Pinocchio, certified before they are used, refused where they differ."""
 
+import inspect
 import os
 import subprocess
 import sys
@@ -14,8 +15,11 @@ import pytest
 import twolink as tl
 from tests.dynamics.states import close, states
 from twolink.algorithms import functions
+from twolink.algorithms.recursions import Axes
 from twolink.dynamics import compiled, kernels
 from twolink.dynamics.certificates import certify
+from twolink.dynamics.compiled import Compiled
+from twolink.dynamics.queries import ALGORITHMS
 from twolink.dynamics.threads import do_all
 from twolink.errors import CertificationError, MissingExtraError, QueryError
 from twolink.lagrange.pinocchio_arm import arm_urdf
@@ -55,11 +59,22 @@ def test_frames_equal_pinocchios(robot: tl.Robot) -> None:
     index, data = model.getFrameId(frame), model.createData()
     for i in range(5):
         pin.framesForwardKinematics(model, data, q[i])
-        close(fast.frame_position(frame, q)[i], np.array(data.oMf[index].translation))
-        close(fast.frame_rotation(frame, q)[i], np.array(data.oMf[index].rotation))
-        for axes, reference in (("frame", pin.LOCAL), ("world", pin.LOCAL_WORLD_ALIGNED)):
+        rotation, position = fast.frame_pose(q, frame)
+        close(position[i], np.array(data.oMf[index].translation))
+        close(rotation[i], np.array(data.oMf[index].rotation))
+        references: dict[Axes, object] = {"local": pin.LOCAL, "aligned": pin.LOCAL_WORLD_ALIGNED}
+        for axes, reference in references.items():
             expected = pin.computeFrameJacobian(model, data, q[i], index, reference)
-            close(fast.frame_jacobian(frame, q, axes)[i], expected)
+            close(fast.frame_jacobian(q, frame, axes)[i], expected)
+
+
+def test_signatures_are_those_of_the_robot() -> None:
+    for name, method in vars(Compiled).items():
+        if name in ALGORITHMS or f"{name}_local" in ALGORITHMS:
+            own, robots = inspect.signature(method).parameters, inspect.signature(getattr(tl.Robot, name)).parameters
+            expected = [name for name in robots if name not in ("engine", "method")]
+            assert list(own) == [*expected, "parameters"], name
+            assert all(own[key].default == robots[key].default for key in expected), name
 
 
 @pytest.mark.parametrize("name", ["two_link", "ur5", "kinova"])
@@ -187,7 +202,7 @@ def test_unknown_parameters_are_refused() -> None:
     with pytest.raises(QueryError, match="cannot be compiled"):
         functions.function(robot.model, "forward_dynamic")
     with pytest.raises(QueryError, match="did you mean 'tip'"):
-        robot.compiled().frame_position("tpi", [0, 0])
+        robot.compiled().frame_pose([0, 0], "tpi")
 
 
 BAD = {

@@ -1,5 +1,6 @@
 """Queries: identities of the equations of motion, second ways to a number, batches, wrenches, threads, errors."""
 
+import dataclasses
 import multiprocessing
 import threading
 from collections.abc import Callable
@@ -11,7 +12,7 @@ import pytest
 
 import twolink as tl
 from tests.dynamics.states import close, states
-from twolink.dynamics import pinocchio_queries
+from twolink.dynamics.queries import ALGORITHMS
 from twolink.errors import QueryError
 from twolink.robots.catalogue import our_urdfs
 
@@ -389,13 +390,13 @@ def test_pinocchios_threads_are_for_large_batches_and_change_no_bit(
     query: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """OpenMP's threads turn idly after each call: a loop of small batches would keep all cores busy for nothing."""
-    algorithm, used = pinocchio_queries._PARALLEL[query], list[int]()
+    algorithm, used = ALGORITHMS[query], list[int]()
 
     def parallel(threads: int, *arguments: object) -> None:
         used.append(threads)
-        algorithm(threads, *arguments)
+        algorithm.parallel(threads, *arguments)  # type: ignore[misc]
 
-    monkeypatch.setitem(pinocchio_queries._PARALLEL, query, parallel)
+    monkeypatch.setitem(ALGORITHMS, query, dataclasses.replace(algorithm, parallel=parallel))
     monkeypatch.setenv("TWOLINK_THREADS", "2")
     robot = tl.load_robot("two_link")
     q, v = robot.random_state(5_000)

@@ -4,7 +4,7 @@ import ctypes
 import functools
 from typing import Any
 
-from twolink.service import sweep_tasks, task_table
+from twolink.service.work import sweep_tasks, task_table
 from twolink.sweeps import engines
 from twolink.sweeps.runs import Task, compute
 

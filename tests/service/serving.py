@@ -52,7 +52,7 @@ class Served:
         for path in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError, IndexError):
                 parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-                if parent == self.process.pid and b"twolink.service.worker" in (path / "cmdline").read_bytes():
+                if parent == self.process.pid and b"twolink.service.work.worker" in (path / "cmdline").read_bytes():
                     processes.append(int(path.name))
         return processes
 

@@ -20,16 +20,15 @@ from uvicorn.server import ServerState
 from tests.service.serving import Served, serving, wait_until
 from tests.service.test_queries import packed
 from twolink.errors import TwolinkError
-from twolink.service.admission import HOLD, SMALL, Hold, Shares, client_of, hold
-from twolink.service.http_io import send_answer
-from twolink.service.job_requests import prepare
-from twolink.service.jobs import Jobs
-from twolink.service.metrics import Metrics
+from twolink.service.http.messages import send_answer
+from twolink.service.http.server import uvicorn_options
 from twolink.service.problems import Refusal
-from twolink.service.server import uvicorn_options
 from twolink.service.settings import Quotas, Settings, read_quotas
-from twolink.service.store import Store
-from twolink.service.turns import Turns
+from twolink.service.store.store import Store
+from twolink.service.work.job_requests import prepare
+from twolink.service.work.jobs import Jobs
+from twolink.service.work.metrics import Metrics
+from twolink.service.work.sharing import HOLD, SMALL, Hold, Shares, Turns, client_of, hold
 
 BIAS = "/v1/robots/two_link/bias"
 HEAD = f"POST {BIAS} HTTP/1.1\r\nHost: localhost\r\n".encode()

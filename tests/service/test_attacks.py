@@ -37,7 +37,7 @@ def test_connections_leave_files_for_the_service() -> None:
     code = """
 import resource
 resource.setrlimit(resource.RLIMIT_NOFILE, (300, 500))
-from twolink.service.server import uvicorn_options
+from twolink.service.http.server import uvicorn_options
 from twolink.service.settings import Settings
 print(uvicorn_options(Settings(data="."))["http"].args[0].connections.limit)
 """

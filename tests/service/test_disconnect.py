@@ -11,7 +11,7 @@ import pytest
 import uvicorn
 from uvicorn.server import ServerState
 
-from twolink.service.server import uvicorn_options
+from twolink.service.http.server import uvicorn_options
 from twolink.service.settings import Settings
 
 Send = Callable[[Any], Awaitable[None]]
@@ -20,7 +20,7 @@ QUERY = "/v1/robots/two_link/bias"
 
 @pytest.fixture
 def shell(tmp_path: Path) -> Iterator[Any]:
-    from twolink.service.app import build
+    from twolink.service.http.app import build
 
     shell = build(Settings(str(tmp_path)))
     with contextlib.closing(shell.service.store):
@@ -69,7 +69,7 @@ def test_what_a_client_asked_for_ends_when_it_goes(shell: Any, path: str, monkey
     async def nothing(_: Any) -> None:
         pass
 
-    monkeypatch.setattr("twolink.service.worker_pool.Workers.exchange", wait)
+    monkeypatch.setattr("twolink.service.work.worker_pool.Workers.exchange", wait)
     asyncio.run(asyncio.wait_for(work(), 30))
     assert ends == ["cancelled"]
 
@@ -88,7 +88,7 @@ def test_what_is_sent_to_a_connection_that_has_just_ended_is_dropped(tmp_path: P
             raise RuntimeError("unable to perform operation on <TCPTransport closed=True>; the handler is closed")
 
     async def work() -> None:
-        from twolink.service.app import build
+        from twolink.service.http.app import build
 
         config = uvicorn.Config(build, **uvicorn_options(Settings(str(tmp_path))))
         config.load()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twolink.io import fingerprints
-from twolink.service import job_requests
+from twolink.service.work import job_requests
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 from tests.service.hostile import _npy as npy
 from tests.service.urdfs import zipped
-from twolink.service.npz import read_npz, write_npz
 from twolink.service.problems import Refusal
+from twolink.service.store.archives import read_npz, write_npz
 
 HEAD = "{'descr': '<f8', 'fortran_order': False, 'shape': %s, }"
 

@@ -25,8 +25,8 @@ from tests.service.serving import serving, wait_until
 from tests.service.test_jobs import SLOW, SWING, ended
 from tests.service.test_store import add_done, opened
 from tests.service.urdfs import pendulum
-from twolink.service.keyed_locks import KeyedLocks
 from twolink.service.logs import AccessLog, Answered, configure
+from twolink.service.store.store import KeyedLocks
 
 BIAS = "/v1/robots/two_link/bias"
 REFUSED = {

@@ -32,7 +32,7 @@ def test_nothing_in_the_page_points_outside_or_stands_inline() -> None:
         assert not re.search(r"\sstyle=|\son\w+=\"|<style|javascript:", text), path.name
     html = (FOLDER / "index.html").read_text("utf-8")
     assert re.findall(r"<script[^>]*>(.*?)</script>", html, re.DOTALL) == [""]
-    ids = set(re.findall(r'\bid="([^"]+)"', html)) | {"expected", "in-frame", "in-wrench"}
+    ids = set(re.findall(r'\bid="([^"]+)"', html)) | {"expected", "in-wrench-frame", "in-wrench"}
     for path in FOLDER.glob("*.js"):
         assert set(re.findall(r'byId\("([^"]+)"\)', path.read_text("utf-8"))) <= ids, path.name
 

@@ -13,17 +13,17 @@ import pytest
 import twolink as tl
 from tests.service import poison_tasks
 from twolink.errors import TwolinkError
-from twolink.service.data_folder import PARTS
-from twolink.service.job_requests import prepare
-from twolink.service.jobs import Jobs
-from twolink.service.metrics import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings
-from twolink.service.store import Store
-from twolink.service.sweep_tasks import STORE, sweep_columns
-from twolink.service.sweep_threads import NO_TASK, SweepThreads
-from twolink.service.worker_memory import WorkerMemory
-from twolink.service.worker_pool import Workers
+from twolink.service.store.data_folder import PARTS
+from twolink.service.store.store import Store
+from twolink.service.work.job_requests import prepare
+from twolink.service.work.jobs import Jobs
+from twolink.service.work.metrics import Metrics
+from twolink.service.work.sharing import NO_TASK, SweepThreads
+from twolink.service.work.sweep_tasks import STORE, sweep_columns
+from twolink.service.work.worker_pool import Workers
+from twolink.service.work.worker_process import WorkerMemory
 from twolink.sweeps import engines, open_sweep, runs
 
 pytest.importorskip("zarr")

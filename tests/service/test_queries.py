@@ -18,8 +18,8 @@ import twolink as tl
 from tests.robots.test_bad_urdf import chain
 from tests.service.serving import Served
 from twolink.dynamics.engine import compiled_from
-from twolink.dynamics.named_queries import QUERIES, answer_query
-from twolink.service.queries import STATES_IN_LOOP
+from twolink.dynamics.queries import QUERIES, answer_query
+from twolink.service.http.components import STATES_IN_LOOP
 
 NPZ = {"Content-Type": "application/x-npz"}
 DYNAMICS = "/v1/robots/two_link/forward-dynamics"

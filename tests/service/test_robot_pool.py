@@ -11,10 +11,10 @@ import pytest
 
 import twolink as tl
 from tests.robots.test_bad_urdf import chain
+from twolink.service.http.components import RobotPool
 from twolink.service.problems import Refusal
-from twolink.service.robot_cache import RobotCache, memory_of
-from twolink.service.robot_pool import RobotPool
 from twolink.service.settings import Settings
+from twolink.service.store.robots import RobotCache, memory_of
 
 
 class IdsOnly:

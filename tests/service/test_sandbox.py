@@ -16,9 +16,9 @@ import pytest
 
 from tests.service import escape_tasks
 from twolink.errors import TwolinkError
-from twolink.service import sandbox
-from twolink.service.worker_memory import WorkerMemory
-from twolink.service.worker_pool import Workers
+from twolink.service.work import sandbox
+from twolink.service.work.worker_pool import Workers
+from twolink.service.work.worker_process import WorkerMemory
 
 CAN = sandbox.protection()
 FILES = ("read", "listing", "write", "link", "remove", "give_away", "memory_of_the_service")

@@ -14,8 +14,8 @@ import msgspec
 import pytest
 
 from tests.service.serving import TOP, Served
-from twolink.service.query_answers import QUERIES
-from twolink.service.sandbox import protection
+from twolink.service.work.query_answers import QUERIES
+from twolink.service.work.sandbox import protection
 
 
 def test_the_description_covers_what_there_is(http: httpx.Client) -> None:
@@ -69,12 +69,12 @@ def test_import_loads_no_web_library() -> None:
     assert not {"litestar", "uvicorn", "prometheus_client", "sqlite3"} & set(done.stdout.split())
 
 
-@pytest.mark.parametrize("part", ["app", "query_tasks", "task_table"])
+@pytest.mark.parametrize("part", ["http.app", "work.robot_tasks", "work.task_table"])
 def test_service_and_workers_start_without_what_few_tasks_need(part: str) -> None:
     """Each worker that is started imports its tasks first, and a client waits for it."""
     code = f"import sys, twolink.service.{part}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP, check=True)
-    assert "twolink.service.robot_tasks" in done.stdout.split()
+    assert "twolink.service.work.robot_tasks" in done.stdout.split()
     assert not {"trimesh", "networkx", "scipy.linalg", "scipy.optimize"} & set(done.stdout.split())
 
 

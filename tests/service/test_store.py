@@ -16,13 +16,13 @@ import msgspec
 import pytest
 
 from twolink.errors import TwolinkError
-from twolink.service.data_folder import DATABASE
-from twolink.service.job_requests import prepare
-from twolink.service.jobs import Jobs
-from twolink.service.metrics import Metrics
 from twolink.service.problems import problem_of
 from twolink.service.settings import Settings
-from twolink.service.store import Store
+from twolink.service.store.data_folder import DATABASE
+from twolink.service.store.store import Store
+from twolink.service.work.job_requests import prepare
+from twolink.service.work.jobs import Jobs
+from twolink.service.work.metrics import Metrics
 
 KEYS = [f"simulation-{k:020x}" for k in range(4)]
 ROBOT = "u-00000000000000000000"
@@ -157,7 +157,7 @@ def set_limit(store: Store, pages: int) -> None:
 def test_a_job_whose_end_finds_the_disk_full_is_stored_when_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("twolink.service.jobs._RETRY", 0.01)
+    monkeypatch.setattr("twolink.service.work.jobs._RETRY", 0.01)
     request = prepare(kind="simulation", body=b'{"scene": "arm-swing", "wait": 0.3}')
 
     async def work(store: Store) -> None:

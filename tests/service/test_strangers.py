@@ -15,8 +15,8 @@ import pytest
 from tests.service.urdfs import mesh, pendulum, stl, zipped
 from tests.show.pieces import DAE
 from tests.show.test_mesh_files import ENCODED, OBJ, SECRET, textured
-from twolink.service.worker_memory import WorkerMemory
-from twolink.service.worker_pool import Workers
+from twolink.service.work.worker_pool import Workers
+from twolink.service.work.worker_process import WorkerMemory
 
 
 def uploads(secret: Path) -> Iterator[tuple[str, str, bytes]]:

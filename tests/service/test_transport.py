@@ -13,12 +13,12 @@ import pytest
 
 import twolink as tl
 from tests.service.fake_server import JSON, PROBLEM, Request, fake, http, problem
-from twolink.dynamics.named_queries import QUERIES
+from twolink.dynamics.queries import QUERIES
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, TwolinkError
-from twolink.service import npz
 from twolink.service.client import Client
 from twolink.service.remote_robot import RemoteRobot
+from twolink.service.store.archives import NPZ, write_npz
 from twolink.service.transport import Transport
 
 ROBOT = tl.load_robot("two_link")
@@ -95,9 +95,9 @@ FOREIGN = {
     "list of numbers": http(200, [1, 2]),
     "texts": http(200, {"h": "x", "id": 3, "state": []}),
     "other media": http(200, [ABOUT], "text/plain"),
-    "no arrays": http(200, b"PK\5\6" + bytes(18), npz.MEDIA_TYPE),
-    "cut arrays": http(200, npz.write_npz({"h": np.zeros((1, 2))})[:-30], npz.MEDIA_TYPE),
-    "pickle": http(200, b"\x80\x04N.", npz.MEDIA_TYPE),
+    "no arrays": http(200, b"PK\5\6" + bytes(18), NPZ),
+    "cut arrays": http(200, write_npz({"h": np.zeros((1, 2))})[:-30], NPZ),
+    "pickle": http(200, b"\x80\x04N.", NPZ),
     "elsewhere": http(301, b"", "text/html", "Location: https://elsewhere/"),
     "proxy": http(502, b"<html>bad gateway", "text/html"),
     "other problem": http(404, {"message": "no"}),
@@ -263,7 +263,7 @@ def limited(most: int, counts: list[int]) -> Callable[[Request, socket.socket], 
 
     def answer(request: Request, _: socket.socket) -> bytes:
         what, sent = request.path.rpartition("/")[2], request.headers["content-type"]
-        arrays = dict(np.load(io.BytesIO(request.body))) if sent == npz.MEDIA_TYPE else json.loads(request.body)
+        arrays = dict(np.load(io.BytesIO(request.body))) if sent == NPZ else json.loads(request.body)
         frame = arrays.pop("frame", None)
         wrench = {name.removeprefix("f_ext."): arrays.pop(name) for name in list(arrays) if "." in name}
         values = [np.asarray(value) for value in arrays.values()]
@@ -276,7 +276,7 @@ def limited(most: int, counts: list[int]) -> Callable[[Request, socket.socket], 
             return http(200, {"R": pose[0].tolist(), "p": pose[1].tolist()})
         name = what.replace("-", "_")
         result = getattr(ROBOT, name)(*values, **({"f_ext": wrench} if wrench else {}))
-        return http(200, npz.write_npz({QUERIES[what].results[0]: result}), npz.MEDIA_TYPE)
+        return http(200, write_npz({next(iter(QUERIES[what].results)): result}), NPZ)
 
     return answer
 
@@ -326,7 +326,7 @@ def test_arguments_are_checked_as_those_of_a_local_robot() -> None:
             there.bias(*arguments)
         assert str(remote.value) == str(here.value)
     with pytest.raises(QueryError, match="f_ext"):
-        there.inverse_dynamics(Q, V, V, np.zeros(6))  # type: ignore[arg-type]
+        there.inverse_dynamics(Q, V, V, np.zeros(6))
     for wrong in (float("nan"), np.float64("inf"), object()):
         with pytest.raises(QueryError, match="cannot be sent"):
             tl.connect("h").simulate("arm-swing", accuracy=wrong)

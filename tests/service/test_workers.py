@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 
 from twolink.errors import RobotError, TwolinkError
-from twolink.service import worker_process
-from twolink.service.http_io import while_connected
+from twolink.service.http.messages import while_connected
 from twolink.service.problems import Refusal, problem_of
-from twolink.service.worker_memory import WorkerMemory
-from twolink.service.worker_pool import Workers
+from twolink.service.work import worker_process
+from twolink.service.work.worker_pool import Workers
+from twolink.service.work.worker_process import WorkerMemory
 
 
 def run(

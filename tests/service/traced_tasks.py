@@ -7,8 +7,8 @@ from typing import Any
 
 import twolink
 from twolink.robots.catalogue import our_urdfs
-from twolink.service.robot_tasks import RobotOptions, draw, receive
 from twolink.service.settings import Quotas
+from twolink.service.work.robot_tasks import RobotOptions, draw, receive
 
 _PLACES = (sys.prefix, sys.base_prefix, twolink.__path__[0], our_urdfs(), "/usr/lib", "/proc/self")
 _PROGRAM = [os.path.realpath(place) for place in _PLACES]

@@ -7,7 +7,7 @@ from typer import Option
 
 from twolink.cli.options import Json, SceneName, scene_from
 from twolink.cli.output import finish, require_writable, show, write
-from twolink.dynamics.named_queries import parse_numbers
+from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 
 

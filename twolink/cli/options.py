@@ -8,9 +8,9 @@ from typer import Argument, Option
 
 from twolink.cli.failures import Misuse
 from twolink.dynamics import Robot, load_robot
-from twolink.dynamics.named_queries import parse_numbers
 from twolink.effects.constants import Gravity as GravityEffect
 from twolink.integrate.methods import METHODS
+from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, bundled_scenes, load_scene
 

@@ -30,9 +30,9 @@ from twolink.cli.options import (
     scene_from,
 )
 from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_writable, show, write, write_by_ending
-from twolink.dynamics.named_queries import parse_numbers
 from twolink.integrate.methods import methods as method_table
 from twolink.io.atomic import write_atomic
+from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table

@@ -64,6 +64,6 @@ def serve(
     )
     if not is_loopback(host) and not settings.tokens:
         typer.echo(f"twolink: anybody who reaches {host} may use it; --token asks for one", err=True)
-    server = import_extra("twolink.service.server", "service")
+    server = import_extra("twolink.service.http.server", "service")
     data_note = f"(data in {settings.data}; Ctrl-C ends it)"
     server.run(settings, on_start=lambda url: typer.echo(f"twolink serves {url}  {data_note}"))

@@ -13,7 +13,7 @@ from typer import Argument, Option
 from twolink.cli.failures import Misuse
 from twolink.cli.options import Duration, Files, Json
 from twolink.cli.output import finish, require_writable, show, write
-from twolink.dynamics.named_queries import parse_numbers
+from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar
 

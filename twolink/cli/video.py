@@ -35,7 +35,7 @@ def video(
     twolink video run.npz run.mp4 --curves q.shoulder,q.elbow
     twolink video run.npz moment.png --at 2.5 --camera "0 -1 0.3"
     """
-    from twolink.dynamics.named_queries import parse_numbers
+    from twolink.io.text import parse_numbers
     from twolink.show.video import FORMATS
     from twolink.simulation.trajectory import Trajectory
 

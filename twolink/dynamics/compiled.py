@@ -12,23 +12,25 @@ from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import FrameForce, frame_pose, function
 from twolink.algorithms.mechanism import nominal
+from twolink.algorithms.recursions import Axes
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache, pinocchio_queries
 from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
 from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.wrench import AXES, FExt, read_wrenches
+from twolink.dynamics.wrench import FExt, read_wrenches
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Parameters = Mapping[str, ArrayLike] | None
+AXES = ("aligned", "local")
 _log = logging.getLogger("twolink")
 
 
 class Compiled:
-    """The queries of a Robot, compiled: the same names and results, for one state or a batch.
+    """The queries of a Robot, compiled: the same names, arguments and results, for one state or a batch.
 
     A function is compiled when it is first needed (or read from the disk cache) and certified. May be used from many
     threads at once.
@@ -99,22 +101,14 @@ class Compiled:
         both = self.answer("energy", {"q": q, "v": v}, parameters)
         return both[..., 0], both[..., 1]
 
-    def frame_position(self, frame: str, q: ArrayLike, parameters: Parameters = None) -> Array:
-        """The origin of a link's frame in the world, (..., 3), m."""
-        return self.answer(f"frame_pose:{frame}", {"q": q}, parameters)[..., 9:]
-
-    def frame_rotation(self, frame: str, q: ArrayLike, parameters: Parameters = None) -> Array:
-        """The rotation R of a link's frame, (..., 3, 3): x_world = R x_frame + p."""
+    def frame_pose(self, q: ArrayLike, frame: str, parameters: Parameters = None) -> tuple[Array, Array]:
+        """(R, p), (..., 3, 3) and (..., 3), m: x_world = R x_frame + p."""
         pose = self.answer(f"frame_pose:{frame}", {"q": q}, parameters)
-        return pose[..., :9].reshape(*pose.shape[:-1], 3, 3)
+        return pose[..., :9].reshape(*pose.shape[:-1], 3, 3), pose[..., 9:]
 
-    def frame_jacobian(self, frame: str, q: ArrayLike, axes: str = "frame", parameters: Parameters = None) -> Array:
-        """J (..., 6, nv) with J v = (velocity of the frame's origin, angular velocity).
-
-        axes: "frame", along the frame's own axes (Pinocchio's LOCAL), or "world" (LOCAL_WORLD_ALIGNED).
-        """
-        kind = "frame_jacobian_local" if one_of(AXES, axes, "axes") == "frame" else "frame_jacobian_aligned"
-        return self.answer(f"{kind}:{frame}", {"q": q}, parameters)
+    def frame_jacobian(self, q: ArrayLike, frame: str, axes: Axes = "aligned", parameters: Parameters = None) -> Array:
+        """J (..., 6, nv) with J v = (velocity of the frame's origin, angular velocity); see `Robot.frame_jacobian`."""
+        return self.answer(f"frame_jacobian_{one_of(AXES, axes, 'axes')}:{frame}", {"q": q}, parameters)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, parameters: Parameters = None
@@ -192,7 +186,7 @@ class Compiled:
         for wrench in read_wrenches(self.robot.model, f_ext):
             value = wrench.value
             if wrench.axes == "world":
-                turn = np.swapaxes(self.frame_rotation(wrench.frame, q), -1, -2)
+                turn = np.swapaxes(self.frame_pose(q, wrench.frame)[0], -1, -2)
                 parts = [(turn @ value[..., i : i + 3, None])[..., 0] for i in (0, 3)]
                 value = np.concatenate(parts, axis=-1)
             out[wrench.frame] = value

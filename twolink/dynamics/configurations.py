@@ -5,7 +5,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
-from twolink.dynamics.pinocchio_queries import Array
+from twolink.dynamics.queries import Array
 from twolink.errors import QueryError
 from twolink.robots.model import RobotModel
 

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import array, batch_shape, configuration, rows
 from twolink.dynamics.configurations import integrate, random_state
-from twolink.dynamics.pinocchio_queries import Array, query_of
+from twolink.dynamics.pinocchio_queries import query_of
+from twolink.dynamics.queries import Array
 from twolink.errors import QueryError
 from twolink.robots.model import RobotModel
 

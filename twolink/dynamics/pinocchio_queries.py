@@ -1,29 +1,27 @@
 """Dynamics queries answered by Pinocchio: one state at a time, or rows of states.
 
-Each query is a frozen record with Pinocchio's algorithm for one state. `answer` checks the arguments, broadcasts the
+Each query has Pinocchio's algorithm for one state (`Algorithm`). `answer` checks the arguments, broadcasts the
 batch, calls the algorithm for every row, and refuses a result that is not finite.
 """
 
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.algorithms.functions import Shape, frame_index
+from twolink.algorithms.functions import frame_index
 from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
+from twolink.dynamics.queries import ALGORITHMS, Algorithm, Array
 from twolink.dynamics.threads import is_forked_child, thread_count
 from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
 from twolink.errors import QueryError
 from twolink.robots.model import RobotModel
 from twolink.robots.physical_checks import mass_matrix_by_columns
-
-Array = np.ndarray[Any, np.dtype[np.float64]]
 
 PARALLEL_FROM = 64
 """States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves
@@ -37,46 +35,24 @@ Pinocchio is imported, lets them sleep instead."""
 _local = threading.local()
 
 
-@dataclass(frozen=True)
-class Query:
-    """A dynamics query as Pinocchio answers it for a robot.
-
-    arguments: their names, q first. shape: of the answer for one state.
-    one: the answer from (model, data, *arguments), and from the joint forces where the query takes wrenches.
-    parallel: Pinocchio's algorithm for columns of states, if there is one.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    shape: tuple[int, ...]
-    one: Callable[..., Array]
-    parallel: Callable[..., None] | None = None
-
-
-def signature(kind: str) -> tuple[tuple[str, ...], Shape]:
-    """The arguments of a query, and the shape of its answer for one state, "nv" standing for the robot's nv."""
-    return _QUERIES[kind][:2]
-
-
-def query_of(robot: RobotModel, name: str) -> Query:
-    """The query of this name; of a frame as in "frame_pose:tip".
+def query_of(robot: RobotModel, name: str) -> Algorithm:
+    """The algorithm of a query by name, of a frame as in "frame_pose:tip", with the robot's sizes.
 
     Raises QueryError for an unknown frame, or where Pinocchio has no algorithm for mimic joints.
     """
-    kind, _, frame = name.partition(":")
-    arguments, shape, one = _QUERIES[kind]
-    if kind.startswith("frame_"):
-        one = partial(one, frame_index(robot.model, frame))
-    if robot.has_mimic and kind in _NOT_WITH_MIMIC:
+    kind, colon, frame = name.partition(":")
+    algorithm = ALGORITHMS[kind]
+    one = partial(algorithm.one, frame_index(robot.model, frame)) if colon else algorithm.one
+    if robot.has_mimic and isinstance(algorithm.mimic, str):
         what = f"{kind.replace('_', ' ')} is not available for mimic joints"
-        raise QueryError(what, where="robot", remedy=_NOT_WITH_MIMIC[kind], code="mimic-joints")
-    if robot.has_mimic:
-        one = _WITH_MIMIC.get(kind, one)
-    return Query(name, arguments, tuple(robot.nv if n == "nv" else n for n in shape), one, _PARALLEL.get(kind))
+        raise QueryError(what, where="robot", remedy=algorithm.mimic, code="mimic-joints")
+    if robot.has_mimic and callable(algorithm.mimic):
+        one = algorithm.mimic
+    return replace(algorithm, one=one, shape=tuple(robot.nv if n == "nv" else n for n in algorithm.shape))
 
 
 def answer(
-    robot: RobotModel, query: Query, arguments: tuple[ArrayLike, ...], f_ext: FExt | None = None, method: str = ""
+    robot: RobotModel, query: Algorithm, arguments: tuple[ArrayLike, ...], f_ext: FExt | None = None, method: str = ""
 ) -> Array:
     """The answer (..., *shape) for checked and broadcast arguments.
 
@@ -95,10 +71,10 @@ def answer(
     return require_finite(result, batch, query.shape, robot.name).reshape(*batch, *query.shape)
 
 
-def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: list[Applied]) -> Array:
+def answer_rows(robot: RobotModel, query: Algorithm, states: list[Array], applied: list[Applied]) -> Array:
     """The answers (n, *shape) for C-ordered rows (n, nq), (n, nv), ... and wrenches with values (n, 6)."""
-    if not robot.is_whole and query.name in _JOINED and not applied:
-        return _answer_trees(robot, query, states)
+    if not robot.is_whole and query.join and not applied:
+        return query.join(_answers_of_trees(robot, query, states))
     count, model, data = len(states[0]), robot.model, robot.data
     if query.parallel and not applied and count >= PARALLEL_FROM:
         threads = 1 if count * model.nv < THREADS_FROM or is_forked_child() else thread_count()
@@ -114,13 +90,13 @@ def answer_rows(robot: RobotModel, query: Query, states: list[Array], applied: l
     return out
 
 
-def _answer_trees(robot: RobotModel, query: Query, states: list[Array]) -> Array:
-    """The answers (n, *shape) from those for the trees."""
+def _answers_of_trees(robot: RobotModel, query: Algorithm, states: list[Array]) -> list[Array]:
+    """The answers (n, *shape) for each tree."""
     parts, (q, *others) = [], states
     for tree, data in zip(robot.trees, robot.tree_data, strict=True):
         rows_of_tree = zip(q[:, tree.q], *(x[:, tree.v] for x in others), strict=True)
         parts.append(np.array([query.one(tree.model, data, *row) for row in rows_of_tree]))  # copies of Pinocchio's
-    return _JOINED[query.name](parts)
+    return parts
 
 
 def require_finite(result: Array, batch: tuple[int, ...], shape: tuple[int, ...], name: str) -> Array:
@@ -167,24 +143,24 @@ def _pool(model: pin.Model, threads: int) -> pin.ModelPool:
 # its data.
 
 
-def _energies(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+def energies(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
     return np.array([pin.computeKineticEnergy(model, data, q, v), pin.computePotentialEnergy(model, data, q)])
 
 
-def _centre_of_mass(model: pin.Model, data: pin.Data, q: Array) -> Array:
+def centre_of_mass(model: pin.Model, data: pin.Data, q: Array) -> Array:
     return np.array(pin.centerOfMass(model, data, q, False))
 
 
-def _momentum(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+def momentum(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
     return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
 
 
-def _forward_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array) -> Array:
+def forward_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array) -> Array:
     pin.computeABADerivatives(model, data, q, v, tau)
     return np.stack([data.ddq_dq, data.ddq_dv, _symmetric(data.Minv)])
 
 
-def _inverse_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, a: Array) -> Array:
+def inverse_derivatives(model: pin.Model, data: pin.Data, q: Array, v: Array, a: Array) -> Array:
     by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, v, a)
     return np.stack([by_q, by_v, _symmetric(by_a)])
 
@@ -194,61 +170,30 @@ def _symmetric(upper: Array) -> Array:
     return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
 
 
-def _frame_pose(index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
+def frame_pose(index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
     pin.forwardKinematics(model, data, q)
     pose = pin.updateFramePlacement(model, data, index)
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
-def _frame_velocity(
-    axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array, v: Array
-) -> Array:
+def by_axes(algorithm: Callable[..., Array]) -> dict[str, Callable[..., Array]]:
+    """An algorithm that takes Pinocchio's axes first, by the names of the axes."""
+    axes = {"local": pin.ReferenceFrame.LOCAL, "aligned": pin.ReferenceFrame.LOCAL_WORLD_ALIGNED}
+    return {name: partial(algorithm, each) for name, each in axes.items()}
+
+
+def frame_velocity(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
     pin.forwardKinematics(model, data, q, v)
     return np.array(pin.getFrameVelocity(model, data, index, axes).vector)
 
 
-def _frame_jacobian(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
+def frame_jacobian(axes: pin.ReferenceFrame, index: int, model: pin.Model, data: pin.Data, q: Array) -> Array:
     # Pinocchio returns a matrix of one column as (6,).
     return np.asarray(pin.computeFrameJacobian(model, data, q, index, axes)).reshape(6, model.nv)
 
 
-def _energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
+def energies_with_mimic(model: pin.Model, data: pin.Data, q: Array, v: Array) -> Array:
     """Kinetic and potential energy; Pinocchio 4.1 has none where joints mimic others."""
     kinetic = v @ mass_matrix_by_columns(model, data, q) @ v / 2
     mass = sum(body.mass for body in list(model.inertias)[1:])  # what is fixed to the world does not count
     return np.array([kinetic, -mass * (model.gravity.linear @ pin.centerOfMass(model, data, q, False))])
-
-
-_LOCAL, _ALIGNED = pin.ReferenceFrame.LOCAL, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-_FORWARD, _INVERSE = ("q", "v", "tau"), ("q", "v", "a")
-_MATRICES: Shape = (3, "nv", "nv")
-# Arguments, shape, algorithm; the algorithms of frames take the frame's number first.
-_QUERIES: dict[str, tuple[tuple[str, ...], Shape, Callable[..., Array]]] = {
-    "forward_dynamics": (_FORWARD, ("nv",), pin.aba),
-    "inverse_dynamics": (_INVERSE, ("nv",), pin.rnea),
-    "mass_matrix": (("q",), ("nv", "nv"), pin.crba),
-    "bias": (("q", "v"), ("nv",), pin.nonLinearEffects),
-    "coriolis": (("q", "v"), ("nv", "nv"), pin.computeCoriolisMatrix),
-    "gravity_torque": (("q",), ("nv",), pin.computeGeneralizedGravity),
-    "energy": (("q", "v"), (2,), _energies),
-    "centre_of_mass": (("q",), (3,), _centre_of_mass),
-    "momentum": (("q", "v"), (6,), _momentum),
-    "forward_dynamics_derivatives": (_FORWARD, _MATRICES, _forward_derivatives),
-    "inverse_dynamics_derivatives": (_INVERSE, _MATRICES, _inverse_derivatives),
-    "frame_pose": (("q",), (12,), _frame_pose),
-    "frame_velocity_local": (("q", "v"), (6,), partial(_frame_velocity, _LOCAL)),
-    "frame_velocity_aligned": (("q", "v"), (6,), partial(_frame_velocity, _ALIGNED)),
-    "frame_jacobian_local": (("q",), (6, "nv"), partial(_frame_jacobian, _LOCAL)),
-    "frame_jacobian_aligned": (("q",), (6, "nv"), partial(_frame_jacobian, _ALIGNED)),
-}
-_JOINED: dict[str, Callable[[list[Array]], Array]] = {  # queries of which the trees' answers make the whole's
-    "energy": partial(np.sum, axis=0),
-    **dict.fromkeys(("forward_dynamics", "inverse_dynamics", "bias", "gravity_torque"), np.hstack),
-}
-_PARALLEL = {"forward_dynamics": pin.abaInParallel, "inverse_dynamics": pin.rneaInParallel}
-_WITH_MIMIC: dict[str, Callable[..., Array]] = {"mass_matrix": mass_matrix_by_columns, "energy": _energies_with_mimic}
-_NOT_WITH_MIMIC = {  # and the remedy
-    "coriolis": "use bias - gravity_torque",
-    "forward_dynamics_derivatives": "load it with mimic=False",
-    "inverse_dynamics_derivatives": "load it with mimic=False",
-}

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
-from twolink.dynamics.pinocchio_queries import Array, Query
+from twolink.dynamics.queries import Algorithm, Array
 from twolink.robots.model import RobotModel
 
 JOINT_PARAMETERS = ("armature", "damping", "friction")
@@ -24,9 +24,9 @@ def regressor_values(model: pin.Model) -> Array:
     return np.concatenate([*bodies, np.array(model.armature)[dofs], np.zeros(2 * len(dofs))])
 
 
-def regressor_query(robot: RobotModel) -> Query:
+def regressor_query(robot: RobotModel) -> Algorithm:
     """Y (nv, p) as a query of the robot."""
-    return Query("regressor", ("q", "v", "a"), (robot.nv, len(regressor_names(robot.model))), _regressor)
+    return Algorithm(("q", "v", "a"), (robot.nv, len(regressor_names(robot.model))), _regressor)
 
 
 def _single(model: pin.Model) -> list[int]:

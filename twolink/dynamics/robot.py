@@ -3,6 +3,7 @@
 import os
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from math import isfinite, nan
 from typing import Any, Literal
 
@@ -10,14 +11,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.algorithms.functions import frame_names
+from twolink.algorithms.functions import Shape, frame_names
 from twolink.algorithms.recursions import Axes
 from twolink.dynamics import configurations, inverse_kinematics, pinocchio_queries
 from twolink.dynamics.arguments import UNIT_TOLERANCE, one_of
-from twolink.dynamics.compiled import Compiled
+from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.kernels import heyoka
-from twolink.dynamics.pinocchio_queries import Array, Query
+from twolink.dynamics.pinocchio_queries import by_axes
+from twolink.dynamics.queries import Algorithm, Array, query
 from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
 from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError
@@ -26,11 +28,18 @@ from twolink.robots.load import load_model
 from twolink.robots.load_options import Lock
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
+from twolink.robots.physical_checks import mass_matrix_by_columns
 
 Engine = Literal["auto", "pinocchio", "compiled"]
 _BY_PINOCCHIO = ("auto", "pinocchio")  # the engines that let Pinocchio answer a single state
-AXES = ("aligned", "local")
 _FLOAT = np.dtype(np.float64)
+_SQUARE: Shape = ("nv", "nv")
+_UNCOUPLED = "load it with mimic=False"
+
+
+def _derivatives(of: str, *by: str) -> dict[str, tuple[Shape, str]]:
+    """The results of a query for derivatives."""
+    return {f"d{of}_d{x}": (_SQUARE, f"of {of} by {x}") for x in by}
 
 
 class Robot(RobotModel):
@@ -66,7 +75,7 @@ class Robot(RobotModel):
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
         super().__init__(name, model, report, visuals)
         self._compiled: dict[tuple[str, ...], Compiled] = {}
-        self._queries: dict[str, Query] = {}
+        self._queries: dict[str, Algorithm] = {}
 
     def __repr__(self) -> str:
         facts = ", ".join(f"{name} {value}" for name, value in self._summary().items())
@@ -87,6 +96,7 @@ class Robot(RobotModel):
             "remarks": f"{remarks} (see .report)",
         }
 
+    @query({"a": (("nv",), "rad/s^2 or m/s^2")}, pin.aba, parallel=pin.abaInParallel, join=np.hstack)
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -137,6 +147,7 @@ class Robot(RobotModel):
         query = self._query("forward_dynamics")
         return pinocchio_queries.answer(self, query, (q, v, tau), f_ext, method)
 
+    @query({"tau": (("nv",), "N m or N")}, pin.rnea, parallel=pin.rneaInParallel, join=np.hstack)
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: FExt | None = None, engine: Engine = "auto"
     ) -> Array:
@@ -170,6 +181,7 @@ class Robot(RobotModel):
             return self.compiled().inverse_dynamics(q, v, a, f_ext)
         return pinocchio_queries.answer(self, self._query("inverse_dynamics"), (q, v, a), f_ext)
 
+    @query({"M": (_SQUARE, "kg m^2 or kg")}, pin.crba, mimic=mass_matrix_by_columns)
     def mass_matrix(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """The joint-space inertia matrix M(q), (..., nv, nv), symmetric.
 
@@ -180,10 +192,12 @@ class Robot(RobotModel):
         """
         return self._answer("mass_matrix", engine, q)
 
+    @query({"h": (("nv",), "N m or N")}, pin.nonLinearEffects, join=np.hstack)
     def bias(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> Array:
         """h(q, v) = C(q, v) v + g(q), (..., nv): the torques that keep all accelerations zero, N m or N."""
         return self._answer("bias", engine, q, v)
 
+    @query({"C": (_SQUARE, "N m s or N s/m")}, pin.computeCoriolisMatrix, mimic="use bias - gravity_torque")
     def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
         """A Coriolis matrix C(q, v), (..., nv, nv), with C v = h - g and dM/dt - 2 C skew-symmetric.
 
@@ -194,15 +208,23 @@ class Robot(RobotModel):
         """
         return self._answer("coriolis", "pinocchio", q, v)
 
+    @query({"g": (("nv",), "N m or N")}, pin.computeGeneralizedGravity, join=np.hstack)
     def gravity_torque(self, q: ArrayLike, engine: Engine = "auto") -> Array:
         """g(q), (..., nv): the torques that hold the robot at rest against gravity, N m or N."""
         return self._answer("gravity_torque", engine, q)
 
+    @query(
+        {"kinetic": ((), "J"), "potential": ((), "J")},
+        pinocchio_queries.energies,
+        join=partial(np.sum, axis=0),
+        mimic=pinocchio_queries.energies_with_mimic,
+    )
     def energy(self, q: ArrayLike, v: ArrayLike, engine: Engine = "auto") -> tuple[Array, Array]:
         """(kinetic v^T M v / 2, potential -sum m g . c), (...,) each, J. The potential is 0 at the world's origin."""
         both = self._answer("energy", engine, q, v)
         return both[..., 0], both[..., 1]
 
+    @query({"c": ((3,), "m")}, pinocchio_queries.centre_of_mass)
     def centre_of_mass(self, q: ArrayLike) -> Array:
         """The centre of mass c = sum m_i c_i / sum m_i of all bodies that can move, (..., 3), m, in the world.
 
@@ -210,6 +232,7 @@ class Robot(RobotModel):
         """
         return self._answer("centre_of_mass", "pinocchio", q)
 
+    @query({"momentum": ((6,), "kg m/s, then kg m^2/s")}, pinocchio_queries.momentum)
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """The robot's momentum (p, L), (..., 6), along the world's axes, L about the centre of mass c.
 
@@ -237,6 +260,7 @@ class Robot(RobotModel):
         """The frames by name: one at the origin of each link, also of links that are fixed to others."""
         return frame_names(self.model)
 
+    @query({"R": ((3, 3), "1"), "p": ((3,), "m")}, pinocchio_queries.frame_pose)
     def frame_pose(self, q: ArrayLike, frame: str, engine: Engine = "auto") -> tuple[Array, Array]:
         """Pose of a frame in the world: x_world = R x_frame + p.
 
@@ -264,6 +288,7 @@ class Robot(RobotModel):
         pose = self._answer(f"frame_pose:{frame}", engine, q)
         return pose[..., :9].reshape(*pose.shape[:-1], 3, 3), pose[..., 9:]
 
+    @query({"velocity": ((6,), "m/s, then rad/s")}, by_axes(pinocchio_queries.frame_velocity))
     def frame_velocity(self, q: ArrayLike, v: ArrayLike, frame: str, axes: Axes = "aligned") -> Array:
         """Velocity of a frame: of its origin [m/s], then its angular velocity [rad/s], (..., 6).
 
@@ -271,6 +296,7 @@ class Robot(RobotModel):
         """
         return self._answer(f"frame_velocity_{one_of(AXES, axes, 'axes')}:{frame}", "pinocchio", q, v)
 
+    @query({"J": ((6, "nv"), "of a velocity by v")}, by_axes(pinocchio_queries.frame_jacobian))
     def frame_jacobian(self, q: ArrayLike, frame: str, axes: Axes = "aligned", engine: Engine = "auto") -> Array:
         """The Jacobian J(q) of a frame, (..., 6, nv): J v is the frame's velocity, linear then angular.
 
@@ -335,6 +361,7 @@ class Robot(RobotModel):
         """
         return inverse_kinematics.configurations_of(self, frame, position, rotation, q0)
 
+    @query(_derivatives("a", "q", "v", "tau"), pinocchio_queries.forward_derivatives, mimic=_UNCOUPLED)
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, engine: Engine = "auto"
     ) -> tuple[Array, Array, Array]:
@@ -367,6 +394,7 @@ class Robot(RobotModel):
         matrices = self._answer("forward_dynamics_derivatives", engine, q, v, tau)
         return matrices[..., 0, :, :], matrices[..., 1, :, :], matrices[..., 2, :, :]
 
+    @query(_derivatives("tau", "q", "v", "a"), pinocchio_queries.inverse_derivatives, mimic=_UNCOUPLED)
     def inverse_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, engine: Engine = "auto"
     ) -> tuple[Array, Array, Array]:
@@ -465,7 +493,7 @@ class Robot(RobotModel):
             return self.compiled().answer(name, dict(zip(query.arguments, arguments, strict=True)))
         return pinocchio_queries.answer(self, query, arguments)
 
-    def _query(self, name: str) -> Query:
+    def _query(self, name: str) -> Algorithm:
         return self._queries.setdefault(name, pinocchio_queries.query_of(self, name))
 
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:

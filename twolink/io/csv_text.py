@@ -2,13 +2,12 @@
 
 import csv
 import io
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from twolink.errors import TwolinkError
-from twolink.io.text import parse_number
+from twolink.io.text import first_repeated, parse_number
 
 Columns = dict[str, np.ndarray]
 
@@ -66,8 +65,3 @@ def csv_rows(text: str, where: str, error: type[TwolinkError]) -> Iterator[tuple
         yield from ((reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells))
     except csv.Error as failure:
         raise error(f"not CSV: {failure}", where=where, remedy="save it as CSV again", code="csv") from None
-
-
-def first_repeated(names: Iterable[str]) -> str | None:
-    """The first name that stands twice, or None."""
-    return next((name for name, count in Counter(names).items() if count > 1), None)

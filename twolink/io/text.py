@@ -1,9 +1,13 @@
-"""Texts and the numbers in them: files read within a limit, floats read strictly, names in kebab case."""
+"""Texts and what is in them: files read within a limit, numbers and JSON read strictly, names in kebab case."""
 
+import json
 import re
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-from twolink.errors import TwolinkError
+from twolink.errors import QueryError, TwolinkError
 
 
 def read_bytes(path: Path, error: type[TwolinkError], limit: int = -1) -> bytes:
@@ -60,6 +64,40 @@ def parse_number(text: str) -> float:
     if "_" in text or not text.isascii():
         raise ValueError(f"{text!r} is not a number")
     return float(text)
+
+
+def parse_numbers(name: str, text: str) -> list[Any]:
+    """Numbers from "0.1 0.2", "0.1,0.2" or JSON "[0.1, 0.2]"."""
+    try:
+        if text.lstrip().startswith("["):
+            values = parse_json(text, name)
+            return values if isinstance(values, list) else [values]
+        return [parse_number(part) for part in re.split(r"[\s,;]+", text.strip()) if part]
+    except ValueError:
+        raise QueryError(f"{text!r} is not a list of numbers", argument=name, remedy='such as "0.1 0.2"') from None
+
+
+def parse_json(text: str, argument: str, remedy: str = "check that place") -> Any:
+    """JSON as Python data; all numbers are floats. Raises QueryError for what is not JSON, or repeats a key."""
+
+    def unrepeated(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        repeated = first_repeated(key for key, _ in pairs)
+        if repeated is not None:
+            raise QueryError(f"{repeated!r} is there twice", argument=argument, remedy="keep one")
+        return dict(pairs)
+
+    try:
+        # As a float, an integer of any length is a number or infinite: Python's own refuses long ones.
+        return json.loads(text, parse_int=float, object_pairs_hook=unrepeated)
+    except json.JSONDecodeError as error:
+        raise QueryError(f"not JSON: {error}", argument=argument, remedy=remedy) from None
+    except RecursionError:
+        raise QueryError("not our JSON: it is nested too deep", argument=argument, remedy=remedy) from None
+
+
+def first_repeated(names: Iterable[str]) -> str | None:
+    """The first name that stands twice, or None."""
+    return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
 def split_path(message: str) -> tuple[str, str]:

@@ -17,9 +17,9 @@ import numpy as np
 
 from twolink.errors import QueryError, TwolinkError, require_extra
 from twolink.scenes import Scene, load_scene
-from twolink.service.problems import Problem, error_from
+from twolink.service.problems import JSON, Problem, error_from
 from twolink.service.remote_robot import RemoteRobot
-from twolink.service.transport import JSON, Transport
+from twolink.service.transport import Transport
 from twolink.simulation.trajectory import Trajectory
 
 T = TypeVar("T")

@@ -2,22 +2,32 @@
 
 import contextlib
 import functools
+import itertools
 import logging
 import os
+import re
+import secrets
 import threading
 import time
 from collections import deque
+from contextvars import ContextVar
 from typing import Literal
 
 import msgspec
 
-from twolink.service.request_id import REQUEST_ID
-
+REQUEST_ID: ContextVar[str] = ContextVar("REQUEST_ID", default="")
+_SANE = re.compile(rb"[A-Za-z0-9._-]{1,64}")
+_START, _COUNT = secrets.token_hex(4), itertools.count(1)
 LogForm = Literal["text", "json", "off"]
 _LONGEST_PATH = 300
 _DELAY = 0.2  # seconds in which lines are gathered, so that writing costs little
 _MOST_LINES = 50_000
 _LAST_WORDS = 2.0  # seconds to write what waits at the end
+
+
+def request_id(sent: bytes) -> str:
+    """The id that a proxy has sent, if it is a plain one, or else a new one."""
+    return sent.decode() if _SANE.fullmatch(sent) else f"{_START}-{next(_COUNT):x}"
 
 
 class Answered(msgspec.Struct):

@@ -1,11 +1,15 @@
-"""Failures as HTTP answers, and back: problem+json (RFC 9457) with code, argument and data of the TwolinkError."""
+"""Failures as HTTP answers, and back: problem+json (RFC 9457) with code, argument and data of the TwolinkError.
+
+JSON objects that name a key twice are refused: of two values, decoders take the last one without a word.
+"""
 
 import errno
+import json
 import logging
 import sqlite3
 from collections.abc import Mapping
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -13,8 +17,9 @@ import numpy as np
 from twolink import errors
 from twolink.errors import TwolinkError
 from twolink.io.text import split_path
-from twolink.service.request_id import REQUEST_ID
+from twolink.service.logs import REQUEST_ID
 
+JSON = "application/json"
 MEDIA_TYPE = "application/problem+json"
 _log = logging.getLogger("twolink.service")
 _TYPES = {
@@ -28,6 +33,7 @@ _STATUS = {errors.CertificationError: 500, errors.MissingExtraError: 501}  # all
 _STORAGE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 _LONGEST = 2000  # letters
 _SEE_DOCS = "see the API's description: /docs"
+T = TypeVar("T")
 
 
 class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -141,3 +147,30 @@ def error_from(problem: Problem) -> TwolinkError:
     if kind is not None:
         return kind(problem.detail, **parts)
     return Refusal(problem.status, problem.detail, retry_after=problem.retry_after, **parts)
+
+
+def decode_unique(body: bytes, kind: type[T]) -> T:
+    """Decode JSON. Raises msgspec.MsgspecError, whose message has the place, and Refusal where a key comes twice."""
+    decoded = msgspec.json.decode(body, type=kind)
+    require_unique_keys(body)
+    return decoded
+
+
+def require_unique_keys(body: bytes, strings: int | None = None) -> None:
+    """Raise Refusal (400) if an object in the JSON names a key twice.
+
+    A repeated key is lost in decoding, and the quotes around it with it, so that counting quotes is enough. strings:
+    how many strings, keys included, were decoded from the body, if that is known.
+    """
+    if strings is not None and body.count(b'"') == 2 * strings:
+        return
+    if b"\\u0022" in body or body.count(b'"') != msgspec.json.encode(msgspec.json.decode(body)).count(b'"'):
+        json.loads(body, object_pairs_hook=_unique)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> None:
+    seen = set()
+    for name, _ in pairs:
+        if name in seen:
+            raise Refusal(400, f"the key {name[:80]!r} is given twice", where="body", remedy="give it once")
+        seen.add(name)

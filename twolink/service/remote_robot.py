@@ -3,7 +3,7 @@
 import io
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import quote
 
@@ -12,20 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import arguments as checked
-from twolink.dynamics.named_queries import QUERIES
+from twolink.dynamics.queries import QUERIES, Query
 from twolink.errors import QueryError
-from twolink.service import npz
-from twolink.service.problems import Refusal
-from twolink.service.transport import JSON, Transport
+from twolink.service.problems import JSON, Refusal
+from twolink.service.store.archives import NPZ, write_npz
+from twolink.service.transport import Transport
+from twolink.service.work.query_answers import KINEMATICS
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
-Wrenches = Mapping[str, ArrayLike]
 _PART = 16 * 2**20  # bytes of a request or an answer: what the service takes from several clients at once
 _JSON_NUMBER = 25  # bytes of a number as text
 _NOT_AN_ANSWER = (  # what reading another one raises
     LookupError, ValueError, TypeError, AttributeError, OSError, EOFError, zipfile.BadZipFile, msgspec.MsgspecError,
 )  # fmt: skip
-_POSE = 7  # numbers of a link's pose
 
 
 class _Joint(msgspec.Struct):
@@ -47,7 +46,7 @@ class _Description(msgspec.Struct):
 
 
 class RemoteRobot:
-    """A robot of a service, with the queries of Robot: the same arguments, shapes, units and errors.
+    """A robot of a service, with the queries of Robot that are declared: the same arguments, shapes, units and errors.
 
     Single states go as JSON, batches as arrays. A batch that is larger than the service takes at once goes in parts.
 
@@ -79,136 +78,95 @@ class RemoteRobot:
         """The neutral configuration (nq,)."""
         return np.array(self._neutral)
 
-    def forward_dynamics(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, f_ext: Wrenches | None = None, method: str = "aba"
-    ) -> Array:
-        """Accelerations a (..., nv), M(q) a + h(q, v) = tau. f_ext: wrenches (..., 6) by frame, along its axes."""
-        texts = {} if method == "aba" else {"method": method}
-        return self._ask("forward-dynamics", f_ext, texts, q=q, v=v, tau=tau)[0]
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """A query of Robot."""
+        query = QUERIES.get(name.replace("_", "-"))
+        if query is None or query.method != name:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}", name=name, obj=self)
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, f_ext: Wrenches | None = None) -> Array:
-        """Torques (..., nv)."""
-        return self._ask("inverse-dynamics", f_ext, q=q, v=v, a=a)[0]
+        def ask(*arguments: Any, **options: Any) -> Any:
+            answers = self._ask(query, query.signature.bind(*arguments, **options).arguments)
+            return answers if len(query.results) > 1 else answers[0]
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
-        """The joint-space inertia matrix M (..., nv, nv)."""
-        return self._ask("mass-matrix", q=q)[0]
+        ask.__name__, ask.__doc__ = name, query.function.__doc__
+        ask.__signature__ = query.signature  # type: ignore[attr-defined]
+        return ask
 
-    def bias(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """The torques h(q, v) (..., nv) that keep all accelerations zero."""
-        return self._ask("bias", q=q, v=v)[0]
-
-    def coriolis(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """A Coriolis matrix C (..., nv, nv)."""
-        return self._ask("coriolis", q=q, v=v)[0]
-
-    def gravity_torque(self, q: ArrayLike) -> Array:
-        """The torques g (..., nv) that hold the robot at rest against gravity."""
-        return self._ask("gravity-torque", q=q)[0]
-
-    def energy(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, ...]:
-        """(kinetic, potential) energy, (...,) each, J."""
-        return self._ask("energy", q=q, v=v)
-
-    def centre_of_mass(self, q: ArrayLike) -> Array:
-        """The centre of mass (..., 3), m, in the world."""
-        return self._ask("centre-of-mass", q=q)[0]
-
-    def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Linear momentum, then angular momentum about the centre of mass, (..., 6), along the world's axes."""
-        return self._ask("momentum", q=q, v=v)[0]
-
-    def frame_pose(self, q: ArrayLike, frame: str) -> tuple[Array, ...]:
-        """Rotation R (..., 3, 3) and origin p (..., 3) of a frame: x_world = R x_frame + p."""
-        return self._ask("frame-pose", None, {"frame": frame}, q=q)
-
-    def frame_velocity(self, q: ArrayLike, v: ArrayLike, frame: str, axes: str = "aligned") -> Array:
-        """Velocity (..., 6) of a frame: linear, then angular, along the axes of the world or ("local") its own."""
-        return self._ask("frame-velocity", None, {"frame": frame, "axes": axes}, q=q, v=v)[0]
-
-    def frame_jacobian(self, q: ArrayLike, frame: str, axes: str = "aligned") -> Array:
-        """The Jacobian J (..., 6, nv) of a frame: J v is its velocity."""
-        return self._ask("frame-jacobian", None, {"frame": frame, "axes": axes}, q=q)[0]
-
-    def forward_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, ...]:
-        """(da_dq, da_dv, da_dtau), (..., nv, nv) each, along tangent directions."""
-        return self._ask("forward-dynamics-derivatives", q=q, v=v, tau=tau)
-
-    def inverse_dynamics_derivatives(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> tuple[Array, ...]:
-        """(dtau_dq, dtau_dv, dtau_da), (..., nv, nv) each, along tangent directions."""
-        return self._ask("inverse-dynamics-derivatives", q=q, v=v, a=a)
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(query.method for query in QUERIES.values())]
 
     def link_poses(self, q: ArrayLike) -> dict[str, Array]:
         """Where the links are, by name: position [m] and quaternion (x y z w), (..., 7) each."""
-        poses = self._ask("kinematics", q=q)[0]
+        poses = self._ask(KINEMATICS, {"q": q})[0]
         return {name: poses[..., i, :] for i, name in enumerate(self._links)}
 
-    def _ask(
-        self, what: str, f_ext: Wrenches | None = None, texts: Mapping[str, str] | None = None, **arguments: ArrayLike
-    ) -> tuple[Array, ...]:
-        """The arrays that answer a query by name."""
-        sizes = {name: self.nq if name == "q" else self.nv for name in arguments}
-        arrays = {name: checked.array(name, value, sizes[name]) for name, value in arguments.items()}
+    def _ask(self, query: Query, given: Mapping[str, Any]) -> tuple[Array, ...]:
+        """The arrays that answer a query with these arguments and options."""
+        arrays = {
+            name: checked.array(name, value, self.nq if name == "q" else self.nv)
+            for name, value in given.items() if name in query.arguments
+        }  # fmt: skip
+        f_ext = given.get("f_ext")
         if f_ext is not None and not isinstance(f_ext, Mapping):
             what = f"expected wrenches by frame, got a {type(f_ext).__name__}"
             raise QueryError(what, argument="f_ext", remedy='such as {"tool0": [0, 0, 1, 0, 0, 0]}')
         arrays |= {f"f_ext.{frame}": checked.array(f"f_ext[{frame!r}]", w, 6) for frame, w in (f_ext or {}).items()}
+        defaults = query.signature.parameters
+        texts = {
+            name: given[name] for name in query.options
+            if name != "f_ext" and name in given and given[name] != defaults[name].default
+        }  # fmt: skip
         try:
             batch = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
         except ValueError:
             batch = ()  # they do not fit, which the service says
-        if math.prod(batch) <= self._largest(what, arrays, texts):
+        if math.prod(batch) <= self._largest(query, arrays, texts):
             try:
-                return self._send(what, arrays, texts, batch)
+                return self._send(query, arrays, texts, batch)
             except Refusal as refusal:
-                self._note_refusal(what, math.prod(batch), refusal)
-        return self._in_parts(what, arrays, texts, batch)
+                self._note_refusal(query, math.prod(batch), refusal)
+        return self._in_parts(query, arrays, texts, batch)
 
     def _in_parts(
-        self, what: str, arrays: dict[str, Array], texts: Mapping[str, str] | None, batch: tuple[int, ...]
+        self, query: Query, arrays: dict[str, Array], texts: Mapping[str, str], batch: tuple[int, ...]
     ) -> tuple[Array, ...]:
         """The answers to a batch in parts of about the same size: the service chooses its engine by the size."""
         count, done, parts = math.prod(batch), 0, []
         rows = {name: np.broadcast_to(a, (*batch, a.shape[-1])).reshape(count, -1) for name, a in arrays.items()}
         while done < count:
             left = count - done
-            size = math.ceil(left / math.ceil(left / self._largest(what, arrays, texts)))
+            size = math.ceil(left / math.ceil(left / self._largest(query, arrays, texts)))
             try:
                 parts.append(
-                    self._send(what, {name: a[done : done + size] for name, a in rows.items()}, texts, (size,))
+                    self._send(query, {name: a[done : done + size] for name, a in rows.items()}, texts, (size,))
                 )
                 done += size
             except Refusal as refusal:
-                self._note_refusal(what, size, refusal)
+                self._note_refusal(query, size, refusal)
         return tuple(np.concatenate(part).reshape(*batch, *part[0].shape[1:]) for part in zip(*parts, strict=True))
 
-    def _note_refusal(self, what: str, count: int, refusal: Refusal) -> None:
+    def _note_refusal(self, query: Query, count: int, refusal: Refusal) -> None:
         """Remember that `count` states are too many at once. Raises any other refusal."""
         if refusal.status != 413 or count < 2:
             raise refusal
-        self._most[what] = count // 2
+        self._most[query.name] = count // 2
 
-    def _largest(self, what: str, arrays: Mapping[str, Array], texts: Mapping[str, str] | None) -> int:
+    def _largest(self, query: Query, arrays: Mapping[str, Array], texts: Mapping[str, str]) -> int:
         """How many states to send at once."""
-        numbers = self._numbers(what)
+        numbers = query.numbers(self.nv, len(self._links))
         sent = sum(array.shape[-1] for array in arrays.values())
         by_size: int = _PART // (max(numbers, sent, 1) * (_JSON_NUMBER if texts else 8))
-        return max(1, min(by_size, self._most.get(what, by_size)))
-
-    def _numbers(self, what: str) -> int:
-        """How many numbers answer a query of one state."""
-        shape = (_POSE, len(self._links)) if what == "kinematics" else QUERIES[what].shape
-        return math.prod(self.nv if size == "nv" else size for size in shape)
+        return max(1, min(by_size, self._most.get(query.name, by_size)))
 
     def _send(
-        self, what: str, arrays: Mapping[str, Array], texts: Mapping[str, str] | None, batch: tuple[int, ...]
+        self, query: Query, arrays: Mapping[str, Array], texts: Mapping[str, str], batch: tuple[int, ...]
     ) -> tuple[Array, ...]:
         """The answer to one request. npz has no place for texts, so requests with texts are JSON."""
-        path = f"/v1/robots/{quote(self.id, safe='')}/{what}"
+        path = f"/v1/robots/{quote(self.id, safe='')}/{query.name}"
         if not texts and any(array.ndim > 1 for array in arrays.values()):
-            content, media = npz.write_npz(arrays), npz.MEDIA_TYPE
+            content, media = write_npz(arrays), NPZ
         else:
-            body: dict[str, Any] = {**(texts or {})}
+            body: dict[str, Any] = {**texts}
             for name, array in arrays.items():
                 head, _, frame = name.partition(".")
                 if frame:
@@ -220,10 +178,9 @@ class RemoteRobot:
         try:
             if kind != media:
                 raise ValueError(f"it is {kind}")
-            values = _arrays(answer) if media == npz.MEDIA_TYPE else msgspec.json.decode(answer)
-            names = ("poses",) if what == "kinematics" else QUERIES[what].results
-            found = tuple(np.asarray(values[name], float) for name in names)
-            numbers = math.prod(batch) * self._numbers(what)
+            values = _arrays(answer) if media == NPZ else msgspec.json.decode(answer)
+            found = tuple(np.asarray(values[name], float) for name in query.results)
+            numbers = math.prod(batch) * query.numbers(self.nv, len(self._links))
             if sum(value.size for value in found) != numbers or any(v.shape[: len(batch)] != batch for v in found):
                 raise ValueError(f"expected {numbers} numbers for a batch {batch}")
         except _NOT_AN_ANSWER as error:

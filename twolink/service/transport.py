@@ -19,7 +19,6 @@ from twolink.errors import TwolinkError
 from twolink.service import problems
 from twolink.service.problems import Problem, error_from
 
-JSON = "application/json"
 _BUSY = (429, 503)  # answers before anything was done: the request may be sent again
 _SHORTEST_WAIT = 0.1  # seconds
 _SMALL = 2**14  # bytes of a body that goes with the head

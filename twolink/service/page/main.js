@@ -365,7 +365,7 @@ async function learnQuantities() {
 
 async function begin() {
   try {
-    await Promise.all([robots.list(), editor.list()]);
+    await Promise.all([robots.list(), editor.list(), query.list()]);
     await restore();
   } catch (failure) {
     showProblem(byId("robot-problem"), failure);

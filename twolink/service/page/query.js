@@ -1,46 +1,13 @@
 // The query form: any query at one state, its answer, and the same call from other programs.
 
-import { hasToken, post } from "./api.js";
+import { get, hasToken, post } from "./api.js";
 import { byId, clearProblem, el, short, showProblem } from "./dom.js";
-
-// inputs: after q. python: the client's method, or null when it has none. about: shown to the user.
-const QUERIES = {
-  "forward-dynamics": {
-    inputs: ["v", "tau"],
-    wrench: true,
-    python: "forward_dynamics",
-    about: "Accelerations a of M(q) a + h(q, v) = tau.",
-  },
-  "inverse-dynamics": {
-    inputs: ["v", "a"],
-    wrench: true,
-    python: "inverse_dynamics",
-    about: "Torques tau = M(q) a + h(q, v).",
-  },
-  "mass-matrix": { inputs: [], python: "mass_matrix", about: "The joint-space inertia matrix M(q)." },
-  bias: { inputs: ["v"], python: "bias", about: "h(q, v): Coriolis, centrifugal and gravity torques." },
-  coriolis: {
-    inputs: ["v"],
-    python: "coriolis",
-    about: "A matrix C(q, v) with C v the Coriolis and centrifugal torques.",
-  },
-  "gravity-torque": { inputs: [], python: "gravity_torque", about: "The torques that hold the robot at rest against gravity." },
-  energy: { inputs: ["v"], python: "energy", about: "Kinetic and potential energy, J." },
-  kinematics: { inputs: [], python: "link_poses", about: "Where each link is: position in m, quaternion x y z w." },
-  derivatives: {
-    inputs: ["v", "tau"],
-    python: "forward_dynamics_derivatives",
-    about: "Derivatives of the accelerations with respect to q, v and tau.",
-  },
-};
 
 export class QueryForm {
   /** getQ(): the configuration that the sliders show. */
   constructor(getQ) {
     this.getQ = getQ;
-    const select = byId("query-name");
-    select.append(...Object.keys(QUERIES).map(name => el("option", { value: name }, name.replaceAll("-", " "))));
-    select.addEventListener("change", () => this.#fields());
+    byId("query-name").addEventListener("change", () => this.#fields());
     byId("query").addEventListener("submit", event => {
       event.preventDefault();
       this.#send();
@@ -55,6 +22,13 @@ export class QueryForm {
     }
   }
 
+  /** Learn the queries that there are. */
+  async list() {
+    const rows = (await get("/v1/queries")).filter(query => query.method);
+    this.queries = Object.fromEntries(rows.map(query => [query.name, query]));
+    byId("query-name").replaceChildren(...rows.map(({ name }) => el("option", { value: name }, name.replaceAll("-", " "))));
+  }
+
   set(robot) {
     this.robot = robot;
     clearProblem(byId("query-problem"));
@@ -64,10 +38,10 @@ export class QueryForm {
   }
 
   #fields() {
-    const { inputs, wrench, about } = QUERIES[this.name];
-    byId("query-about").textContent = about;
+    const { summary, options } = this.query;
+    byId("query-about").textContent = summary;
     const size = { q: this.robot.nq };
-    const fields = ["q", ...inputs].map(name => {
+    const fields = Object.keys(this.query.arguments).map(name => {
       const initial = this.values[name] ?? numbers(name === "q" ? this.getQ() : Array(this.robot.nv).fill(0));
       const input = el("input", {
         id: `in-${name}`,
@@ -86,10 +60,16 @@ export class QueryForm {
         input,
       );
     });
-    if (wrench) {
+    for (const [name, { about, choices }] of this.#chosen()) {
+      const offered = choices.map(choice => el("option", {}, choice));
+      const hint = el("span", { className: "hint" }, ` ${about}`);
+      const select = el("select", { id: `in-${name}` }, ...offered);
+      fields.push(el("label", { className: "field" }, el("span", {}, el("b", {}, name), hint), select));
+    }
+    if (options.f_ext) {
       const frames = el(
         "select",
-        { id: "in-frame" },
+        { id: "in-wrench-frame" },
         el("option", { value: "" }, "none"),
         ...this.robot.links.map(link => el("option", {}, link)),
       );
@@ -128,6 +108,17 @@ export class QueryForm {
     return byId("query-name").value;
   }
 
+  get query() {
+    return this.queries[this.name];
+  }
+
+  /** The options of which one of a few is chosen. */
+  #chosen() {
+    const options = Object.entries(this.query.options);
+    const rows = options.map(([name, each]) => [name, name === "frame" ? { ...each, choices: this.robot.links } : each]);
+    return rows.filter(([, { choices }]) => choices.length > 0);
+  }
+
   #write(name, values) {
     this.values[name] = numbers(values);
     byId(`in-${name}`).value = this.values[name];
@@ -151,9 +142,10 @@ export class QueryForm {
         });
       return values;
     };
-    for (const name of ["q", ...QUERIES[this.name].inputs]) body[name] = read(name, `in-${name}`);
-    if (QUERIES[this.name].wrench && byId("in-frame").value)
-      body.f_ext = { [byId("in-frame").value]: read("f_ext", "in-wrench") };
+    for (const name of Object.keys(this.query.arguments)) body[name] = read(name, `in-${name}`);
+    for (const [name] of this.#chosen()) body[name] = byId(`in-${name}`).value;
+    if (this.query.options.f_ext && byId("in-wrench-frame").value)
+      body.f_ext = { [byId("in-wrench-frame").value]: read("f_ext", "in-wrench") };
     return body;
   }
 
@@ -168,7 +160,6 @@ export class QueryForm {
     const token = hasToken() ? ` \\\n  -H "Authorization: Bearer $TWOLINK_TOKEN"` : "";
     byId("curl").textContent =
       `curl -s ${address} \\\n  -H 'Content-Type: application/json'${token} \\\n  -d '${JSON.stringify(body).replaceAll("'", "'\\''")}'`;
-    const { python } = QUERIES[this.name];
     const connect = hasToken()
       ? `tl.connect("${location.origin}", token=os.environ["TWOLINK_TOKEN"])`
       : `tl.connect("${location.origin}")`;
@@ -176,9 +167,7 @@ export class QueryForm {
     const inputs = Object.entries(body)
       .map(([name, value]) => `${name}=${JSON.stringify(value)}`)
       .join(", ");
-    byId("python").textContent = python
-      ? `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${python}(${inputs}))`
-      : `import httpx\n\nbody = ${JSON.stringify(body)}\nprint(httpx.post("${address}", json=body).json())`;
+    byId("python").textContent = `${head}robot = ${connect}.robot("${this.robot.id}")\nprint(robot.${this.query.method}(${inputs}))`;
   }
 
   async #send() {
@@ -188,7 +177,7 @@ export class QueryForm {
     byId("query-send").disabled = true;
     try {
       const answer = await post(`/v1/robots/${encodeURIComponent(this.robot.id)}/${this.name}`, this.#body());
-      byId("query-answer").replaceChildren(...show(answer));
+      byId("query-answer").replaceChildren(...show(answer, this.query.results));
     } catch (failure) {
       byId("query-answer").replaceChildren();
       const field = byId(failure.id ?? `in-${(failure.where ?? "").split("[")[0]}`);
@@ -220,7 +209,7 @@ async function copy(button, text) {
 }
 
 /** Numbers as tables: a vector in a row, a matrix in rows. */
-function show(answer) {
+function show(answer, results) {
   const heads = answer.frames;
   return Object.entries(answer)
     .filter(([name]) => name !== "frames")
@@ -229,7 +218,7 @@ function show(answer) {
       const table = el(
         "table",
         { className: "numbers" },
-        el("caption", {}, name),
+        el("caption", {}, results[name].unit ? `${name} [${results[name].unit}]` : name),
         el(
           "tbody",
           {},

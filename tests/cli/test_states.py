@@ -1,0 +1,87 @@
+"""States that come as text: what is read, what is refused and in which words."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from twolink.cli.queries import read_states
+from twolink.dynamics.queries import answer_query
+from twolink.errors import QueryError
+from twolink.io.text import parse_numbers
+
+
+@pytest.fixture(scope="module")
+def robot() -> tl.Robot:
+    return tl.load_robot("two_link")
+
+
+def ask(robot: tl.Robot, content: bytes, folder: Path) -> dict[str, np.ndarray]:
+    (folder / "states").write_bytes(content)
+    return answer_query(robot, "bias", read_states(robot, {}, folder / "states"))
+
+
+REFUSED = {
+    "nothing": (b"", "header"),
+    "words": (b"hello", "header"),
+    "header alone": (b"q0,q1\n\n", "at least one row"),
+    "array of numbers": (b"[1, 2]", "expected an object"),
+    "uneven": (b'[{"q": [0, 0]}, {"v": [0, 0]}]', r"state 1 has \['v'\]"),
+    "unknown key": (b'{"x": [0, 0]}', "takes no x"),
+    "broken JSON": (b'{"q": [0,', "not JSON"),
+    "deep JSON": (b'{"q": ' + b"[" * 100_000, "not .*JSON"),
+    "deep closed JSON": (b'{"q": ' + b"[" * 200_000 + b"]" * 200_000 + b"}", "nested too deep"),
+    "long integer": (b'{"q": [' + b"1" * 5000 + b", 0]}", "finite numbers, got inf"),
+    "long float": (b'{"q": [' + b"1" * 400 + b", 0]}", "finite numbers, got inf"),
+    "repeated key": (b'{"q": [0, 0], "q": [1, 1]}', "'q' is there twice"),
+    "missing column": (b"q0,v0,v1\n1,2,3", "column 'q1' is missing"),
+    "missing first column": (b"q1\n1", "column 'q0' is missing"),
+    "unknown column": (b"q0,q1,z\n1,2,3", "column 'z' is unknown"),
+    "repeated column": (b"q0,q1,q1\n1,2,3", "column 'q1' is there twice"),
+    "words in a cell": (b"q0,q1\n1,two", "line 2: not a row of numbers"),
+    "underscore": (b"q0,q1\n1_0,2", "line 2: not a row of numbers"),
+    "short row": (b"q0,q1\n1,2\n\n3", "line 4: it has 1 cells, the header has 2"),
+    "long row": (b"q0,q1\n1,2,3", "line 2: it has 3 cells"),
+    "nan": (b"q0,q1\n1,nan", "finite numbers, got nan"),
+    "long field": (b"q0,q1\n1," + b"1" * 200_000, "not CSV"),
+    "not text": (b"\xff\xfe\x00", "not UTF-8"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_malformed_states_are_refused(case: str, robot: tl.Robot, tmp_path: Path) -> None:
+    content, part = REFUSED[case]
+    with pytest.raises(QueryError, match=part) as failure:
+        ask(robot, content, tmp_path)
+    assert "\n" not in str(failure.value)
+    assert len(str(failure.value)) < 500
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"q0,q1,v0,v1\n\n1,2,3,4\n \n", b"\xef\xbb\xbfq0,q1,v0,v1\r\n1,2,3,4\r\n", b"v1,v0,q1,q0\n4,3,2,1\n",
+     b'\xef\xbb\xbf[{"q": [1, 2], "v": [3, 4]}]', b"t,q.elbow,q.shoulder,v.shoulder,v.elbow\n0,2,1,3,4"],
+)  # fmt: skip
+def test_blank_lines_byte_order_marks_and_order_do_not_matter(content: bytes, robot: tl.Robot, tmp_path: Path) -> None:
+    assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])])
+
+
+def test_keys_of_states_may_come_in_any_order(robot: tl.Robot, tmp_path: Path) -> None:
+    content = json.dumps([{"q": [1, 2], "v": [3, 4]}, {"v": [3, 4], "q": [1, 2]}]).encode()
+    assert np.array_equal(ask(robot, content, tmp_path)["h"], [robot.bias([1, 2], [3, 4])] * 2)
+
+
+def test_stdin_that_is_not_text_is_refused(robot: tl.Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\xff")))
+    with pytest.raises(QueryError, match="not UTF-8"):
+        read_states(robot, {}, Path("-"))
+
+
+@pytest.mark.parametrize("text", ["1_0 0", "one", "1 2x", "\u0661 0"])
+def test_malformed_numbers_are_refused(text: str) -> None:
+    with pytest.raises(QueryError, match="is not a list of numbers"):
+        parse_numbers("q", text)

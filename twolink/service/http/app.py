@@ -1,0 +1,225 @@
+"""The application: Litestar inside an ASGI application that checks access, counts, and answers the queries."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+from litestar import Litestar, Request, Response
+from litestar.di import Provide
+from litestar.openapi import OpenAPIConfig
+
+from twolink._version import __version__
+from twolink.dynamics.queries import Query
+from twolink.service.http import api_jobs, api_models, api_site
+from twolink.service.http.access import DENY_ALL, AccessControl, cors_headers
+from twolink.service.http.components import PREFIX, Service
+from twolink.service.http.messages import (
+    SECURITY,
+    Header,
+    body_limit,
+    compressed,
+    header,
+    media_type,
+    read_body,
+    send_answer,
+    send_body,
+    while_connected,
+)
+from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
+from twolink.service.problems import JSON, Refusal, answer_of
+from twolink.service.settings import Settings
+from twolink.service.work.query_answers import QUERIES
+from twolink.service.work.sharing import HOLD, Hold, Shares, client_of_scope, hold
+
+_PARTS = (api_models, api_jobs, api_site)
+_HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
+_QUERY_HEADERS = b"".join(b"%s: %s\r\n" % pair for pair in ((b"content-type", JSON.encode()), DENY_ALL, *SECURITY))
+_ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
+
+
+def build(settings: Settings) -> Shell:
+    """The ASGI application. Raises TwolinkError when the data folder cannot be used."""
+    service = Service(settings)
+    inner = Litestar(
+        _HANDLERS,
+        dependencies={"service": Provide(lambda: service, sync_to_thread=False)},
+        lifespan=[service.running],
+        exception_handlers={Exception: _refuse},
+        openapi_config=OpenAPIConfig(
+            "twolink", __version__, description=_ABOUT, use_handler_docstrings=True, path="/none", render_plugins=[]
+        ),
+        request_max_body_size=None,  # the shell limits it
+        logging_config=None,
+    )
+    return Shell(service, inner)
+
+
+def _refuse(_: Request[Any, Any, Any], error: Exception) -> Response[bytes]:
+    status, headers, body = answer_of(error)
+    texts = {name.decode(): value.decode() for name, value in headers}
+    return Response(body, status_code=status, media_type=texts.pop("content-type"), headers=texts)
+
+
+class Shell:
+    """The outer application: admission and access control, counters; queries go past Litestar, for speed."""
+
+    def __init__(self, service: Service, inner: Litestar) -> None:
+        self.service, self._log = service, AccessLog(service.settings.log)
+        self._quotas = service.settings.quotas
+        self._inner, self._queries, self._metrics = inner, service.queries, service.metrics
+        self._access = AccessControl(service.settings)
+        self._memory = Shares(self._quotas.memory_in_flight_mb * 2**20)
+        self._under_way = 0
+        service.metrics.gauge("twolink_requests_under_way", "Requests that are answered", lambda: self._under_way)
+        service.metrics.gauge("twolink_bytes_in_flight", "Bytes of bodies and answers", lambda: self._memory.held)
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] != "http":
+            await self._inner(scope, receive, send)
+            if scope["type"] == "lifespan":
+                self._log.close()
+            return
+        sent_id = request_id(header(scope, b"x-request-id"))
+        REQUEST_ID.set(sent_id)
+        client, start = scope["client"], time.perf_counter()
+        entry = Answered(time.time(), sent_id, client[0] if client else "", scope["method"], scope["raw_path"])
+
+        async def send_noted(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                entry.status = message["status"]
+                message["headers"] = [*message["headers"], (b"x-request-id", sent_id.encode())]
+            else:
+                entry.bytes += len(message.get("body", b""))
+            await send(message)
+
+        self._under_way += 1
+        mine = Hold(self._memory, client_of_scope(scope))
+        HOLD.set(mine)  # uvicorn answers each request in a task of its own
+        try:
+            asked = scope if scope["method"] != "HEAD" else {**scope, "method": "GET"}
+            await self._answer(asked, receive, send_noted)
+        except asyncio.CancelledError:  # the service ends, and does not wait for the answer any more
+            if entry.status or not self.service.ending:
+                raise
+            status, headers, body = answer_of(self.service.ending_refusal())
+            await send_answer(send_noted, status, [*headers, DENY_ALL], body)
+        finally:
+            mine.keep(0)
+            self._under_way -= 1
+            entry.seconds = time.perf_counter() - start
+            self._log.note(entry)
+
+    def answer_now(self, scope: Any, body: bytes) -> tuple[bytes, bytes] | None:
+        """Headers and body of the answer to a query of a few states, in half of the time that a task takes.
+
+        None: the request is to take its way through `__call__`, which also says what is wrong with it.
+        """
+        query, start = _query_of(scope), time.perf_counter()
+        if query is None:
+            return None
+        try:
+            answer = None if self._access.check(scope) else self._queries.answer_now(scope, body, *query)
+        except Exception:
+            return None
+        if answer is None:
+            return None
+        sent_id, seconds = request_id(header(scope, b"x-request-id")), time.perf_counter() - start
+        self._metrics.answered(query[1].name, 200, seconds)
+        self._log.note(
+            Answered(
+                time.time() - seconds, sent_id, scope["client"][0], "POST", scope["raw_path"], 200, len(answer), seconds
+            )
+        )
+        return b"%sx-request-id: %s\r\n" % (_QUERY_HEADERS, sent_id.encode()), answer
+
+    def refuse(self, refusal: Refusal, client: tuple[str, int] | None) -> tuple[int, list[Header], bytes]:
+        """The answer to what the protocol refuses before there is a request, noted like others."""
+        sent_id = request_id(b"")
+        outer = REQUEST_ID.set(sent_id)
+        status, headers, body = answer_of(refusal)
+        REQUEST_ID.reset(outer)  # the context is that of all connections
+        self._log.note(Answered(time.time(), sent_id, client[0] if client else "", "-", b"-", status, len(body)))
+        self._metrics.answered("refused", status, 0.0)
+        return status, [*headers, (b"x-request-id", sent_id.encode())], body
+
+    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+        start = time.perf_counter()
+        route, cors = "refused", []
+        try:
+            origin = self._access.check(scope)
+            cors = [] if origin is None else cors_headers(origin)
+            query = _query_of(scope)
+            if query is None:
+                await self._to_litestar(scope, receive, send, cors, start)
+                return
+            route = query[1].name
+            status, headers, body = await self._queries.answer(scope, receive, *query)
+        except Exception as error:
+            status, headers, body = answer_of(error)
+        hold().keep(len(body))
+        await send_answer(send, status, [*headers, *cors, DENY_ALL], body)
+        self._metrics.answered(route, status, time.perf_counter() - start)
+
+    async def _to_litestar(self, scope: Any, receive: Any, send: Any, cors: list[Header], start: float) -> None:
+        """Hand a request on with a body within limits, and add the security headers to the answer."""
+        if cors and scope["method"] == "OPTIONS":
+            await send_answer(send, 204, cors, b"")
+            return
+        body = b""
+        if scope["method"] in ("POST", "PUT", "PATCH"):
+            limit = body_limit(media_type(header(scope, b"content-type")), self._quotas)
+            body = await read_body(scope, receive, limit)
+        status = 500
+        start_message: Any = None  # kept until there is room for the body
+        complete = False
+
+        async def send_secured(message: Any) -> None:
+            nonlocal status, start_message, complete
+            if message["type"] == "http.response.start":
+                status, start_message = message["status"], message
+                return
+            body, more = message.get("body", b""), message.get("more_body", False)
+            if start_message is not None:
+                headers = list(start_message["headers"])
+                if not more:
+                    headers, body = await compressed(scope, headers, body)
+                hold().add(len(body))
+                has_policy = any(name == DENY_ALL[0] for name, _ in headers)
+                added = [*SECURITY, *cors, *([] if has_policy else [DENY_ALL])]
+                await send({**start_message, "headers": [*headers, *added]})
+                start_message = None
+            complete = not more
+            await send_body(send, body, more)
+
+        async def receive_end() -> Any:
+            message = await receive()
+            if complete:  # uvicorn says then, too, that the client has gone
+                await asyncio.Future()
+            return message
+
+        try:
+            await while_connected(receive_end, self._inner(scope, _replay(body, receive), send_secured))
+        finally:
+            self._metrics.answered(scope.get("path_template") or "unknown", status, time.perf_counter() - start)
+
+
+def _query_of(scope: Any) -> tuple[str, Query] | None:
+    """The robot's id and the query, if the request is one."""
+    path: str = scope["path"]
+    if not path.startswith(PREFIX) or scope["method"] != "POST":
+        return None
+    key, slash, name = path[len(PREFIX) :].partition("/")
+    query = QUERIES.get(name) if slash else None
+    return None if query is None else (key, query)
+
+
+def _replay(body: bytes, receive: Any) -> Any:
+    """A `receive` that has the body already, and then says when the client has gone."""
+    messages = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def next_message() -> Any:
+        return messages.pop() if messages else await receive()
+
+    return next_message

@@ -1,0 +1,148 @@
+"""What the handlers share of HTTP: reading a body within limits, sending an answer, media types."""
+
+import asyncio
+import gzip
+from collections.abc import Coroutine, Sequence
+from typing import Any, TypeVar
+
+from twolink.service.problems import Refusal
+from twolink.service.settings import Quotas
+from twolink.service.store.archives import GZIP_LEVEL, NPZ
+from twolink.service.work.sharing import hold
+
+T = TypeVar("T")
+Header = tuple[bytes, bytes]
+SECURITY: tuple[Header, ...] = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+XML = ("application/xml", "text/xml", "application/urdf+xml")
+ZIP = ("application/zip", "application/x-zip-compressed")
+OCTETS = "application/octet-stream"
+_LARGE = (*XML, *ZIP, OCTETS, NPZ)
+SLICE = 256 * 1024  # bytes of an answer that are handed on at once: the next when the client has read most of them
+_COMPRESSED = ("application/json", "text/html", "text/css", "text/javascript", "text/csv", "image/svg+xml")
+_WORTH_COMPRESSING = 2**11  # bytes
+_COMPRESS_BESIDE = 2**16  # bytes from which on another thread does it: a megabyte takes 20 ms
+_JOIN = 2**22  # bytes that are put together in the event loop, in some milliseconds
+UNSPECIFIED = ("", "application/x-www-form-urlencoded", "text/plain")  # what curl sends by default
+
+
+def header(scope: Any, name: bytes) -> bytes:
+    """A header of a request, b"" when it has none of that name."""
+    return headers_of(scope).get(name, b"")
+
+
+def headers_of(scope: Any) -> dict[bytes, bytes]:
+    """The headers of a request by name, the first one where a name comes again."""
+    by_name: dict[bytes, bytes] | None = scope.get("twolink.headers")
+    if by_name is None:
+        by_name = scope["twolink.headers"] = dict(reversed(scope["headers"]))
+    return by_name
+
+
+def media_type(value: bytes) -> str:
+    """A content type without its parameters."""
+    return value.partition(b";")[0].strip().lower().decode("latin-1")
+
+
+def body_limit(media: str, quotas: Quotas) -> float:
+    """How many bytes a body of this media type may have. Only the types that are stored or mapped may be large."""
+    return (quotas.body_mb if media in _LARGE else min(quotas.json_mb, quotas.body_mb)) * 2**20
+
+
+async def read_body(scope: Any, receive: Any, limit: float) -> bytes:
+    """The whole body. The protocol limits the time it takes.
+
+    Raises Refusal when it has more than `limit` bytes (413), or when there is no memory for it now (503).
+    """
+    stated = header(scope, b"content-length")
+    if stated and (not stated.isdigit() or len(stated) > 18 or int(stated) > limit):
+        raise too_large(limit)
+    reserve, parts, size, more = hold().add, [], 0, True
+    held = int(stated or 0)  # from the begin: what has been let in is not refused half way
+    reserve(2 * held)  # twice: in pieces and whole
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            raise Refusal(400, "the client has gone", where="body")
+        parts.append(message.get("body", b""))
+        size += len(parts[-1])
+        if size > limit:
+            raise too_large(limit)
+        if size > held:
+            reserve(2 * size)
+            held += size
+        more = message.get("more_body", False)
+    if size > _JOIN:
+        return await asyncio.to_thread(b"".join, parts)
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def too_large(limit: float) -> Refusal:
+    """The refusal of a body with more bytes than the limit."""
+    remedy = "send it in parts; JSON has a smaller limit than .npz, .zip and XML of their own media types"
+    return Refusal(413, f"the body is larger than {limit / 2**20:g} MB", where="body", remedy=remedy)
+
+
+async def while_connected(receive: Any, work: Coroutine[Any, Any, T]) -> T:
+    """The result of `work`, which is cancelled when the client goes."""
+    tasks = asyncio.create_task(work), asyncio.create_task(_disconnected(receive))
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        if not tasks[0].done():
+            raise Refusal(400, "the client has gone", where="request")
+        return tasks[0].result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _disconnected(receive: Any) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def compressed(scope: Any, headers: Sequence[Header], body: bytes) -> tuple[list[Header], bytes]:
+    """Headers and body of an answer, the body by gzip where the client takes that and it saves much."""
+    by_name = dict(headers)
+    media = media_type(by_name.get(b"content-type", b""))
+    if len(body) < _WORTH_COMPRESSING or media not in _COMPRESSED or b"content-encoding" in by_name:
+        return list(headers), body
+    kept = [pair for pair in headers if pair[0] != b"content-length"]
+    kept.append((b"vary", b"accept-encoding"))
+    if accepts_gzip(scope):
+        beside = len(body) >= _COMPRESS_BESIDE
+        body = await asyncio.to_thread(gzip.compress, body, GZIP_LEVEL) if beside else gzip.compress(body, GZIP_LEVEL)
+        kept.append((b"content-encoding", b"gzip"))
+    return [*kept, (b"content-length", b"%d" % len(body))], body
+
+
+def accepts_gzip(scope: Any) -> bool:
+    """Whether a client takes answers by gzip (RFC 9110, 12.5.3)."""
+    for choice in header(scope, b"accept-encoding").lower().split(b","):
+        name, _, weight = choice.partition(b";")
+        if name.strip() == b"gzip":
+            return weight.replace(b" ", b"") not in (b"q=0", b"q=0.0", b"q=0.00", b"q=0.000")
+    return False
+
+
+async def send_answer(send: Any, status: int, headers: Sequence[Header], body: bytes) -> None:
+    """Send an answer of one piece, with the security headers."""
+    length = (b"content-length", b"%d" % len(body))
+    await send({"type": "http.response.start", "status": status, "headers": [*headers, length, *SECURITY]})
+    await send_body(send, body)
+
+
+async def send_body(send: Any, body: bytes, more: bool = False) -> None:
+    """Send a body, or a piece of one, in slices, so that this ends only when the client has read nearly all of it."""
+    if len(body) <= SLICE:
+        await send({"type": "http.response.body", "body": body, "more_body": more})
+        return
+    view = memoryview(body)
+    for start in range(0, len(body) - SLICE, SLICE):
+        await send({"type": "http.response.body", "body": view[start : start + SLICE], "more_body": True})
+    last = (len(body) - 1) // SLICE * SLICE
+    await send({"type": "http.response.body", "body": view[last:], "more_body": more})

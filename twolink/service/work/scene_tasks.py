@@ -1,0 +1,235 @@
+"""Tasks of worker processes about scenes: check and explain them, simulate, study accuracy, and write results.
+
+A scene in a request has the schema of scene files, as JSON, with robots by id. Nothing is read from files.
+"""
+
+import dataclasses
+import functools
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twolink.accuracy import Study, accuracy_study
+from twolink.dynamics import Robot, load_robot
+from twolink.dynamics.robot_record import robot_record
+from twolink.errors import RobotError, SceneError, TwolinkError
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import Scene, load_scene
+from twolink.scenes.file_format import RobotEntry, SceneFile
+from twolink.scenes.from_data import scene_from_data
+from twolink.service.problems import Refusal, decode_unique
+from twolink.service.settings import Quotas
+from twolink.service.store.robots import read_robot, write_robot
+from twolink.service.work.job_requests import (
+    ExplainRequest,
+    SceneRequest,
+    SensitivityRequest,
+    SimulationRequest,
+    StudyRequest,
+    SweepRequest,
+)
+from twolink.service.work.query_answers import link_poses
+from twolink.service.work.robot_tasks import robot_by_id
+from twolink.service.work.worker import Report
+from twolink.show.meshcat_view import plane_direction
+from twolink.show.motion_samples import resample
+from twolink.show.viewer_data import contact_data
+from twolink.simulation.explanation import explain as explain_scene
+from twolink.simulation.records import run_record
+from twolink.simulation.scene_run import simulate as simulate_scene
+from twolink.simulation.trajectory import Trajectory
+
+_MAX_EFFECTS = 200
+SAMPLES, ROBOT, ROWS = "result.npz", "robot.pickle", "result.json"  # of simulations: samples, robot; of studies: all
+_POSE_BYTES = 80  # of seven numbers as JSON
+_REPORT_EVERY = 0.1  # seconds
+
+
+def scene_of(scene: str | SceneFile, robots: str, robot: bytes = b"") -> Scene:
+    """The scene: a bundled one by name, or one in full. robots: the folder of uploaded robots. robot: that of `packed`.
+
+    Raises SceneError and RobotError whose `where` is the path in the request.
+    """
+    if isinstance(scene, str):
+        if scene.endswith(".toml") or "/" in scene or "\\" in scene:
+            raise SceneError("paths are not read here", argument="scene", remedy="GET /v1/scenes lists the scenes")
+        return load_scene(scene)
+    try:
+        if len(scene.effects) > _MAX_EFFECTS:
+            what = f"{len(scene.effects)} effects, the limit is {_MAX_EFFECTS}"
+            raise SceneError(what, argument="effects", remedy="leave some out")
+        _refuse_files(scene.effects)
+        return scene_from_data(scene, (lambda _: read_robot(robot)) if robot else functools.partial(_robot, robots))
+    except TwolinkError as error:
+        where = f"scene.{error.where}" if error.where else "scene"
+        raise error.at(where, argument=error.argument or "scene") from None
+
+
+def packed(scene: str | SceneFile, robots: str) -> bytes:
+    """The robot of a scene, for processes that shall not read what was uploaded; empty for a bundled scene."""
+    return b"" if isinstance(scene, str) else write_robot(scene_of(scene, robots).base)
+
+
+def _robot(robots: str, entry: RobotEntry) -> Robot:
+    """A robot by id. Only those of the catalogue take options here: an uploaded one has its own."""
+    if entry.root == "fixed" and not entry.lock:
+        return robot_by_id(entry.source, robots)
+    if entry.source in catalogue_names():
+        return load_robot(entry.source, root=entry.root, lock=entry.lock)
+    what = "an uploaded robot's root and lock are set when it is uploaded"
+    raise RobotError(what, argument="robot", remedy="POST /v1/robots with other options gives another id")
+
+
+def _refuse_files(value: Any) -> None:
+    """Raise SceneError where a table of samples would be read from a file."""
+    if isinstance(value, dict):
+        if isinstance(value.get("file"), str):
+            what = f"files are not read here: {value['file'][:80]!r}"
+            raise SceneError(what, argument="effects", remedy="send times and values")
+        value = list(value.values())
+    for item in value if isinstance(value, list) else ():
+        _refuse_files(item)
+
+
+def validate(*, body: bytes, robots: str) -> bytes:
+    """A scene as it is understood, as JSON. body: a SceneRequest. robots: the folder of uploaded robots."""
+    scene = scene_of(decode_unique(body, SceneRequest).scene, robots)
+    content = {
+        "title": scene.title,
+        "robot": robot_record(scene.robot),
+        "duration": scene.duration,
+        "q": scene.q.tolist(),
+        "v": scene.v.tolist(),
+        "effects": scene.effects,
+    }
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
+    """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
+    request = decode_unique(body, ExplainRequest)
+    scene, duration = allowed_scene(request, 1.0, robots, quotas)
+    explanation = explain_scene(scene, request.accuracy, duration, method=request.method, contact=request.contact)
+    content = {**dataclasses.asdict(explanation), "text": str(explanation)}
+    return msgspec.json.encode(content, enc_hook=np.generic.item)
+
+
+def allowed_scene(
+    request: ExplainRequest | StudyRequest | SensitivityRequest | SweepRequest,
+    samples: float,
+    robots: str,
+    quotas: Quotas,
+    robot: bytes = b"",
+) -> tuple[Scene, float]:
+    """The scene and its duration [s]. robots, robot: see `scene_of`.
+
+    Raises SceneError for a run that is longer, or has more samples, than allowed.
+    """
+    scene = scene_of(request.scene, robots, robot)
+    seconds = request.duration or scene.duration
+    if seconds > quotas.duration:
+        what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"
+        raise SceneError(what, argument="duration", remedy="ask for less")
+    if seconds * samples > quotas.samples:
+        what = f"{seconds * samples:.3g} samples are too many, the limit is {quotas.samples}"
+        raise SceneError(what, argument="samples", remedy="ask for fewer a second, or a shorter duration")
+    return scene, seconds
+
+
+def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Simulate, write the samples and the robot into `folder`, and return the record of the run.
+
+    body: a SimulationRequest.
+    """
+    request = msgspec.json.decode(body, type=SimulationRequest)
+    scene, duration = allowed_scene(request, request.samples, robots, quotas)
+    run = simulate_scene(
+        scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
+        precision=request.precision, tolerance=request.tolerance, step=request.step, contact=request.contact,
+        progress=ProgressOf(duration, 2 if request.verify else 1, report),
+    )  # fmt: skip
+    path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
+    run.save(path)
+    if path.stat().st_size > largest:  # the samples matter more than what is drawn over them
+        dataclasses.replace(run, solution=None, recorded_contacts=None).save(path)
+    if path.stat().st_size > largest:
+        path.unlink()
+        what = f"the result takes more than {quotas.result_mb:g} MB"
+        raise SceneError(what, argument="samples", remedy="ask for fewer samples")
+    (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
+    return {"title": scene.title, **run_record(run)}
+
+
+class ProgressOf:
+    """Reports how far a run is: it is solved once, again for the error bar, and more often where that is needed."""
+
+    def __init__(self, duration: float, passes: int, report: Report) -> None:
+        self._duration, self._passes, self._report = duration, passes, report
+        self._done, self._t, self._fraction, self._reported = 0, 0.0, 0.0, 0.0
+
+    def __call__(self, t: float) -> None:
+        if t < self._t:
+            self._done += 1
+        self._t = t
+        part = (self._done + t / self._duration) / max(self._passes, self._done + 1)
+        self._fraction = min(0.99, max(self._fraction, part))
+        if time.monotonic() - self._reported > _REPORT_EVERY:
+            self._reported = time.monotonic()
+            self._report({"fraction": self._fraction, "t": t, "solution": self._done + 1})
+
+
+def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
+    """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
+    request = msgspec.json.decode(body, type=StudyRequest)
+    scene, duration = allowed_scene(request, request.samples, robots, quotas)
+
+    def progress(done: int, total: int, label: str) -> None:
+        report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})
+
+    result = accuracy_study(
+        scene, duration, methods=request.methods, tolerances=request.tolerances, repeats=request.repeats,
+        samples=request.samples, budget=request.budget, progress=progress,
+    )  # fmt: skip
+    result.save(Path(folder) / ROWS)
+    return result.to_dict()
+
+
+def export(*, path: str) -> None:
+    """Write a result in another format, beside it: a table, a figure or a playback by the ending of the path."""
+    target = Path(path)
+    rows = target.with_name(ROWS)
+    result = Study.load(rows) if rows.exists() else _run_in(target.parent)
+    if isinstance(result, Trajectory) and target.suffix == ".html":
+        result.playback(target)
+    else:
+        (result.plot if target.suffix in (".svg", ".png") else result.save)(target)
+
+
+def motion(*, folder: str, frames: int, quotas: Quotas) -> bytes:
+    """Where the links are at `frames` times at equal distances, as JSON."""
+    run = _run_in(Path(folder))
+    count = frames * len(run.robot.frame_names)
+    if count * _POSE_BYTES > quotas.answer_mb * 2**20:
+        what = f"{count} poses take more than {quotas.answer_mb:g} MB"
+        raise Refusal(413, what, where="query: frames", remedy="ask for fewer frames")
+    times = np.linspace(run.t[0], run.t[-1], frames)
+    q = run.robot.normalize(resample(run.robot.model, run.t, run.q, times))
+    poses = link_poses(run.robot, q)
+    content = {
+        "t": times.tolist(),
+        "links": run.robot.frame_names,
+        "poses": np.round(poses, 7).tolist(),
+        "centre_of_mass": np.round(run.robot.centre_of_mass(q), 7).tolist(),
+        "direction": plane_direction(poses),
+        "contacts": contact_data(run.t, run.contacts, times),
+        "forces": contact_data(run.t, run.forces_on_links, times),
+    }
+    return msgspec.json.encode(content)
+
+
+def _run_in(folder: Path) -> Trajectory:
+    """The run that `simulate` has written into a folder."""
+    return Trajectory.load(folder / SAMPLES, read_robot((folder / ROBOT).read_bytes()))
