@@ -60,3 +60,9 @@ def test_tables_are_printed_and_saved(
     lines = capsys.readouterr().out.splitlines()
     assert lines[:3] == ["robot   ns, one agrees to", "ur5        12.3     1e-09", "arm     refused"]
     assert (tmp_path / "rows.csv").read_text() == 'robot,"ns, one",agrees to\nur5,12.34,1e-09\narm,refused,\n'
+
+
+def test_the_hooks_before_a_commit_are_the_checks_of_the_test_script() -> None:
+    hooks = re.findall(r"entry: (.*)}", (TOP / ".pre-commit-config.yaml").read_text("utf-8"))
+    checks = re.findall(r"^\.venv/bin/(?!python)\S.*?(?= >| \|\||$)", (TOP / "scripts/test").read_text("utf-8"), re.M)
+    assert hooks == checks

@@ -43,7 +43,7 @@ export async function request(path, { method = "GET", body, headers = {}, signal
     const all = token ? { ...headers, Authorization: `Bearer ${token}` } : headers;
     let answer;
     try {
-      answer = await fetch(path, { method, body, headers: all, signal });
+      answer = await fetch(path, { method, headers: all, signal, ...(body !== undefined && { body }) });
     } catch (failure) {
       if (failure.name === "AbortError") throw failure;
       window.dispatchEvent(new Event("service-gone"));

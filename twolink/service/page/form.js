@@ -82,7 +82,7 @@ function variants(schema, names) {
 }
 
 function omit(object, name) {
-  const { [name]: left, ...rest } = object;
+  const { [name]: _omitted, ...rest } = object;
   return rest;
 }
 

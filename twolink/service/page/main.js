@@ -251,8 +251,8 @@ async function posedAll() {
 }
 
 byId("start-reset").addEventListener("click", async () => {
-  editor.q = { ...(editor.base.q ?? {}) };
-  editor.v = { ...(editor.base.v ?? {}) };
+  editor.q = { ...editor.base.q };
+  editor.v = { ...editor.base.v };
   editor.changed(false);
   viewer.timeline.unload();
   await showStart();

@@ -67,8 +67,8 @@ export class SceneEditor {
     Object.assign(this, { id, robot, base: content });
     const scene = { ...content, ...changes };
     this.about = { robot: scene.robot, title: scene.title ?? "" };
-    this.q = { ...(scene.q ?? {}) };
-    this.v = { ...(scene.v ?? {}) };
+    this.q = { ...scene.q };
+    this.v = { ...scene.v };
     const off = new Set(changes.off ?? []);
     this.effects = (scene.effects ?? []).map((effect, i) => ({ content: effect, on: !off.has(i) }));
     byId("duration").value = scene.duration ?? 10;

@@ -91,7 +91,7 @@ export class Stage {
     this.box = new this.THREE.Box3().setFromPoints(this.swept);
     const lowest = reachedBy(shown[0], false).map(parts => Math.min(...parts.flat().map(corner => corner.z)));
     const moves = Math.max(...lowest) - Math.min(...lowest) > 1e-6;
-    this.touches = shown.some(({ motion }) => motion.contacts.length || motion.events.some(e => /^impact/.test(e.text)));
+    this.touches = shown.some(({ motion }) => motion.contacts.length || motion.events.some(e => e.text.startsWith("impact")));
     this.#lay(moves && !this.touches ? 0.04 : 0.0005);
     this.#aim();
   }
