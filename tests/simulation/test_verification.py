@@ -219,6 +219,15 @@ def test_truncation_and_rounding_are_shown_apart(method: str) -> None:
     assert true.max() < fine.rounding.max() < 300 * true.max()
 
 
+def test_rounding_of_more_digits_is_apart_from_truncation() -> None:
+    """Disturbed solutions whose steps ended elsewhere than those of the run showed its truncation as rounding."""
+    equations, times = equations_of(double_pendulum(1)[0]), np.linspace(0.0, 5.0, 42)
+    one = Verification(equations, times, np.arange(42), 0.0)(MethodChoice(METHODS["taylor"], 1e-9, "", "extended"))
+    assert one.truncation is not None
+    assert one.rounding is not None
+    assert 0.0 < one.rounding.max() < 1e-3 * one.truncation.max()
+
+
 def test_more_digits_come_by_themselves() -> None:
     scene = tl.load_scene("arm-swing")
     run = tl.simulate(scene, 1.0, 1e-20)

@@ -35,19 +35,22 @@ class Perturbation:
         Names the sequence of random numbers of the disturbances.
     touch_margin : float
         A guard of a stop or a plane that comes as near to 0 as this counts as 0, m or rad.
+    restarts : bool
+        Of SciPy's methods: begin anew where solutions are disturbed.
     """
 
     finer: float = 1.0
     rounding: float = 0.0
     number: int = 0
     touch_margin: float = 0.0
+    restarts: bool = False
 
     def min_steps(self, method: Method) -> float:
         """The smallest number of steps in a run: a finer solution has as many more as by its tolerance."""
         return MIN_STEPS * (self.finer ** (1.0 / method.order) if method.adaptive else 1.0)
 
 
-NO_PERTURBATION = Perturbation()
+NO_PERTURBATION, RESTARTED = Perturbation(), Perturbation(restarts=True)
 
 
 def finer_solution(method: Method, touch_margin: float = 0.0) -> Perturbation:

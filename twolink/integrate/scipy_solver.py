@@ -42,8 +42,8 @@ def solve(
     Steps of an explicit method resolve what does not decay. Raises AccuracyError (codes
     "steps-collapsed", "not-finite", "too-many-steps").
     """
-    if perturbation.rounding and len(times) > 2:
-        return _disturbed(equations, method, times, tolerance, progress, perturbation)
+    if (perturbation.rounding or perturbation.restarts) and len(times) > 2:
+        return _in_parts(equations, method, times, tolerance, progress, perturbation)
     tolerance = max(tolerance / perturbation.finer, SMALLEST_TOLERANCE)
     kind = getattr(importlib.import_module("scipy.integrate"), method.solver)
     rate, x0 = single_rate(equations, trials=method.solver in EXPLICIT), equations.start[: equations.moving]
@@ -84,7 +84,7 @@ def _longest(equations: Equations, method: Method, x: Array, longest: float, fin
     return min(longest, float(E_FOLDS[method.solver] / rates[0] * finer ** (-1 / method.order)))
 
 
-def _disturbed(
+def _in_parts(
     equations: Equations,
     method: Method,
     times: Array,
@@ -92,8 +92,9 @@ def _disturbed(
     progress: Progress | None,
     perturbation: Perturbation,
 ) -> Solution:
-    """A solution that is disturbed now and then, as much as by the steps up to the next time."""
-    plain, x, steps, evaluations, each = replace(perturbation, rounding=0.0), equations.start.copy(), 0, 0, 1.0
+    """A solution that begins anew now and then, perhaps disturbed as much as by the steps up to the next time."""
+    plain = replace(perturbation, rounding=0.0, restarts=False)
+    x, steps, evaluations, each = equations.start.copy(), 0, 0, 1.0
     moving, stride = equations.moving, -(-(len(times) - 1) // DISTURBANCES)
     out = [x[:moving, None]]
     for i in range(0, len(times) - 1, stride):

@@ -127,7 +127,8 @@ def _propagate(
     out = np.empty((len(times), size), dtype=kind)
     out[0] = x0
     done, steps, taken, interrupted = 1, 0, 1, False
-    chunk = -(-len(times) // OFTEN) if perturbation.rounding else CHUNK
+    beside = perturbation != NO_PERTURBATION  # each look ends a step: those of all solutions beside a run end alike
+    chunk = -(-len(times) // OFTEN) if beside else CHUNK
     grid, longest = times.astype(kind), kind(max(SHORTEST, float(times[-1] - times[0]) / MIN_STEPS))
     try:
         while done < len(times):
@@ -144,7 +145,7 @@ def _propagate(
                 raise failure("too-many-steps", float(times[done - 1]), limit=MAX_STEPS)
             if progress is not None:
                 progress(float(times[done - 1]))
-            chunk = chunk if perturbation.rounding else min(chunk * 4, MAX_CHUNK)
+            chunk = chunk if beside else min(chunk * 4, MAX_CHUNK)
     except KeyboardInterrupt:
         interrupted = True
     double = out[:done].astype(float, copy=False).T

@@ -10,7 +10,13 @@ from twolink.errors import AccuracyError
 from twolink.integrate.beside import SELDOM, Beside
 from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
+from twolink.integrate.perturbation import (
+    NO_PERTURBATION,
+    RESTARTED,
+    Perturbation,
+    disturbed_solutions,
+    finer_solution,
+)
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import has_lanes, solve
 from twolink.integrate.state import Array, StateSpace
@@ -130,9 +136,13 @@ class Verification:
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run, then the others."""
-        run, begin = self.unverified(choice), time.perf_counter()
-        each, compiling = [], run.solution.compile_seconds
-        for perturbation in (finer, *disturbed_solutions(ALONE)):
+        run, begin, kind = self.unverified(choice), time.perf_counter(), choice.method.kind
+        each, compiling, undisturbed = [], run.solution.compile_seconds, run
+        # The steps of a disturbed solution may end elsewhere than those of the run. It is compared with one of its own
+        # steps: by Taylor's method the finer one, by SciPy's one that begins anew as often.
+        same_steps = {"taylor": finer, "scipy": RESTARTED}.get(kind)
+        more = (RESTARTED,) if kind == "scipy" else ()
+        for perturbation in (finer, *more, *disturbed_solutions(ALONE, finer.finer if kind == "taylor" else 1.0)):
             if run.solution.interrupted:
                 return run
             try:
@@ -145,7 +155,10 @@ class Verification:
             compiling += other.compile_seconds
             if other.interrupted:
                 return replace(run, solution=replace(run.solution, interrupted=True))
-            each.append(_distance(self._equations.space, run, other))
+            if perturbation is not RESTARTED:
+                each.append(_distance(self._equations.space, undisturbed, other))
+            if perturbation is same_steps:
+                undisturbed = replace(run, solution=other, looks=np.arange(len(other.t)))
             if len(each) == 2 and DISTURBED[1] * each[1].max() < ENOUGH * self._accuracy:
                 break
         spent = time.perf_counter() - begin - (compiling - run.solution.compile_seconds)
