@@ -21,6 +21,11 @@ ADDRESS = "http://127.0.0.1:8000"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(TOP)}
 
 
+@pytest.mark.parametrize(("name", "size"), [("README.md", 8192), ("CHANGELOG.md", 4096)])
+def test_it_is_short(name: str, size: int) -> None:
+    assert (TOP / name).stat().st_size <= size, f"{name}: what does not fit belongs in docs/"
+
+
 def test_there_is_something_to_run() -> None:
     assert len(COMMANDS) >= 8
     assert sum(kind == "python" for kind, _ in BLOCKS) >= 1

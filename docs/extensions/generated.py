@@ -141,7 +141,10 @@ def hard_cases(app: Any) -> str:
 
 def commands() -> str:
     """The commands, with their arguments and options."""
-    parts = [cell(str(command_line.info.epilog)), "Every command has `--help`; errors are one line on stderr."]
+    parts = [
+        cell(str(command_line.info.epilog)),
+        "Every command has `--help` and `-h`, most have `--json`; errors are one line on stderr.",
+    ]
     group = typer.main.get_command(command_line)
     for name, command in group.commands.items():  # type: ignore[attr-defined]
         rows = []

@@ -1,4 +1,4 @@
-"""The help of the command line: every command and option of README and of the design is there."""
+"""The help of the command line: every command and every option that README and docs use is there."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from twolink.cli.app import app
 COMMANDS = ["robots", "inspect", "query", "check", "scenes", "explain", "run", "accuracy", "methods", "paper", "play",
             "hard-cases", "throw", "serve", "identify", "fit", "new", "optimize", "sweep", "video",
             "linearize"]  # fmt: skip
-README = (TOP / "README.md").read_text()
+TEXTS = "\n".join(path.read_text("utf-8") for path in [TOP / "README.md", *(TOP / "docs").rglob("*.md")])
 
 
 def test_the_commands_are_these() -> None:
@@ -24,13 +24,13 @@ def test_the_commands_are_these() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_names_the_options_of_the_readme(command: str) -> None:
+def test_help_names_the_options_that_texts_use(command: str) -> None:
     long, short = (CliRunner().invoke(app, [command, option], prog_name="twolink") for option in ("--help", "-h"))
     assert (long.exit_code, long.stderr) == (0, "")
     assert short.stdout == long.stdout
     assert f"Usage: twolink {command}" in long.stdout
     assert not re.search(r"<list\[|range>", long.stdout.partition("Options:")[2])
-    for line in re.findall(rf"^twolink {command} ([^#\n]*)", README, re.MULTILINE):
+    for line in re.findall(rf"^twolink {command} ([^#\n]*)", TEXTS, re.MULTILINE):
         for option in re.findall(r"--[a-z-]+", line):
             assert f"{option} " in long.stdout, option
 

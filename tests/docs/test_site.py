@@ -24,12 +24,14 @@ PAGES = [page for page in DOCS.rglob("*.md") if page.parent.name not in ("genera
 NOT_RUN = {"console"}  # what installs or serves; everything else is run
 
 RUNNER = """
-import contextlib, os, re, sys, time
+import os, re, sys, time, warnings
 from pathlib import Path
 from IPython.core.interactiveshell import InteractiveShell
+from shell_cells import STARTUP
 
 shell = InteractiveShell.instance(colors="nocolor")
 folder = Path(sys.argv[1])
+warnings.simplefilter("error")
 done = set(re.sub(" +#.*", "", Path(sys.argv[2]).read_text("utf-8")).split("\\n"))  # run by tests/test_readme.py
 for path in sys.argv[3:]:
     began = time.perf_counter()
@@ -38,6 +40,7 @@ for path in sys.argv[3:]:
     place.mkdir()
     os.chdir(place)
     shell.reset()
+    shell.run_cell(STARTUP, store_history=False)
     for cell in re.findall(r"^```{code-cell}.*?\\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
         code = re.sub(r"\\A(:\\w.*\\n)+", "", cell)
         if code.startswith("%%sh\\n") and set(code.strip().split("\\n")[1:]) <= done:
@@ -51,7 +54,7 @@ for path in sys.argv[3:]:
 
 def environment(folder: Path) -> dict[str, str]:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return {**os.environ, "PATH": path, "PYTHONPATH": str(TOP),
+    return {**os.environ, "PATH": path, "PYTHONPATH": os.pathsep.join([str(TOP), str(DOCS / "extensions")]),
             "IPYTHONDIR": str(folder / "ipython"), "MPLBACKEND": "agg"}  # fmt: skip
 
 
