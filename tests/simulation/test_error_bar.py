@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.hard import truths
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 from twolink.simulation.error_bar import error_bar
 from twolink.simulation.sampling import spread_out
 

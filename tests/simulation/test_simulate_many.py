@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError, QueryError, SceneError
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
 
 RNG = np.random.default_rng(5)

@@ -21,10 +21,10 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from twolink.algorithms import spatial as sp
+from twolink.algorithms.factors import ldlt, ldlt_apply, ldlt_inverse
 from twolink.algorithms.joint_models import velocity_product
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inverse
 from twolink.algorithms.spatial import ZERO, Inertia, Mat, Matrix, Pose, Scalar, Scalars, Spatial, Vec
 from twolink.errors import QueryError
 

@@ -15,10 +15,9 @@ from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.recursions import Axes
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache, pinocchio_queries
-from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
+from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
 from twolink.dynamics.certificates import Certificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.wrench import FExt, read_wrenches
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel

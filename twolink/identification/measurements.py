@@ -23,8 +23,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.configurations import difference_rows
 from twolink.errors import QueryError
-from twolink.io.joint_columns import read_columns
-from twolink.io.tables import read_table
+from twolink.io.tables import read_columns, read_table
 from twolink.robots.joint_layout import turns
 
 DEGREE = 4

@@ -16,7 +16,7 @@ from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.taylor_code import few_solutions
-from twolink.io.listing import Table
+from twolink.io.text import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
 from twolink.optimization.search import MultiStart, Progress, starting_points

@@ -14,8 +14,8 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.errors import SceneError, import_extra
 from twolink.integrate.event import Event
-from twolink.io.listing import Table
 from twolink.io.tables import write_table
+from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
@@ -178,7 +178,7 @@ class Worlds:
         ShowError
             The file cannot be written.
         """
-        from twolink.show.worlds_plot import plot_worlds
+        from twolink.show.motion_plots import plot_worlds
 
         t = np.append(self.samples_t, self.t)
         q = np.concatenate([self.samples_q, self.q[None]])

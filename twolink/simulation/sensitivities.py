@@ -101,7 +101,7 @@ class Sensitivities(ShownAsText):
         -----
         The tube is linear in the change: where it is wide, the motion leaves it.
         """
-        from twolink.show.sensitivity_plot import plot_sensitivities
+        from twolink.show.motion_plots import plot_sensitivities
 
         positive(change, "change", SceneError, "such as 0.01")
         if name is not None:
