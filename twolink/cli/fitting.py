@@ -48,7 +48,7 @@ def identify(
     method: Annotated[
         str, Option(help="weighted, ordinary, robust (outliers) or total (noisy positions).")
     ] = "weighted",
-    half: Annotated[
+    half_window: Annotated[
         int | None, Option(min=3, metavar="COUNT", help="Samples on each side of the filter.", show_default="by noise")
     ] = None,
     confidence: Annotated[float, Option(help="Probability of the intervals.")] = 0.95,
@@ -87,7 +87,7 @@ def identify(
     require_writable(out or [], (".urdf", *FORMATS))
     loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
     wanted = None if parameters is None else [name.strip() for text in parameters for name in text.split(",")]
-    found = find(loaded, **read_measurements(loaded, data), parameters=wanted, method=method, half=half,
+    found = find(loaded, **read_measurements(loaded, data), parameters=wanted, method=method, half_window=half_window,
                  confidence=confidence)  # fmt: skip
 
     def write_one(path: Path) -> Path:

@@ -168,7 +168,7 @@ def run(
 
         balance = energy_book(loaded, result)
         record["book"] = balance_record(balance)
-        lines.append(f"energy book\n{balance}")
+        lines.append(f"energy balance\n{balance}")
     show(record, "\n".join(lines), as_json)
     finish(failures, result.interrupted)
 

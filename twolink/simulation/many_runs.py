@@ -88,7 +88,7 @@ class Worlds:
     parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
-    def kept(self) -> np.ndarray | None:
+    def within_accuracy(self) -> np.ndarray | None:
         """True where a world's error bar is below the accuracy asked for (n,); None where it is not verified."""
         return None if self.error is None else self.error <= self.accuracy
 
@@ -188,8 +188,9 @@ class Worlds:
                            self.varied(), self.error, None if path is None else Path(path))  # fmt: skip
 
     def __repr__(self) -> str:
-        kept = "not verified" if self.kept is None else f"{int(self.kept.sum())} within {self.accuracy:g}"
-        return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {kept}>"
+        met = self.within_accuracy
+        state = "not verified" if met is None else f"{int(met.sum())} within {self.accuracy:g}"
+        return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {state}>"
 
     def _repr_html_(self) -> str:
         rows = [(name, *(float(f"{share:.6g}") for share in np.nanquantile(values, [0.0, 0.5, 1.0])))
