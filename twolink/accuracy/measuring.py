@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.accuracy.study_data import Failure, Reference, Row
+from twolink.accuracy.study_data import MethodFailure, Reference, Row
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, TwolinkError
 from twolink.integrate.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds, taylor_seconds
@@ -186,7 +186,7 @@ class Measurement:
 
 
 @dataclass
-class Measurements:
+class StudyRun:
     """What all rows of a study have in common, the measurements so far, and the failures."""
 
     equations: Equations
@@ -195,12 +195,12 @@ class Measurements:
     repeats: int
     budget: float
     done: list[Measurement] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
+    failures: list[MethodFailure] = field(default_factory=list)
 
     def fail(self, method: Method, setting: float | None, reason: str) -> None:
         """Add a failure."""
         tolerance, step = (setting, None) if method.adaptive else (None, setting)
-        self.failures.append(Failure(method.name, tolerance, step, reason))
+        self.failures.append(MethodFailure(method.name, tolerance, step, reason))
 
     def measure(self, method: Method, setting: float) -> Row | None:
         """Add the row of a method at a setting; None when there is none. Raises OutOfTime, KeyboardInterrupt."""
@@ -246,7 +246,7 @@ class _Progression:
     """The rows of one method, and whether more of them pay."""
 
     def __init__(
-        self, measurements: Measurements, method: Method, to_the_end: bool, announce: Callable[[int, float], None]
+        self, measurements: StudyRun, method: Method, to_the_end: bool, announce: Callable[[int, float], None]
     ) -> None:
         self.measurements, self.method, self.to_the_end, self.announce = measurements, method, to_the_end, announce
         self.number, self.without_improvement, self.best, self.finest = 0, 0, math.inf, math.inf
@@ -274,7 +274,7 @@ class _Progression:
 
 
 def measure_method(
-    measurements: Measurements,
+    measurements: StudyRun,
     method: Method,
     tolerances: tuple[float, ...] | None,
     announce: Callable[[int, float], None],

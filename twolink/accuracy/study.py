@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, overload
 import msgspec
 import numpy as np
 
-from twolink.accuracy.measuring import Measurements, better_reference, count, first_reference, measure_method
+from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
 from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
@@ -193,7 +193,7 @@ def accuracy_study(
     repeats = _repeats(repeats)
     total = sum(count(method, aims) for method in chosen) + repeats
     report(0, total, "the reference")
-    measurements = Measurements(equations, times, first_reference(equations, times), repeats, limit)
+    measurements = StudyRun(equations, times, first_reference(equations, times), repeats, limit)
     interrupted = False
     try:
         _measure_all(measurements, chosen, aims, report, total)
@@ -214,7 +214,7 @@ def accuracy_study(
 
 
 def _measure_all(
-    measurements: Measurements,
+    measurements: StudyRun,
     methods: Iterable[Method],
     tolerances: tuple[float, ...] | None,
     report: StudyProgress,
@@ -231,7 +231,7 @@ def _measure_all(
         done += count(method, tolerances)
 
 
-def _improve_reference(measurements: Measurements) -> None:
+def _improve_reference(measurements: StudyRun) -> None:
     """Take a reference of more digits where the best row comes too near to this one's error."""
     reference = measurements.reference
     best = min((entry.row.error for entry in measurements.done), default=math.inf)
@@ -245,7 +245,7 @@ def _improve_reference(measurements: Measurements) -> None:
         entry.row = replace(entry.row, error=better.error_of(measurements.equations.space, entry.q))
 
 
-def _sorted(measurements: Measurements) -> list[Row]:
+def _sorted(measurements: StudyRun) -> list[Row]:
     """By method in the order of METHODS, from rough to accurate."""
     order = list(METHODS)
     return sorted((entry.row for entry in measurements.done),

@@ -41,7 +41,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Failure:
+class MethodFailure:
     """A method, at a setting or altogether (both None), that gave no row, and why."""
 
     method: str
@@ -84,7 +84,7 @@ class StudyData:
         Number of times at which errors were taken.
     rows : tuple of Row
         By method, from rough to accurate.
-    failures : tuple of Failure
+    failures : tuple of MethodFailure
         Settings and methods without a row, and why.
     reference : Reference
         What the errors were measured against.
@@ -98,7 +98,7 @@ class StudyData:
     duration: float
     samples: int
     rows: tuple[Row, ...]
-    failures: tuple[Failure, ...]
+    failures: tuple[MethodFailure, ...]
     reference: Reference
     seconds: float
     interrupted: bool = False
@@ -211,7 +211,7 @@ def _failures(study: StudyData) -> str:
     return "\n".join(lines)
 
 
-def _settings(failures: Iterator[Failure]) -> Iterator[str]:
+def _settings(failures: Iterator[MethodFailure]) -> Iterator[str]:
     for failure in failures:
         if failure.tolerance is not None:
             yield f" at tolerance {failure.tolerance:.2g}"

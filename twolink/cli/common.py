@@ -32,7 +32,7 @@ RUN_ENDINGS = (*SUFFIXES, *FORMATS, ".html")
 STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 
 
-class Failure(TwolinkError):
+class CommandFailure(TwolinkError):
     """A failure in the words of the command line, with its exit code."""
 
     def __init__(self, error: TwolinkError, options: dict[str, str], exit_code: int) -> None:
@@ -71,7 +71,7 @@ class Command(TyperCommand):
             wrong = source is not None and source.name == "COMMANDLINE" and not isinstance(ctx.params[option], Path)
             misused = wrong or error.code == "missing-option"
             code = getattr(error, "exit_code", MISUSED if misused else FAILED)
-            raise Failure(error, _options(ctx.command.params), code) from error
+            raise CommandFailure(error, _options(ctx.command.params), code) from error
 
 
 def _options(parameters: Iterable[Any]) -> dict[str, str]:

@@ -23,8 +23,8 @@ from twolink.hard.case import (
     Attempt,
     Case,
     CaseResult,
-    Curve,
     ErrorCheck,
+    ErrorCurve,
     RefusalCase,
     SimulationCase,
     Track,
@@ -82,7 +82,7 @@ def _peer_attempt(case: SimulationCase, task: PeerTask, module: ModuleType, sett
     limit = WRONG_FROM * case.size if case.bounded else max(0.01, 100 * case.limit(1e-3))
     verdict = MET if largest <= limit else SAID if warning else WRONG
     return Attempt(str(setting), verdict, largest, None, seconds, message=warning, default=setting.default,
-                   curve=Curve(task.times, error))  # fmt: skip
+                   curve=ErrorCurve(task.times, error))  # fmt: skip
 
 
 def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> CaseResult:
@@ -168,7 +168,7 @@ def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float
         verdict = SAID if bar is not None and bar > accuracy else WRONG
     return replace(attempt, verdict=verdict, error=largest, bar=bar, method=run.cost.method if run.cost else "",
                    steps=run.cost.steps if run.cost else 0, message=message, trusted_until=run.trusted_until,
-                   curve=Curve(run.t, error, run.error))  # fmt: skip
+                   curve=ErrorCurve(run.t, error, run.error))  # fmt: skip
 
 
 def _checked(name: str, check: ErrorCheck, patience: float) -> Attempt:

@@ -127,7 +127,7 @@ class RefusalCase(Case):
 
 
 @dataclass(frozen=True)
-class Curve:
+class ErrorCurve:
     """Error over time: t (n,) [s], error (n,), and the reported error bar (n,)."""
 
     t: np.ndarray
@@ -157,7 +157,7 @@ class Attempt:
         The time up to which the accuracy is kept, s.
     default : bool
         Whether this is a peer at its default setting.
-    curve : Curve, optional
+    curve : ErrorCurve, optional
         The error over time.
     """
 
@@ -171,7 +171,7 @@ class Attempt:
     message: str = ""
     trusted_until: float | None = None
     default: bool = False
-    curve: Curve | None = field(default=None, repr=False)
+    curve: ErrorCurve | None = field(default=None, repr=False)
 
     def record(self) -> dict[str, Any]:
         """Plain data for JSON, without the curve; None for what is not finite."""

@@ -24,7 +24,7 @@ from twolink.hard.case import (
     WRONG,
     Attempt,
     CaseResult,
-    Curve,
+    ErrorCurve,
     RefusalCase,
     SimulationCase,
 )
@@ -59,15 +59,15 @@ def plot(result: CaseResult) -> str:
             f'<ul class="legend">{legend}<li class="barkey"><span></span>reported error bars</li></ul>')  # fmt: skip
 
 
-def thinned(curve: Curve) -> Curve:
+def thinned(curve: ErrorCurve) -> ErrorCurve:
     """The points with an error; of many, the largest of each interval, so that no peak is lost."""
     keep = ~np.isnan(curve.error)
     t, error, bar = curve.t[keep], curve.error[keep], None if curve.bar is None else curve.bar[keep]
     if len(t) <= MAX_POINTS:
-        return Curve(t, error, bar)
+        return ErrorCurve(t, error, bar)
     begin = np.linspace(0, len(t), MAX_POINTS + 1).astype(int)[:-1]
     last = np.append(begin[1:], len(t)) - 1
-    return Curve(t[last], np.maximum.reduceat(error, begin), None if bar is None else bar[last])
+    return ErrorCurve(t[last], np.maximum.reduceat(error, begin), None if bar is None else bar[last])
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,12 @@ class _Scale:
         exponent = math.log10(min(max(error, 10.0**self.low), 10.0**self.high))
         return TOP + (HEIGHT - TOP - BOTTOM) * (self.high - exponent) / (self.high - self.low)
 
-    def points(self, curve: Curve, values: np.ndarray) -> list[tuple[str, str]]:
+    def points(self, curve: ErrorCurve, values: np.ndarray) -> list[tuple[str, str]]:
         pairs = zip(curve.t.tolist(), values.tolist(), strict=True)
         return [(f"{self.x(t):.1f}", f"{self.y(error):.1f}") for t, error in pairs]
 
 
-def _drawn(scale: _Scale, label: str, style: str, curve: Curve) -> str:
+def _drawn(scale: _Scale, label: str, style: str, curve: ErrorCurve) -> str:
     """The error bar as a dashed line, the error as a line, with dots where the points are few."""
     parts = []
     if curve.bar is not None and curve.bar.max() > 0:

@@ -25,7 +25,7 @@ OF_JOINTS = ("damping", "friction", "effortLimit", "velocityLimit", "lowerPositi
              "rotorInertia", "rotorGearRatio")  # fmt: skip
 
 
-class Tree(NamedTuple):
+class ModelTree(NamedTuple):
     """A part of a model. q, v: its entries of the whole's. joints: the numbers of its joints there."""
 
     model: pin.Model
@@ -34,19 +34,19 @@ class Tree(NamedTuple):
     joints: range
 
 
-def trees_of(model: pin.Model) -> tuple[Tree, ...]:
+def trees_of(model: pin.Model) -> tuple[ModelTree, ...]:
     """The trees of a model, in the order of its joints; the model itself where it is one, or has mimic joints."""
     root = list(range(model.njoints))
     for j in range(1, model.njoints):
         root[j] = root[model.parents[j]] or j
     starts = sorted(set(root[1:]))
     if len(starts) < 2 or root != sorted(root) or len(model.mimicking_joints):
-        return (Tree(model, slice(0, model.nq), slice(0, model.nv), range(1, model.njoints)),)
+        return (ModelTree(model, slice(0, model.nq), slice(0, model.nv), range(1, model.njoints)),)
     ends = [*starts[1:], model.njoints]
     return tuple(_tree(model, range(start, end)) for start, end in zip(starts, ends, strict=True))
 
 
-def _tree(model: pin.Model, joints: range) -> Tree:
+def _tree(model: pin.Model, joints: range) -> ModelTree:
     """The joints of a tree and their bodies as a model, without frames and limits."""
     out, first, last = pin.Model(), joints[0], joints[-1]
     for j in joints:
@@ -56,7 +56,7 @@ def _tree(model: pin.Model, joints: range) -> Tree:
     q = slice(model.idx_qs[first], model.idx_qs[last] + model.nqs[last])
     v = slice(model.idx_vs[first], model.idx_vs[last] + model.nvs[last])
     out.armature, out.gravity = model.armature[v], model.gravity
-    return Tree(out, q, v, joints)
+    return ModelTree(out, q, v, joints)
 
 
 def joint_poses(model: pin.Model, q: np.ndarray) -> list[pin.SE3]:

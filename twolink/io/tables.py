@@ -175,7 +175,7 @@ def _read_npz(path: Path) -> tuple[Columns, dict[str, str]]:
         return {k: archive[k] for k in archive.files if not k.startswith("note:")}, notes
 
 
-class Joint(Protocol):
+class JointEntries(Protocol):
     """A joint with its entries in q and in v."""
 
     @property
@@ -186,7 +186,7 @@ class Joint(Protocol):
     def v(self) -> slice: ...
 
 
-def joint_columns(joints: Iterable[Joint], letter: str) -> list[tuple[str, str]]:
+def joint_columns(joints: Iterable[JointEntries], letter: str) -> list[tuple[str, str]]:
     """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
     columns = []
     for joint in joints:
@@ -197,7 +197,7 @@ def joint_columns(joints: Iterable[Joint], letter: str) -> list[tuple[str, str]]
 
 
 def read_columns(
-    table: Mapping[str, np.ndarray], joints: Iterable[Joint], letter: str
+    table: Mapping[str, np.ndarray], joints: Iterable[JointEntries], letter: str
 ) -> tuple[np.ndarray | None, list[str]]:
     """The values (n, k) of some joints in a table, and the columns that lack for them.
 

@@ -18,7 +18,7 @@ from twolink.errors import AccuracyError, QueryError
 from twolink.io.text import Table
 from twolink.lagrange import derive, pinocchio_arm
 from twolink.lagrange.formulas import Variant
-from twolink.lagrange.pinocchio_arm import ACCELERATIONS, TORQUE, Samples
+from twolink.lagrange.pinocchio_arm import ACCELERATIONS, TORQUE, ArmSamples
 from twolink.lagrange.two_link import two_link
 
 LIMIT = 1e-12
@@ -197,7 +197,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 
 
-def draw(n: int, seed: int) -> Samples:
+def draw(n: int, seed: int) -> ArmSamples:
     """n random arms and states.
 
     Lengths from 0.1 to 3 m and masses from 0.1 to 30 kg (log-uniform), g from 0 to 25 m/s^2, any angles, speeds within
@@ -207,7 +207,7 @@ def draw(n: int, seed: int) -> Samples:
     lengths = np.exp(rng.uniform(np.log(0.1), np.log(3), (2, n)))
     masses = np.exp(rng.uniform(np.log(0.1), np.log(30), (2, n)))
     theta, dtheta, ddtheta, torque = (rng.uniform(-limit, limit, (n, 2)) for limit in (np.pi, 10, 50, 50))
-    return Samples((*lengths, *masses, rng.uniform(0, 25, n)), theta, dtheta, ddtheta, torque)
+    return ArmSamples((*lengths, *masses, rng.uniform(0, 25, n)), theta, dtheta, ddtheta, torque)
 
 
 def energies(horizon: float) -> tuple[Energy, ...]:
@@ -235,7 +235,7 @@ def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model
     return Energy(name, float(energy[-1]), float(np.max(np.abs(energy))))
 
 
-def _scales(answers: Columns, samples: Samples) -> Columns:
+def _scales(answers: Columns, samples: ArmSamples) -> Columns:
     """What each error is relative to, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
@@ -246,7 +246,7 @@ def _scales(answers: Columns, samples: Samples) -> Columns:
     return {name: np.where(size > 0, size, 1.0) for name, size in scale.items()}
 
 
-def _by_hand(samples: Samples, variant: Variant) -> Columns:
+def _by_hand(samples: ArmSamples, variant: Variant) -> Columns:
     """The answers of the equations by hand, for all arms in one call each."""
     l1, l2, m1, m2, g = samples.parameters
     model, theta, dtheta = two_link((l1, l2), (m1, m2), g, variant), samples.theta, samples.dtheta
@@ -257,7 +257,7 @@ def _by_hand(samples: Samples, variant: Variant) -> Columns:
     return _columns(*entries, acceleration, acceleration, torque)
 
 
-def _by_sympy(samples: Samples) -> Columns:
+def _by_sympy(samples: ArmSamples) -> Columns:
     """The answers of the equations that SymPy derives; accelerations by LAPACK, not by the closed form of TwoLink."""
     a, b, c, d = derive.evaluate(samples.parameters, samples.theta)
     speeds = samples.dtheta

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.errors import QueryError, RobotError, ShowError
-from twolink.io.fingerprints import Tree, trees_of
+from twolink.io.fingerprints import ModelTree, trees_of
 from twolink.robots.collisions import Solid, read_solids
 from twolink.robots.joint_layout import JointLayout, gravity_field, joint_layouts, shapes_without_joints
 from twolink.robots.load_report import LoadReport
@@ -154,7 +154,7 @@ class RobotModel:
             return self._local.data
 
     @functools.cached_property
-    def trees(self) -> tuple[Tree, ...]:
+    def trees(self) -> tuple[ModelTree, ...]:
         """Its parts that only the ground connects, each as a model of its own."""
         return trees_of(self.model)
 

@@ -32,7 +32,7 @@ _SAMPLES = 300  # configurations that decide on the view, at most
 _SLANTED, _FROM_ABOVE = (0.75, -1.0, 0.5), (0.0, -1e-3, 1.0)  # directions towards the camera
 
 
-class Piece(Protocol):
+class PosedPiece(Protocol):
     """What has a pose and a size: a node of the viewer, or a surface."""
 
     @property
@@ -69,7 +69,7 @@ def scene_nodes(visuals: Any) -> tuple[list[Node], list[str]]:
 
 
 def require_pieces(
-    pieces: Sequence[Piece], skipped: list[str], on_skipped: Callable[[list[str]], None] | None, where: str
+    pieces: Sequence[PosedPiece], skipped: list[str], on_skipped: Callable[[list[str]], None] | None, where: str
 ) -> None:
     """Tell which pieces cannot be drawn. Raises ShowError (code "nothing-to-draw") when none can."""
     if skipped and on_skipped is not None:
@@ -79,7 +79,7 @@ def require_pieces(
         raise ShowError("the robot has nothing to draw", where=where, remedy=remedy, code="nothing-to-draw")
 
 
-def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Piece]) -> Floats:
+def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[PosedPiece]) -> Floats:
     """The poses of the nodes in the world frame.
 
     Parameters
@@ -88,7 +88,7 @@ def poses(model: Any, visuals: Any, q: Floats, nodes: Sequence[Piece]) -> Floats
         The robot.
     q : array (n, nq)
         Configurations.
-    nodes : sequence of Piece
+    nodes : sequence of PosedPiece
         The pieces.
 
     Returns
@@ -168,12 +168,12 @@ class View:
         return float(np.max(near + np.maximum(up, right / aspect) / slope))
 
 
-def look_at(nodes: Sequence[Piece], placed: Floats, towards: ArrayLike | None = None) -> View:
+def look_at(nodes: Sequence[PosedPiece], placed: Floats, towards: ArrayLike | None = None) -> View:
     """The view of a motion: square at its plane when there is one, else from the front right and above.
 
     Parameters
     ----------
-    nodes : sequence of Piece
+    nodes : sequence of PosedPiece
         The bodies.
     placed : array (n, len(nodes), 7)
         Their poses along the motion, as from `meshcat_scene.poses`.
@@ -211,7 +211,7 @@ def _given(towards: ArrayLike) -> Floats:
     return np.asarray(unit / np.linalg.norm(unit))
 
 
-def _reached(nodes: Sequence[Piece], placed: Floats) -> Floats:
+def _reached(nodes: Sequence[PosedPiece], placed: Floats) -> Floats:
     """The corners of the nodes' boxes in the world: (n, k, 8, 3) m."""
     return _moved(np.stack([node.corners for node in nodes]), placed)
 

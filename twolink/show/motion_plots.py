@@ -36,7 +36,7 @@ UNITS = {"angle": "rad", "position": "m"}
 MAP = "viridis"
 
 
-class Curve(NamedTuple):
+class JointCurve(NamedTuple):
     """A coordinate or velocity over time: the panel it belongs to, its joint, the name of the entry in it."""
 
     panel: str
@@ -110,14 +110,14 @@ def plot_trajectory(
     return figure if path is None else save_figure(figure, path)
 
 
-def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[Curve]:
+def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[JointCurve]:
     """Every joint's coordinates and velocities; the angle, counted on, where q has its cosine and sine."""
     for joint in robot.joints:
         for panel, entry, values in (
             *_positions(robot, joint, q[:, joint.q]),
             *_velocities(robot, joint, v[:, joint.v]),
         ):
-            yield Curve(panel, joint.name, entry, values)
+            yield JointCurve(panel, joint.name, entry, values)
 
 
 def _positions(robot: RobotModel, joint: JointLayout, q: np.ndarray) -> list[tuple[str, str, np.ndarray]]:
@@ -142,7 +142,7 @@ def _velocities(robot: RobotModel, joint: JointLayout, v: np.ndarray) -> list[tu
     return [*slide, *(("turn", name, v[:, first + i]) for i, name in enumerate(turning))]
 
 
-def those_that_move_most(curves: Sequence[Curve]) -> list[str]:
+def those_that_move_most(curves: Sequence[JointCurve]) -> list[str]:
     """At most MAX_JOINTS joints in their order, by the largest share that they have of the range of any panel."""
     ranges = [float(np.ptp(curve.values)) for curve in curves]
     widest = {c.panel: max(r for d, r in zip(curves, ranges, strict=True) if d.panel == c.panel) for c in curves}
@@ -153,7 +153,7 @@ def those_that_move_most(curves: Sequence[Curve]) -> list[str]:
     return [joint for joint in share if joint in most]
 
 
-def draw(axis: Any, t: np.ndarray, curves: Sequence[Curve], colours: dict[str, str]) -> None:
+def draw(axis: Any, t: np.ndarray, curves: Sequence[JointCurve], colours: dict[str, str]) -> None:
     """The curves of a panel; those of one joint differ by their line styles."""
     drawn: dict[str, int] = {}
     for curve in curves:

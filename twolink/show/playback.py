@@ -227,7 +227,7 @@ def viewer_script() -> str:
     return Path(str(file)).read_text("utf-8")
 
 
-class _Server(ThreadingHTTPServer):
+class _PageServer(ThreadingHTTPServer):
     """Serves one page, on this machine only."""
 
     def __init__(self, page: bytes) -> None:
@@ -240,7 +240,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: _PageServer
 
     def do_GET(self) -> None:
         """Answer / with the page, and /started with nothing."""
@@ -306,7 +306,7 @@ def play_live(
         For a motion that cannot be shown, and when no browser comes (code "no-browser").
     """
     page = playback_page(model, visuals, t, q, speed=speed, live=True, **_LIMITS, **options)
-    with _Server(page) as server:
+    with _PageServer(page) as server:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         url = f"http://127.0.0.1:{server.server_port}/"
         try:

@@ -21,7 +21,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
-from twolink.simulation.refinement import PATIENCE, Search, first_choice, precisions_of
+from twolink.simulation.refinement import PATIENCE, Refinement, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_check_times
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
@@ -112,7 +112,7 @@ def simulate(
     choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
-    search = Search(equations, accuracy, any_method=free, precisions=() if measured else more)
+    search = Refinement(equations, accuracy, any_method=free, precisions=() if measured else more)
     try:
         return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
     except AccuracyError as error:
@@ -157,7 +157,7 @@ def run_of(
     accuracy: float,
     progress: Progress | None = None,
     *,
-    search: Search | None = None,
+    search: Refinement | None = None,
     measured: bool = False,
     verify: bool = True,
 ) -> Trajectory:
@@ -172,7 +172,7 @@ def run_of(
     if not verify:
         one = verification.unverified(choice)
         return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)
-    search, spent, following = search or Search(equations, accuracy), 0.0, choice
+    search, spent, following = search or Refinement(equations, accuracy), 0.0, choice
     try:
         while True:
             try:
