@@ -1,8 +1,8 @@
 """Measuring methods: a row for each setting, from rough to accurate, as long as it pays; the reference that errors are
 measured against, and its own error.
 
-It is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, and verified as every run is. Numbers
-of so many digits are kept as the sum of two doubles, q + rest.
+The reference is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, and verified as every run
+is. Numbers of so many digits are kept as the sum of two doubles, q + rest.
 """
 
 import importlib

@@ -4,8 +4,8 @@ section 6.5), and dense ones of the matrices 1 - h J of implicit steps.
 The entry (i, j) of M is zero unless one of the degrees of freedom i and j carries the other. L has zeros in the
 same places. parents: the parent of each degree of freedom, -1 at a root (`Mechanism.dof_parents`).
 
-There is no pivoting: for small h the matrix is near to 1, and a step that is too large for that fails to converge
-and is refused by its error. Entries that are the constants 0 and 1 cost no operation.
+Dense factors have no pivoting: for small h the matrix is near to 1, and a step that is too large for that fails to
+converge and is refused by its error. Entries that are the constants 0 and 1 cost no operation.
 """
 
 from collections.abc import Sequence

@@ -111,10 +111,7 @@ def throw(
     twolink throw bowl --json
     twolink run pitch --out pitch.html                  the best throw, which the scene holds, in 3D
     """
-    from twolink.paper.throw import (
-        plot_search,
-        search,  # imports SciPy's optimizer
-    )
+    from twolink.paper.throw import plot_search, search  # imports SciPy's optimizer
 
     paths = [] if out is None else [out]
     require_writable(paths, FORMATS)

@@ -2,7 +2,7 @@
 
 There are several starts within a period; derivatives of the motions between them give steps that join these:
 
-gap_i = x(T / n; x_i) - x_(i+1),   i = 1 .. n, x_(n+1) = x_1
+    gap_i = x(T / n; x_i) - x_(i+1),   i = 1 .. n, x_(n+1) = x_1
 """
 
 from __future__ import annotations

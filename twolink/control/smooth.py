@@ -6,9 +6,9 @@ of robots with closed loops.
 The formulas of the equations of motion, run on dual numbers, give the derivatives to rounding. Central differences of
 Pinocchio's accelerations, which share no formula of dynamics with them, are the second way.
 
-    J dq = 0,   J dv + (d(J v)/dq) dq = 0        (rows of the loops, differentiated along allowed motions)
+Loops leave some degrees of freedom independent; those of their other joints follow:
 
-Some degrees of freedom are independent; those of the loops' other joints follow.
+    J dq = 0,   J dv + (d(J v)/dq) dq = 0        (rows of the loops, differentiated along allowed motions)
 """
 
 from collections.abc import Callable, Sequence

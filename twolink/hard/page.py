@@ -2,7 +2,6 @@
 over time of ours and of peers.
 """
 
-import html
 import math
 import platform
 from collections.abc import Iterator, Sequence
@@ -41,7 +40,7 @@ PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", INTERRUPTED: "unable", UNABLE: "unable"}
 
 
-def plot(result: CaseResult) -> str:
+def error_plot(result: CaseResult) -> str:
     """The figure, or nothing where there is no curve."""
     attempts = [(f"twolink, {a.setting}", f"own{k}", a) for k, a in enumerate(result.ours)]
     attempts += [(f"{name}: {a.setting}", f"peer{k}", a) for k, (name, a) in enumerate(result.peers)]
@@ -53,8 +52,8 @@ def plot(result: CaseResult) -> str:
     low = math.floor(math.log10(values.min(initial=CEILING)))
     high = max(low + 2, math.ceil(math.log10(min(values.max(initial=FLOOR), CEILING)) + 1e-9))
     scale = _Scale(low, high, max(float(c.t[-1]) for _, _, c in series) or 1.0)
-    drawn = "".join(_drawn(scale, html.escape(label), style, curve) for label, style, curve in series)
-    legend = "".join(f'<li class="{style}"><span></span>{html.escape(label)}</li>' for label, style, _ in series)
+    drawn = "".join(_drawn(scale, escape(label), style, curve) for label, style, curve in series)
+    legend = "".join(f'<li class="{style}"><span></span>{escape(label)}</li>' for label, style, _ in series)
     return (f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="error over time">{_axes(scale)}{drawn}</svg>'
             f'<ul class="legend">{legend}<li class="barkey"><span></span>reported error bars</li></ul>')  # fmt: skip
 
@@ -244,7 +243,7 @@ def _case(result: CaseResult) -> str:
     facts = {"Why it is hard": case.why, "The truth": case.truth}
     if isinstance(case, SimulationCase):
         facts["Shown"] = case.quantity
-        content = plot(result) + _runs(result)
+        content = error_plot(result) + _runs(result)
     else:
         rows = [f"<tr><td>{escape(a.setting)}</td><td>{_verdict(a.verdict)}</td>"
                 f"<td><small>{escape(a.message) or 'an answer'}</small></td></tr>" for a in result.ours]  # fmt: skip

@@ -1,5 +1,5 @@
 """URDF text to a tree of elements with line numbers, within limits and without entities. Names that are not URDF's:
-those of other programs are counted, unknown ones are reported.
+those of other programs are counted, unknown ones are refused.
 
 Expat is driven directly: the standard tree builders drop line numbers, and none of them refuses a DOCTYPE.
 

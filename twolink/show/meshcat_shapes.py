@@ -1,8 +1,8 @@
 """Bodies as three.js JSON, the dictionaries that meshcat's viewer reads: coal's primitives, and mesh files with their
 colours and pictures.
 
-They are read here, but for .obj files with materials, which the viewer reads. A mesh file may come from a stranger:
-only files in its own folder are opened on its behalf.
+Mesh files are read here, but for .obj files with materials, which the viewer reads. A mesh file may come from a
+stranger: only files in its own folder are opened on its behalf.
 """
 
 import base64
