@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twolink.optimization.optimize import Optimum, optimize
     from twolink.service.client import connect
     from twolink.show.progress import progress_bar
-    from twolink.simulation.energy_balance import Book, energy_book, loop_forces
+    from twolink.simulation.energy_balance import EnergyBalance, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
     from twolink.sweeps.sweeping import sweep
 
@@ -43,7 +43,7 @@ _IMPORTED_WHEN_USED = {
     "gradient": "twolink.optimization.gradient",
     "Optimum": "twolink.optimization.optimize",
     "optimize": "twolink.optimization.optimize",
-    "Book": "twolink.simulation.energy_balance",
+    "EnergyBalance": "twolink.simulation.energy_balance",
     "energy_book": "twolink.simulation.energy_balance",
     "loop_forces": "twolink.simulation.energy_balance",
     "connect": "twolink.service.client",
@@ -67,8 +67,8 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
-    "Book",
     "Cost",
+    "EnergyBalance",
     "Equilibria",
     "Event",
     "Explanation",

@@ -16,8 +16,7 @@ from twolink.cli.app import app as command_line
 from twolink.effects.loops import Loop
 from twolink.effects.switching import SwitchingEffect
 from twolink.hard import SimulationCase, all_cases
-from twolink.io.listing import Table
-from twolink.io.text import kebab_case
+from twolink.io.text import Table, kebab_case
 
 FOLDER = "generated"
 SHOWN = 3  # pictures of an effect

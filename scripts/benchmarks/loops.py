@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 import twolink as tl
 from scripts.runner import Table, new_process, once, options, seconds_of
 from twolink.algorithms.namespaces import Numbers
-from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
+from twolink.hard.cases.loops import hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_building import compiled_rate

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from scripts.runner import OUT, TOP, Some, once, options
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.show.figure import COLOURS, new_figure
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")

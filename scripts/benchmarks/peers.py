@@ -35,9 +35,9 @@ from scripts.benchmarks.peers_report import PLAIN, SAMPLED, VERIFIED, Entry, pic
 from scripts.runner import FINGERS, OUT, Some, once, options
 from twolink.errors import TwolinkError
 from twolink.hard.case import Track
-from twolink.hard.extended_precision import COARSE, FINE, extended_reference
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
+from twolink.hard.truths import COARSE, FINE, extended_reference
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map

@@ -52,7 +52,7 @@ def measure(
     taken = seconds_of(partial(verified, verify=False), verified, rounds=given.rounds)
     plain, us = (1e6 * seconds / len(q) for seconds in taken)
     worlds = verified()
-    kept = 0.0 if worlds.kept is None else float(worlds.kept.mean())
+    kept = 0.0 if worlds.within_accuracy is None else float(worlds.within_accuracy.mean())
     print(f"{name:18} {len(q):6} worlds: {plain:8.1f} us plain, {us:8.1f} us verified (x {us / plain:.1f}), "
           f"{kept:.1%} within {ACCURACY:g}", flush=True)  # fmt: skip
     smooth = equations_of(scene).switching is None

@@ -10,9 +10,9 @@ import numpy as np
 import twolink as tl
 from scripts.runner import TOP, options
 from twolink.hard import SimulationCase, select_cases
-from twolink.hard.extended_precision import extended_reference
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import task_of
+from twolink.hard.truths import extended_reference
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
 SECONDS, SAMPLES, ACCURACY = 10.0, 100, 1e-6

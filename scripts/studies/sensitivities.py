@@ -140,7 +140,7 @@ class Beside:
         """(q, v) at the times, (n, nq + nv), up to the event that ends the run."""
         equations, end = equations_of(moved), float(self.times[-1])
         if not self.precise:
-            equations = replace(equations, any_numbers=True)
+            equations = replace(equations, numbers_as_inputs=True)
             choice = choose(equations, TIGHT, end, "dop853")
             run = run_of(moved, equations, choice, self.times, TIGHT, limit, verify=False)
             alike = run.t == self.times[: len(run.t)]

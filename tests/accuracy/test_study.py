@@ -13,7 +13,7 @@ import pytest
 
 import twolink as tl
 from twolink import effects as fx
-from twolink.accuracy import reference_solution, settings
+from twolink.accuracy import measuring
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
@@ -66,8 +66,8 @@ def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -
     # The model's constants are doubles, which alone moves the end by 5.06e-16: 33 digits give the same.
     np.testing.assert_allclose(study.reference.q_end, END, rtol=0, atol=6e-16)
     equations, times = equations_of(arm), np.linspace(0, 10, 101)
-    first = reference_solution.first_reference(equations, times)
-    better = reference_solution.better_reference(equations, times)
+    first = measuring.first_reference(equations, times)
+    better = measuring.better_reference(equations, times)
     assert better is not None
     off = np.abs((first.q - better.q) + (first.rest - better.rest)).max()
     assert off <= first.digits_error < 1e-15
@@ -150,7 +150,7 @@ def test_fixed_steps_cover_rough_to_fine_in_decades(arm: tl.Scene) -> None:
 
 
 def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(settings, "MAX_COMPILING", 1e-3)
+    monkeypatch.setattr(measuring, "MAX_COMPILING", 1e-3)
     done = tl.accuracy_study(arm, 0.2, methods=["rk4", "scipy-rk45"], tolerances=[1e-3], repeats=1)
     assert [row.method for row in done.rows] == ["scipy-rk45"]
     assert "to compile" in done.failures[0].reason
@@ -159,7 +159,7 @@ def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monke
 def test_without_heyoka(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from twolink.integrate import step_map
 
-    for module in (settings, reference_solution, step_map):
+    for module in (measuring, step_map):
         monkeypatch.setattr(module, "heyoka", lambda: None)
     done = tl.accuracy_study(arm, 0.5, methods=["rk45", "taylor", "scipy-dop853"], tolerances=[1e-3, 1e-14], repeats=1,
                              budget=60.0)  # fmt: skip
@@ -185,7 +185,7 @@ def test_ctrl_c_keeps_what_is_done(arm: tl.Scene) -> None:
 def test_auto_chooses_by_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "cache").mkdir(mode=0o700)
     monkeypatch.setenv("TWOLINK_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(settings, "MAX_COMPILING", 0.02)  # of what is compiled, only the quickest
+    monkeypatch.setattr(measuring, "MAX_COMPILING", 0.02)  # of what is compiled, only the quickest
     arm = tl.load_scene("arm-swing")
     part = tl.accuracy_study(arm, 0.5, methods=["scipy-rk45"], tolerances=[1e-8], repeats=1)
     assert len(part.rows) == 1

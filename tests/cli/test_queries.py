@@ -111,7 +111,7 @@ def test_options_say_which_robot() -> None:
 def test_a_cross_check_that_finds_a_difference_exits_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    from twolink.robots import cross_check as second_reading
+    from twolink.robots import checks as second_reading
 
     robot = tl.load_robot("two_link")
     for name in ("two_link", "alex_psyonic_hands"):  # whose fingers mimic joints that do not move

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.cli.queries import read_states
+from twolink.cli.robots import read_states
 from twolink.dynamics.queries import answer_query
 from twolink.errors import QueryError
 from twolink.io.text import parse_numbers

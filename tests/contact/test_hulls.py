@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.geometry.hulls import hull_of, separation, touching
-from twolink.robots.shapes import Box, Convex
+from twolink.robots.collisions import Box, Convex
 
 E = tl.effects
 SIDE, STEP = 0.1, 2e-3  # m, s

@@ -11,8 +11,7 @@ import twolink as tl
 from tests.effects.bodies import G, free_bodies
 from twolink.contact import bodies as sparse_bodies
 from twolink.contact.positions import solve_normal
-from twolink.io.fingerprints import model_digest
-from twolink.io.model_trees import joint_poses, trees_of
+from twolink.io.fingerprints import joint_poses, model_digest, trees_of
 from twolink.robots import model as robot_model
 
 E = tl.effects

@@ -5,7 +5,7 @@ import pytest
 
 import twolink as tl
 from twolink.algorithms.namespaces import Numbers
-from twolink.control import derivatives
+from twolink.control import smooth
 from twolink.errors import CertificationError, SceneError
 from twolink.integrate.formulas import accelerations
 from twolink.integrate.scene_equations import equations_of
@@ -112,7 +112,7 @@ def test_within_a_mode_switching_effects_are_linearized() -> None:
 
 
 def test_a_wrong_formula_is_not_certified(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = derivatives.derivatives_of
+    original = smooth.derivatives_of
 
     def off(*arguments: object) -> tuple[np.ndarray, np.ndarray]:
         a, slope = original(*arguments)

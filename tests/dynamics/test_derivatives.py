@@ -11,9 +11,9 @@ import pytest
 
 from tests.dynamics.test_recursions import FOLLOWERS, ROBOTS, Case, close, make
 from twolink.algorithms import derivatives, recursions
+from twolink.algorithms.factors import ldlt, ldlt_inverse
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, single_bodies
 from twolink.algorithms.namespaces import Expressions
-from twolink.algorithms.sparse_factors import ldlt, ldlt_inverse
 from twolink.errors import QueryError
 
 STATES = 4

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import twolink
-from twolink.algorithms import articulated_body as articulated
 from twolink.algorithms import recursions
+from twolink.algorithms import recursions as articulated
 from twolink.algorithms import spatial as sp
 from twolink.algorithms.mechanism import Mechanism, mechanism, nominal, parameter_names, single_bodies
 from twolink.algorithms.operation_count import Tape

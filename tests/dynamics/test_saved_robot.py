@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.dynamics.saved_robot import robot_notes
+from twolink.dynamics.robot_record import robot_notes
 from twolink.errors import SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.io.tables import read_table, write_table

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, bouncing, kinds, times
 from tests.effects.edge_truths import Block, Edge, Free, block_over_edge, falls_on_edge
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 
 E = tl.effects
 MASS, INERTIA = 2.0, 0.008  # of the free body, "ball"; the other one, "base", is fixed

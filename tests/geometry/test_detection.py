@@ -14,7 +14,7 @@ from twolink.effects.contact_pairs import select_pairs, solids_of
 from twolink.geometry.detection import Detector
 from twolink.geometry.pairs import Pair, gaps_of
 from twolink.geometry.points import Places, Points
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 
 E = tl.effects
 TURNED = {"point": (0.02, -0.05, 0.03), "rpy": (0.3, -0.7, 1.1)}

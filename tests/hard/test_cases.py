@@ -15,10 +15,8 @@ import twolink as tl
 from tests.command import call
 from twolink.errors import RobotError, SceneError
 from twolink.hard import ErrorCheck, RefusalCase, SimulationCase, all_cases, attempts, run_case, select_cases
-from twolink.hard.case import SCENES, ErrorFunction
-from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, WRONG
-from twolink.hard.page import page
-from twolink.hard.table import lines, summary
+from twolink.hard.case import INTERRUPTED, MET, MISSED, SAID, SCENES, WRONG, ErrorFunction
+from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine

@@ -14,8 +14,7 @@ from scripts.studies.error_bars import SAMPLES, Row, check, show
 from scripts.studies.scenes.exact import KINDS, WORLDS
 from scripts.studies.scenes.robots import random_scene
 from twolink.errors import AccuracyError
-from twolink.hard.extended_precision import extended_reference
-from twolink.hard.truths import distance
+from twolink.hard.truths import distance, extended_reference
 
 
 @pytest.mark.parametrize("seed", range(15))

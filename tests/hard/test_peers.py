@@ -11,11 +11,10 @@ import twolink as tl
 from tests.effects.bodies import ball
 from twolink import effects as fx
 from twolink.hard import SimulationCase, select_cases
-from twolink.hard.case_result import MET
-from twolink.hard.peer_attempts import run_peers
-from twolink.hard.peers import mujoco_peer, peer_module, time_limit
-from twolink.hard.peers.coordinates import from_peer, to_peer
-from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, task_of
+from twolink.hard.attempts import run_peers
+from twolink.hard.case import MET
+from twolink.hard.peers import mujoco_peer, peer_module, task
+from twolink.hard.peers.task import PeerError, PeerRun, Setting, UnsupportedError, from_peer, task_of, to_peer
 
 TIMES = np.linspace(0.0, 0.5, 6)
 TIGHT = {"scipy": Setting("DOP853", "tol 1e-12", 1e-12), "mujoco": Setting("RK4", "1 ms", step=1e-3)}
@@ -119,10 +118,10 @@ def test_a_state_that_is_not_finite_is_the_peers_own_error() -> None:
 
 
 def test_a_run_is_ended_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(time_limit, "MAX_SECONDS", 0.2)
+    monkeypatch.setattr(task, "MAX_SECONDS", 0.2)
     start = time.monotonic()
     with pytest.raises(UnsupportedError, match="not at the end"):
-        time_limit.run_limited(lambda: time.sleep(60))  # type: ignore[arg-type, func-returns-value]
+        task.run_limited(lambda: time.sleep(60))  # type: ignore[arg-type, func-returns-value]
     assert time.monotonic() - start < 10
 
 
@@ -131,7 +130,7 @@ def test_a_run_that_fails_is_reported_with_its_words() -> None:
         raise ValueError("the plant is on fire")
 
     with pytest.raises(PeerError, match="on fire"):
-        time_limit.run_limited(fail)
+        task.run_limited(fail)
 
 
 def test_peers_of_a_case_are_judged_by_its_truth() -> None:

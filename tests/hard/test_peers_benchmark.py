@@ -6,9 +6,9 @@ import pytest
 
 from scripts.benchmarks.peers import INTERVALS, compared_scenes, error_of, largest_difference, largest_growth
 from scripts.benchmarks.peers_report import Entry, print_scene
-from twolink.hard.extended_precision import extended_reference
 from twolink.hard.peers import mujoco_peer, scipy_peer
 from twolink.hard.peers.task import Setting, task_of
+from twolink.hard.truths import extended_reference
 
 TASKS = {name: task_of(scene, np.linspace(0, end, INTERVALS + 1)) for name, (scene, end) in compared_scenes().items()}
 

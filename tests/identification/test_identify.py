@@ -98,7 +98,7 @@ def test_total_least_squares_undoes_the_bias_of_noisy_positions() -> None:
     for seed in range(8):
         for method, errors in bias.items():
             found = identify(ARM, T, noisy(Q, 3e-4, seed), None, noisy(clean, 0.02, 100 + seed), [name],
-                             method=method, half=4)  # fmt: skip
+                             method=method, half_window=4)  # fmt: skip
             errors.append(found.values[name] - TRUE[name])
     assert np.mean(bias["weighted"]) < -2 * np.std(bias["weighted"])
     assert abs(np.mean(bias["total"])) < 0.5 * abs(np.mean(bias["weighted"]))
@@ -175,13 +175,13 @@ REFUSED = {
     "unseen": (lambda: identify(ARM, T, Q, V, TAU, ["forearm.first_moment.y"]), "nothing-identifiable", "no joint"),
     "unknown": (lambda: identify(ARM, T, Q, V, TAU, ["wrist.mass"]), "unknown-parameter", "no parameter 'wrist.mass'"),
     "method": (lambda: identify(ARM, T, Q, V, TAU, a=A, method="total"), "no-errors", "leave v and a out"),
-    "half": (lambda: identify(ARM, T, Q, None, TAU, half=1), "query", "half: expected a whole number from 3 on"),
+    "window": (lambda: identify(ARM, T, Q, None, TAU, half_window=1), "query", "half_window: expected a whole"),
     "no samples": (lambda: identify(ARM, [], Q[:0], V[:0], TAU[:0]), "too-few-samples", "there are no samples"),
     "too few for v": (lambda: identify(ARM, T[:7], Q[:7], V[:7], TAU[:7]), "too-few-samples", "to differentiate v"),
     "nanoseconds": (lambda: identify(ARM, T * 1e15, Q, None, TAU), "times", "give seconds"),
     "huge": (lambda: identify(ARM, T, Q, V, TAU * 1e200, a=A), "units", "cannot be used"),
     "filter": (
-        lambda: identify(ARM, T, noisy(Q, 1e-2), None, TAU, ["forearm.origin_inertia.yy"], half=4),
+        lambda: identify(ARM, T, noisy(Q, 1e-2), None, TAU, ["forearm.origin_inertia.yy"], half_window=4),
         "nothing-identifiable",
         "beyond the errors of the filter",
     ),

@@ -59,7 +59,7 @@ def counting(function: Callable[..., object], counted: list[int]) -> Callable[..
 def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callable[[], int]) -> None:
     """Neither the variational equations by a number nor the steps, where each scene is solved a few times only."""
     names = ["effects.1.stiffness.elbow", "forearm.mass"]
-    with taylor_code.few_solutions():
+    with taylor_code.solved_rarely():
         tl.sensitivities(arm(), names, 0.5)
         assert compilations() > 0
         for values in ({names[1]: 2.5}, {names[0]: 8.0}):

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import pytest
 
 from twolink.errors import TwolinkError
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_temporary_one(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twolink.io.confined import read_confined
+from twolink.io.files import read_confined
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Table: alignment, records, HTML."""
 
-from twolink.io.listing import Table
+from twolink.io.text import Table
 
 TABLE = Table(("name", "nq", "mass"), (("arm", 2, 4.0), ("talos<", None, 90.123456789)))
 

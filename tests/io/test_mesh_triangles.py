@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from tests.show.pieces import DAE
-from twolink.io.mesh_triangles import SUFFIXES, read_triangles
+from twolink.io.mesh_files import SUFFIXES, read_triangles
 
 BOX = trimesh.creation.box((1.0, 2.0, 3.0))
 

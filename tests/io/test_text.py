@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from twolink.errors import QueryError, SceneError
-from twolink.io.csv_text import parse_csv
+from twolink.io.tables import parse_csv
 from twolink.io.text import kebab_case, parse_number, read_text, split_path
 
 

@@ -13,8 +13,7 @@ from twolink.errors import QueryError
 from twolink.lagrange import check as module
 from twolink.lagrange import derive, formulas, two_link
 from twolink.lagrange import pinocchio_arm as reference
-from twolink.lagrange.check import check
-from twolink.lagrange.check_result import CheckReport
+from twolink.lagrange.check import CheckReport, check
 from twolink.lagrange.two_link import TwoLink
 
 

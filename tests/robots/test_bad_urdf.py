@@ -11,7 +11,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import RobotError
-from twolink.robots import source, xml
+from twolink.robots import catalogue, xml
 
 INERTIAL = """<inertial><origin xyz="0 0 -0.5"/><mass value="2"/>
 <inertia ixx="0.2" iyy="0.2" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
@@ -170,7 +170,7 @@ print(loaded)
 
 
 def test_urdfs_with_too_many_bytes_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    for module in (source, xml):
+    for module in (catalogue, xml):
         monkeypatch.setattr(module, "MAX_BYTES", 100)
     with pytest.raises(RobotError, match="the limit is 100"):
         tl.load_robot(GOOD)

@@ -13,7 +13,7 @@ import pytest
 import twolink as tl
 from twolink.robots import catalogue_names
 from twolink.robots.catalogue import catalogue_entry, examples_share
-from twolink.robots.cross_check import compare
+from twolink.robots.checks import compare
 
 TOP = Path(__file__).parents[2]
 REFUSED = {

@@ -81,7 +81,7 @@ def test_quaternions_are_refused_where_the_version_has_none(version: str | None)
 
 @pytest.mark.parametrize("version", [None, "1.1", "1.2"])
 def test_capsules_are_drawn_and_read_by_the_second_reader(version: str | None) -> None:
-    from twolink.robots.cross_check import compare
+    from twolink.robots.checks import compare
 
     robot = tl.load_robot(text_of(version, extra=CAPSULE))
     (shape,) = robot.visual_model().geometryObjects

@@ -9,8 +9,7 @@ from twolink.algorithms.namespaces import Numbers
 from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.case import Track
-from twolink.hard.cases.loops import four_bars
-from twolink.hard.four_bars import hanging_four_bars, pendulum_of_row, row_of_four_bars
+from twolink.hard.cases.loops import four_bars, hanging_four_bars, pendulum_of_row, row_of_four_bars
 from twolink.integrate import compile_time
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations

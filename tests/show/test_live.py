@@ -22,8 +22,8 @@ import pytest
 
 from tests.show.browser import Browser
 from twolink.errors import ShowError
-from twolink.show.live import play_live
 from twolink.show.motion_samples import resample
+from twolink.show.playback import play_live
 
 URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 
@@ -122,7 +122,7 @@ def test_ctrl_c_counts_whichever_thread_the_system_gives_it_to(arm: tuple[Any, A
 def test_the_server_ends_when_the_caller_is_killed() -> None:
     script = f"""
         import pinocchio as pin
-        from twolink.show.live import play_live
+        from twolink.show.playback import play_live
         model = pin.buildModelFromUrdf({str(URDF)!r})
         visuals = pin.buildGeomFromUrdf(model, {str(URDF)!r}, pin.GeometryType.VISUAL)
         play_live(model, visuals, [0, 1], [[0, 0], [1, 1]], open_browser=False,

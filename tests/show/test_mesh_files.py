@@ -13,7 +13,7 @@ import pytest
 from tests.show.pieces import DAE, fixed, geometry
 from tests.show.test_playback import revived
 from twolink.errors import ShowError
-from twolink.io.collada import read_collada
+from twolink.io.mesh_files import read_collada
 from twolink.show.meshcat_scene import scene_nodes
 from twolink.show.playback import write_playback
 

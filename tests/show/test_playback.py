@@ -22,8 +22,7 @@ import twolink as tl
 from tests.show.browser import Browser
 from tests.show.pieces import DAE, Robot, box_stl, fixed, geometry
 from twolink.errors import ShowError
-from twolink.show.meshcat_scene import poses, scene_nodes
-from twolink.show.meshcat_view import look_at
+from twolink.show.meshcat_scene import look_at, poses, scene_nodes
 from twolink.show.playback import choose_frames, write_playback
 
 URDFS = Path(__file__).parents[2] / "urdf"

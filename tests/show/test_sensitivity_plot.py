@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.show.sensitivity_plot import tube
+from twolink.show.motion_plots import tube
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,8 @@ from PIL import Image, ImageSequence
 import twolink as tl
 from tests.command import call, one_line
 from twolink.errors import SceneError, ShowError
-from twolink.show.arrows import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows
-from twolink.show.meshcat_scene import poses
-from twolink.show.meshcat_view import look_at
-from twolink.show.raycasting import Camera, Picture
+from twolink.show.meshcat_scene import look_at, poses
+from twolink.show.raycasting import CONTACT_COLOUR, DOT, FORCE_COLOUR, Arrows, Camera, Picture
 from twolink.show.surfaces import surfaces
 from twolink.simulation import Trajectory
 

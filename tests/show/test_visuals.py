@@ -10,7 +10,7 @@ import pytest
 import twolink as tl
 from tests.show.pieces import box_stl
 from twolink.errors import ShowError
-from twolink.show import live
+from twolink.show import playback
 
 RED, BLUE = '<color rgba="1 0 0 1"/>', '<color rgba="0 0 1 1"/>'
 
@@ -82,7 +82,7 @@ def test_playing_logs_the_address_and_the_missing_pieces_unless_callbacks_take_t
         on_url("http://here")
         on_skipped(["a", "b"])
 
-    monkeypatch.setattr(live, "play_live", play)
+    monkeypatch.setattr(playback, "play_live", play)
     run, said = motion(tl.load_robot("two_link")), []
     with caplog.at_level("INFO", logger="twolink"):
         run.play()

@@ -7,7 +7,7 @@ import pytest
 import twolink as tl
 from twolink.algorithms.motion import Motion
 from twolink.errors import SceneError
-from twolink.hard.four_bars import hanging_four_bars
+from twolink.hard.cases.loops import hanging_four_bars
 from twolink.integrate.formulas import effect_loads
 from twolink.integrate.scene_equations import equations_of
 

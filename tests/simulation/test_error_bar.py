@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.hard import truths
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 from twolink.simulation.error_bar import error_bar
 from twolink.simulation.sampling import spread_out
 
@@ -33,14 +33,14 @@ def test_the_bar_is_not_a_number_from_where_an_error_is_none() -> None:
 
 @pytest.mark.parametrize("period", [0.5, 1.0, 4.0, 20.0, 37.5, 100.0])
 def test_no_motion_has_the_same_phase_at_all_looks(period: float) -> None:
-    """Equally spaced looks, 25 samples apart, see periods of 25 samples and their parts at one phase only."""
-    looks = spread_out(10_001, 400)
-    assert looks[0] == 0
-    assert looks[-1] == 10_000
-    assert 400 <= len(looks) <= 402
-    assert np.diff(looks).max() <= 2 * 26
-    seen = np.abs(np.sin(2 * np.pi * looks / period)) if period > 1 else np.abs(np.sin(np.pi * looks / (25 * period)))
-    for i in range(len(looks) - 11):  # what a bar looks ahead
+    """Equally spaced checks, 25 samples apart, see periods of 25 samples and their parts at one phase only."""
+    checks = spread_out(10_001, 400)
+    assert checks[0] == 0
+    assert checks[-1] == 10_000
+    assert 400 <= len(checks) <= 402
+    assert np.diff(checks).max() <= 2 * 26
+    seen = np.abs(np.sin(2 * np.pi * checks / period)) if period > 1 else np.abs(np.sin(np.pi * checks / (25 * period)))
+    for i in range(len(checks) - 11):  # what a bar checks ahead
         assert seen[i : i + 11].max() > 0.5
 
 

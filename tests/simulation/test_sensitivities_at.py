@@ -20,7 +20,7 @@ def test_code_for_any_numbers_gives_the_same_derivatives_within_their_bars() -> 
     times = np.linspace(0.0, 1.0, 21)
     for mass in (1.5, 1.9):
         own = scene_with(SCENE, {"forearm.mass": mass})
-        s, t = (sensitivities_at(own, NAMES, times, 1e-7, any_numbers=shared) for shared in (True, False))
+        s, t = (sensitivities_at(own, NAMES, times, 1e-7, numbers_as_inputs=shared) for shared in (True, False))
         assert np.abs(s.run.q - t.run.q).max() <= s.run.error[-1] + t.run.error[-1]
         for name in NAMES:
             off = np.abs(matrix(s, name) - matrix(t, name)).max(axis=(1, 2))

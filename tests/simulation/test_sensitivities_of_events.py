@@ -8,7 +8,7 @@ from tests.simulation.test_sensitivities import TWO, differences, moved, require
 from twolink import effects as fx
 from twolink.effects.conditions import FrameReaches, JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 from twolink.scenes.parameters import effect_numbers, with_number
 
 ARM = tl.load_robot("two_link")

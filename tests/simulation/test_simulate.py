@@ -147,8 +147,8 @@ def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
     with pytest.raises(AccuracyError, match="cannot be kept in double precision"):
         tl.simulate(scene, 20.0, accuracy=1e-3, samples=1, precision="double")
     worlds = tl.simulate_many(scene, duration=20.0, accuracy=0.1)
-    assert worlds.kept is not None
-    assert not worlds.kept.any()
+    assert worlds.within_accuracy is not None
+    assert not worlds.within_accuracy.any()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError, QueryError, SceneError
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 from twolink.lagrange import two_link
 
 RNG = np.random.default_rng(5)
@@ -22,8 +22,8 @@ def test_worlds_agree_with_single_runs_within_their_bars() -> None:
     q = starts(20)
     worlds = tl.simulate_many(scene, q=q, duration=3.0, accuracy=1e-7)
     assert worlds.error is not None
-    assert worlds.kept is not None
-    assert worlds.kept.all()
+    assert worlds.within_accuracy is not None
+    assert worlds.within_accuracy.all()
     for i, start in enumerate(q):
         alone = tl.simulate(tl.Scene(tl.load_robot("two_link"), start, effects=scene.effects), 3.0, accuracy=1e-11)
         assert np.abs(worlds.q[i] - alone.q[-1]).max() <= worlds.error[i] <= 1e-7
@@ -88,7 +88,7 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
     others = np.delete(np.arange(9), 4)
     assert np.isfinite(worlds.q[others]).all()
     assert (worlds.error[others] <= 1e-6).all()
-    assert not worlds.kept[4]  # type: ignore[index]
+    assert not worlds.within_accuracy[4]  # type: ignore[index]
 
 
 @pytest.mark.parametrize(
@@ -161,8 +161,8 @@ def test_worlds_out_of_reach_are_not_solved_again() -> None:
     q = np.tile([-np.pi / 2, 0.0], (5, 1))
     worlds = tl.simulate_many(scene, q=q, v=v, duration=30.0)
     once = tl.simulate_many(scene, q=q, v=v, duration=30.0, verify=False)
-    assert worlds.kept is not None
-    assert worlds.kept.tolist() == [True, False, True, False, True]
+    assert worlds.within_accuracy is not None
+    assert worlds.within_accuracy.tolist() == [True, False, True, False, True]
     assert worlds.steps[[1, 3]].tolist() == once.steps[[1, 3]].tolist()
 
 

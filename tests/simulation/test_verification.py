@@ -9,7 +9,7 @@ import twolink as tl
 from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import Track
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of

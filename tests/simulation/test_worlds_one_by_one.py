@@ -31,8 +31,8 @@ def check(worlds: tl.Worlds, i: int, scene: tl.Scene, duration: float) -> tl.Tra
 def test_each_world_has_events_of_its_own() -> None:
     q = np.random.default_rng(1).uniform(-1, 1, (4, 2))
     worlds = tl.simulate_many(RUBBING, q=q, duration=2.0, samples=3)
-    assert worlds.kept is not None
-    assert worlds.kept.all()
+    assert worlds.within_accuracy is not None
+    assert worlds.within_accuracy.all()
     assert len({tuple(event.t for event in events) for events in worlds.events}) == 4
     for i, start in enumerate(q):
         alone = check(worlds, i, tl.Scene(ARM, start, effects=RUBBING.effects), 2.0)

@@ -4,7 +4,6 @@ In: a scene, methods, tolerances. Out: a `Study`: errors against a reference of 
 that no other beats. This room knows no command line and no service.
 """
 
-from twolink.accuracy.result import Study
-from twolink.accuracy.study import accuracy_study
+from twolink.accuracy.study import Study, accuracy_study
 
 __all__ = ["Study", "accuracy_study"]

@@ -1,29 +1,177 @@
-"""Measuring methods: a row for each setting, from rough to accurate, as long as it pays."""
+"""Measuring methods: a row for each setting, from rough to accurate, as long as it pays; the reference that errors are
+measured against, and its own error.
 
+The reference is Taylor's method in numbers of 19 digits, or of 33 where 19 do not suffice, and verified as every run
+is. Numbers of so many digits are kept as the sum of two doubles, q + rest.
+"""
+
+import importlib
 import math
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from twolink.accuracy import settings as plan
-from twolink.accuracy.reference_solution import ReferenceSolution
-from twolink.accuracy.study_data import Failure, Row
+import numpy as np
+
+from twolink.accuracy.study_data import MethodFailure, Reference, Row
+from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, TwolinkError
+from twolink.integrate.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds, taylor_seconds
 from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import first_setting
-from twolink.integrate.methods import Method
+from twolink.integrate.method_choice import MethodChoice, first_setting
+from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.solution import Solution
-from twolink.integrate.solver import solve
-from twolink.integrate.state import Array
+from twolink.integrate.solver import smallest_tolerance, solve
+from twolink.integrate.state import Array, StateSpace
 from twolink.integrate.step_map import step_map
+from twolink.integrate.taylor_code import Precision
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
+from twolink.simulation.verification import Verification
 
+TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17))
+TAYLOR_TOLERANCES = tuple(float(f"1e-{k}") for k in range(2, 17, 2))  # each needs an order of its own, compiled
+STEP_SIZES = 14  # of a method of fixed steps
+MAX_FACTOR = 4.0  # from one step size to the next: a method of order 1 would jump by 10 for a digit
+JACOBIAN = 2.5  # how much more there is to compile with a Jacobian and linear equations (UR5, Panda)
+MAX_SECONDS = 60.0  # for a solution in quadruple precision
+FINEST: dict[Precision, float] = {"double": 2.3e-13, "extended": 1e-18, "quad": 1e-25}
+EPSILON = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1e-32}  # of quad, what two doubles keep
+DIGITS = {"extended": "19", "quad": "33"}
 ROUGH = 0.1  # rad or m: the error that the first step size of a method of fixed steps aims at
 ROUNDING_BELOW = 1e-3  # an error above it may stop to fall for other reasons than rounding, such as chaos
 IMPROVED = 0.7  # of the best error so far: a row above it is no improvement
 MAX_WITHOUT_IMPROVEMENT = 2  # rows, after which rounding decides
 SLOW = 0.5  # of the budget: what all timed runs of a row may take together
+
+
+def count(method: Method, tolerances: tuple[float, ...] | None) -> int:
+    """The largest number of settings of a method."""
+    return STEP_SIZES if tolerances is None and not method.adaptive else len(adaptive_settings(method, tolerances))
+
+
+def adaptive_settings(method: Method, tolerances: tuple[float, ...] | None) -> list[float]:
+    """The tolerances of an adaptive method, from rough to accurate; none is below what its numbers resolve."""
+    wanted = tolerances or (TAYLOR_TOLERANCES if method.kind == "taylor" else TOLERANCES)
+    return sorted({max(t, smallest_tolerance(method)) for t in wanted}, reverse=True)
+
+
+def steps_for(equations: Equations, method: Method, tolerances: tuple[float, ...], longest: float) -> list[float]:
+    """Step sizes [s] that aim at tolerances, from rough to accurate."""
+    return sorted({min(longest, first_setting(equations, method, t)) for t in tolerances}, reverse=True)
+
+
+def step_factor(method: Method) -> float:
+    """From one step size to the next: a decade of error where the method keeps its order."""
+    return float(min(MAX_FACTOR, 10.0 ** (1 / method.order)))
+
+
+def why_not_here(equations: Equations, method: Method) -> str | None:
+    """Why a method cannot run here, or would take too long to compile; None when it can."""
+    if method.kind == "scipy":
+        importlib.import_module("scipy.integrate")  # takes longer than most runs, and must not count as a run's time
+        return None
+    if heyoka() is None:
+        return "it needs heyoka, which is not installed" if method.kind == "taylor" else None
+    evaluations = TAYLOR_EVALUATIONS if method.kind == "taylor" else float(method.evaluations)
+    if method.kind == "implicit":
+        evaluations *= JACOBIAN
+    seconds = compiling_seconds(equations.operations * evaluations)
+    if seconds <= MAX_COMPILING:
+        return None
+    return f"its steps would take about {seconds:.0f} s to compile, the limit is {MAX_COMPILING:.0f} s"
+
+
+@dataclass(frozen=True)
+class ReferenceSolution:
+    """A reference with its samples: q (n, nq) on its manifold, and `rest` (n, nq), its digits beyond a double.
+
+    digits_error: its error without the rounding that a comparison on a curved manifold adds. precision: of its numbers.
+    """
+
+    about: Reference
+    q: Array
+    rest: Array
+    digits_error: float
+    precision: Precision
+
+    def error_of(self, space: StateSpace, q: Array) -> float:
+        """max over samples of |difference(q, reference)| for q (n, nq) on the manifold, rad or m."""
+        if space.curved:
+            return float(space.distance(q, self.q).max(initial=0.0))
+        return float(np.abs((q - self.q) - self.rest).max(initial=0.0))
+
+
+def first_reference(equations: Equations, times: Array) -> ReferenceSolution:
+    """The quickest good reference at the samples `times` (n,). Raises AccuracyError where the motion cannot be solved.
+
+    Without heyoka, or where Taylor's method would take too long to compile, it is SciPy's at its tightest tolerance.
+    """
+    if heyoka() is None:
+        return _by_scipy(equations, times, "heyoka is not installed")
+    seconds = taylor_seconds(equations)
+    if seconds > MAX_COMPILING:
+        return _by_scipy(equations, times, f"Taylor's method would take about {seconds:.0f} s to compile")
+    if np.finfo(np.longdouble).eps < 1e-18:
+        return _by_taylor(equations, times, "extended")
+    return better_reference(equations, times) or _by_scipy(equations, times, "numbers of more digits are not there")
+
+
+def better_reference(equations: Equations, times: Array) -> ReferenceSolution | None:
+    """A reference of 33 digits; None where there is none, or where it takes too long."""
+    if not hasattr(heyoka(), "real128"):
+        return None
+    try:
+        return _by_taylor(equations, times, "quad", MAX_SECONDS)
+    except OutOfTime:
+        return None
+
+
+def _by_taylor(
+    equations: Equations, times: Array, precision: Precision, seconds: float | None = None
+) -> ReferenceSolution:
+    how = f"Taylor's method in {precision} precision ({DIGITS[precision]} digits)"
+    return _verified(equations, times, MethodChoice(METHODS["taylor"], FINEST[precision], how, precision), seconds)
+
+
+def _by_scipy(equations: Equations, times: Array, why: str) -> ReferenceSolution:
+    how = f"SciPy's DOP853 in double precision, as {why},"
+    return _verified(equations, times, MethodChoice(METHODS["scipy-dop853"], FINEST["double"], how))
+
+
+def _verified(
+    equations: Equations, times: Array, choice: MethodChoice, seconds: float | None = None
+) -> ReferenceSolution:
+    """A solution, with its error by the solutions beside it, as that of every run."""
+    start, space = time.perf_counter(), equations.space
+    limit = None if seconds is None else TimeLimit(seconds)
+    run = Verification(equations, times, np.arange(len(times)), 0.0, limit)(choice)
+    if run.truncation is None or run.rounding is None:  # Ctrl-C has cut it short: half a reference is of no use
+        raise KeyboardInterrupt
+    if not np.isfinite(run.solution.x).all():
+        raise AccuracyError("the reference is not finite", where="reference", remedy="a shorter duration")
+    q, rest = _parts(run.solution, space)
+    # Two solutions may agree by chance, or be the start itself.
+    error = digits_error = max(float((run.truncation + run.rounding).max()), EPSILON[choice.precision])
+    if space.curved:
+        q = space.rows(np.pad(q.T, ((0, space.nv), (0, 0))))[0]
+        # The difference of two rotations is computed in doubles, and so is that of two places.
+        error += 2.0 * float(np.finfo(float).eps * (1.0 + np.abs(q).max(initial=0.0)))
+    text = f"{choice.why} at tolerance {choice.setting:.2g}, its error by a finer solution and disturbed ones"
+    about = Reference(text, error, time.perf_counter() - start, tuple(q[-1].tolist()))
+    return ReferenceSolution(about, q, rest, digits_error, choice.precision)
+
+
+def _parts(solution: Solution, space: StateSpace) -> tuple[Array, Array]:
+    """q (n, nq) as a sum of two doubles: of 32 digits, all that 19 have and all that matter of 33."""
+    digits: Any = solution.precise
+    if digits is None:
+        q = space.rows(solution.x)[0]
+        return q, np.zeros_like(q)
+    digits = digits[:, : space.nq]
+    q = digits.astype(float)
+    return q, (digits - q.astype(digits.dtype)).astype(float)
 
 
 @dataclass
@@ -38,7 +186,7 @@ class Measurement:
 
 
 @dataclass
-class Measurements:
+class StudyRun:
     """What all rows of a study have in common, the measurements so far, and the failures."""
 
     equations: Equations
@@ -47,12 +195,12 @@ class Measurements:
     repeats: int
     budget: float
     done: list[Measurement] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
+    failures: list[MethodFailure] = field(default_factory=list)
 
     def fail(self, method: Method, setting: float | None, reason: str) -> None:
         """Add a failure."""
         tolerance, step = (setting, None) if method.adaptive else (None, setting)
-        self.failures.append(Failure(method.name, tolerance, step, reason))
+        self.failures.append(MethodFailure(method.name, tolerance, step, reason))
 
     def measure(self, method: Method, setting: float) -> Row | None:
         """Add the row of a method at a setting; None when there is none. Raises OutOfTime, KeyboardInterrupt."""
@@ -98,7 +246,7 @@ class _Progression:
     """The rows of one method, and whether more of them pay."""
 
     def __init__(
-        self, measurements: Measurements, method: Method, to_the_end: bool, announce: Callable[[int, float], None]
+        self, measurements: StudyRun, method: Method, to_the_end: bool, announce: Callable[[int, float], None]
     ) -> None:
         self.measurements, self.method, self.to_the_end, self.announce = measurements, method, to_the_end, announce
         self.number, self.without_improvement, self.best, self.finest = 0, 0, math.inf, math.inf
@@ -126,7 +274,7 @@ class _Progression:
 
 
 def measure_method(
-    measurements: Measurements,
+    measurements: StudyRun,
     method: Method,
     tolerances: tuple[float, ...] | None,
     announce: Callable[[int, float], None],
@@ -137,7 +285,7 @@ def measure_method(
     with the number of each row and its setting.
     """
     equations = measurements.equations
-    reason = plan.why_not_here(equations, method)
+    reason = why_not_here(equations, method)
     if reason is not None:
         measurements.fail(method, None, reason)
         return
@@ -146,8 +294,8 @@ def measure_method(
     if not method.adaptive and tolerances is None:
         _measure_step_sizes(progression, min(longest, first_setting(equations, method, ROUGH)), longest)
         return
-    settings = (plan.adaptive_settings(method, tolerances) if method.adaptive
-                else plan.steps_for(equations, method, tolerances or (), longest))  # fmt: skip
+    settings = (adaptive_settings(method, tolerances) if method.adaptive
+                else steps_for(equations, method, tolerances or (), longest))  # fmt: skip
     for setting in settings:
         progression.measure(setting)
         if progression.ended:
@@ -156,14 +304,14 @@ def measure_method(
 
 def _measure_step_sizes(progression: _Progression, start: float, longest: float) -> None:
     """Longer steps from the start while the error is well below ROUGH, then shorter ones, a decade of error each."""
-    factor, step = plan.step_factor(progression.method), start
+    factor, step = step_factor(progression.method), start
     row = progression.measure(step)
     while row is not None and row.error < ROUGH / 3 and step * factor <= longest:
-        if progression.ended or progression.number >= plan.STEP_SIZES // 2:
+        if progression.ended or progression.number >= STEP_SIZES // 2:
             break
         step *= factor
         row = progression.measure(step)
-    for i in range(1, plan.STEP_SIZES - progression.number + 1):
+    for i in range(1, STEP_SIZES - progression.number + 1):
         if progression.ended:
             return
         progression.measure(start / factor**i)

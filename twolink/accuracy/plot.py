@@ -9,8 +9,7 @@ import numpy as np
 
 from twolink.accuracy.study_data import BETTER, Price, Row, StudyData, in_words
 from twolink.errors import ShowError
-from twolink.show.direct_labels import label_ends
-from twolink.show.figure import COLOURS, new_figure, plain, save_figure
+from twolink.show.figure import COLOURS, label_ends, new_figure, plain, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

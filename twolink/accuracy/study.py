@@ -1,25 +1,139 @@
-"""accuracy_study: every method at every setting, against a reference, kept for method="auto"."""
+"""accuracy_study: every method at every setting, against a reference; and its result, with text, figure and files."""
 
+from __future__ import annotations
+
+import html
+import json
 import math
+import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
 
-from twolink.accuracy.measuring import Measurements, measure_method
-from twolink.accuracy.reference_solution import better_reference, first_reference
-from twolink.accuracy.result import Study
-from twolink.accuracy.settings import count
-from twolink.accuracy.study_data import BETTER, Reference, Row, with_front
+import msgspec
+import numpy as np
+
+from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
+from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, study_text, with_front
 from twolink.dynamics.arguments import positive
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate import calibration
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.scene_equations import equations_of
+from twolink.io.files import write_atomic
+from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
 from twolink.simulation.sampling import duration_for, sample_times
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SAVED = (".json", *SUFFIXES)
 MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 StudyProgress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, repr=False)
+class Study(StudyData):
+    """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The study as plain data, which `save` writes as JSON."""
+        prices = [
+            {"accuracy": p.accuracy, "seconds": p.seconds, "ratio": p.ratio, "method": p.row.method,
+             "tolerance": p.row.tolerance, "step": p.row.step} for p in self.price_of_digits()
+        ]  # fmt: skip
+        return {**msgspec.json.decode(msgspec.json.encode(self)), "price_of_digits": prices}
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Study:
+        """Read a study saved as .json. Raises TwolinkError for what is not one."""
+        try:
+            return msgspec.json.decode(Path(path).read_bytes(), type=cls)
+        except OSError as error:
+            raise TwolinkError(f"cannot be read: {error.strerror or error}", where=str(path), remedy="check the path",
+                               code="not-readable") from None  # fmt: skip
+        except msgspec.MsgspecError:
+            raise TwolinkError("it is not a saved study", where=str(path), remedy="save the study again, as .json",
+                               code="not-a-study") from None  # fmt: skip
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write all of it to .json, or its rows to .csv, .parquet or .npz; numbers keep every digit."""
+        target = Path(path)
+        suffix = require_format(target, SAVED)
+        if suffix == ".json":
+            text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+            return write_atomic(target, lambda file: file.write(text.encode()))
+        notes = {"robot": self.robot, "duration": repr(self.duration), "reference": self.reference.how,
+                 "reference_error": repr(self.reference.error)}  # fmt: skip
+        return write_table(target, self._columns(as_text=suffix == ".csv"), notes)
+
+    def _columns(self, *, as_text: bool) -> dict[str, np.ndarray]:
+        """The rows by column. As text, what a row does not have is empty; as numbers it is NaN."""
+        table: dict[str, np.ndarray] = {}
+        for name in Row.__dataclass_fields__:
+            values = [getattr(row, name) for row in self.rows]
+            if as_text:
+                table[name] = np.array(["" if v is None else str(v) for v in values], dtype=str)
+            elif name in ("tolerance", "step"):
+                table[name] = np.array([math.nan if v is None else v for v in values], dtype=float)
+            else:
+                table[name] = np.array(values)
+        return table
+
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str]) -> Path: ...
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
+        """Draw seconds over error, a line a method, with the front and its prices.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
+
+        Raises
+        ------
+        ShowError
+            No row has an error below 3, the file's ending is another one, or it cannot be written.
+        """
+        from twolink.accuracy.plot import plot_study
+
+        return plot_study(self, None if path is None else Path(path))
+
+    def text(self) -> str:
+        """The study as tables for people."""
+        return study_text(self)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def __repr__(self) -> str:
+        ended = ", interrupted" if self.interrupted else ""
+        best = min((row.error for row in self.rows), default=math.nan)
+        return (
+            f"<Study of {self.robot!r}: {self.duration:g} s, {len(self.rows)} rows, {len(self.front)} on the front, "
+            f"best error {best:.1e}{ended}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from twolink.show.figure import figure_html
+
+        try:
+            picture = figure_html(self.plot())
+        except ShowError:  # no row has an error that can be drawn
+            picture = ""
+        return f"<pre>{html.escape(self.text())}</pre>{picture}"
 
 
 def accuracy_study(
@@ -79,7 +193,7 @@ def accuracy_study(
     repeats = _repeats(repeats)
     total = sum(count(method, aims) for method in chosen) + repeats
     report(0, total, "the reference")
-    measurements = Measurements(equations, times, first_reference(equations, times), repeats, limit)
+    measurements = StudyRun(equations, times, first_reference(equations, times), repeats, limit)
     interrupted = False
     try:
         _measure_all(measurements, chosen, aims, report, total)
@@ -100,7 +214,7 @@ def accuracy_study(
 
 
 def _measure_all(
-    measurements: Measurements,
+    measurements: StudyRun,
     methods: Iterable[Method],
     tolerances: tuple[float, ...] | None,
     report: StudyProgress,
@@ -117,7 +231,7 @@ def _measure_all(
         done += count(method, tolerances)
 
 
-def _improve_reference(measurements: Measurements) -> None:
+def _improve_reference(measurements: StudyRun) -> None:
     """Take a reference of more digits where the best row comes too near to this one's error."""
     reference = measurements.reference
     best = min((entry.row.error for entry in measurements.done), default=math.inf)
@@ -131,7 +245,7 @@ def _improve_reference(measurements: Measurements) -> None:
         entry.row = replace(entry.row, error=better.error_of(measurements.equations.space, entry.q))
 
 
-def _sorted(measurements: Measurements) -> list[Row]:
+def _sorted(measurements: StudyRun) -> list[Row]:
     """By method in the order of METHODS, from rough to accurate."""
     order = list(METHODS)
     return sorted((entry.row for entry in measurements.done),

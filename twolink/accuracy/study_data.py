@@ -1,8 +1,9 @@
-"""What an accuracy study measured, as frozen data: rows, failures, the reference, the Pareto front and prices."""
+"""What an accuracy study measured, as frozen data and as text: rows, failures, the reference and the Pareto front."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 from twolink.errors import AccuracyError
 
@@ -40,7 +41,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Failure:
+class MethodFailure:
     """A method, at a setting or altogether (both None), that gave no row, and why."""
 
     method: str
@@ -83,7 +84,7 @@ class StudyData:
         Number of times at which errors were taken.
     rows : tuple of Row
         By method, from rough to accurate.
-    failures : tuple of Failure
+    failures : tuple of MethodFailure
         Settings and methods without a row, and why.
     reference : Reference
         What the errors were measured against.
@@ -97,7 +98,7 @@ class StudyData:
     duration: float
     samples: int
     rows: tuple[Row, ...]
-    failures: tuple[Failure, ...]
+    failures: tuple[MethodFailure, ...]
     reference: Reference
     seconds: float
     interrupted: bool = False
@@ -156,3 +157,63 @@ def in_words(seconds: float) -> str:
     """Seconds in three digits with a unit, such as 12.3 ms."""
     size, unit = next(((size, unit) for size, unit in UNITS if seconds >= size * 0.9995), UNITS[-1])
     return f"{seconds / size:.3g} {unit}"
+
+
+def study_text(study: StudyData) -> str:
+    """The whole study."""
+    parts = [_head(study), _rows(study), _prices(study), _failures(study)]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _head(study: StudyData) -> str:
+    about = study.reference
+    ended = "; INTERRUPTED, this is what was done" if study.interrupted else ""
+    return (
+        f"{study.robot}: {study.duration:g} s, {study.samples} samples; {len(study.rows)} entries "
+        f"in {study.seconds:.0f} s{ended}\n"
+        f"errors: the largest of q at any sample, rad or m, against\n  {about.how}\n"
+        f"  its own error is {about.error:.1e}; it took {in_words(about.seconds)}"
+    )
+
+
+def _rows(study: StudyData) -> str:
+    lines = [f"{'method':<20}{'setting':<20}{'error':>9} {'time':>11}{'evaluations':>13}{'steps':>9}{'rejected':>10}"]
+    for row in study.rows:
+        mark = " *" if row.front else ""
+        doubt = "" if row.resolved else "  (within the reference's own error)"
+        lines.append(
+            f"{row.method:<20}{row.setting:<20}{row.error:>9.1e} {in_words(row.seconds):>11}{row.evaluations:>13}"
+            f"{row.steps:>9}{row.rejected:>10}{mark}{doubt}"
+        )
+    compiled = sum(row.compile_seconds for row in study.rows)
+    lines.append(f"* on the front: nothing else is both more accurate and quicker. Compiling, apart: {compiled:.1f} s.")
+    return "\n".join(lines) if study.rows else ""
+
+
+def _prices(study: StudyData) -> str:
+    prices = study.price_of_digits()
+    if not prices:
+        return "no entry has an error of 0.1 or less: study a shorter duration, or with a larger budget"
+    lines = ["what accuracy costs: the cheapest for each", f"{'error at most':>14}{'time':>11}{'a digit more':>14}  by"]
+    for price in prices:
+        more = "" if price.ratio is None else "the same" if price.ratio == 1.0 else f"x {price.ratio:.2f}"
+        by = f"{price.row.method}, {price.row.setting}"
+        lines.append(f"{price.accuracy:>14.0e}{in_words(price.seconds):>11}{more:>14}  {by}")
+    return "\n".join(lines)
+
+
+def _failures(study: StudyData) -> str:
+    if not study.failures:
+        return ""
+    lines = ["no row from"]
+    for (method, reason), group in groupby(study.failures, key=lambda f: (f.method, f.reason)):
+        lines.append(f"  {method}{', '.join(_settings(group))}: {reason}")
+    return "\n".join(lines)
+
+
+def _settings(failures: Iterator[MethodFailure]) -> Iterator[str]:
+    for failure in failures:
+        if failure.tolerance is not None:
+            yield f" at tolerance {failure.tolerance:.2g}"
+        elif failure.step is not None:
+            yield f" at step {failure.step:.3g} s"

@@ -21,10 +21,10 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from twolink.algorithms import spatial as sp
+from twolink.algorithms.factors import ldlt, ldlt_apply, ldlt_inverse
 from twolink.algorithms.joint_models import velocity_product
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inverse
 from twolink.algorithms.spatial import ZERO, Inertia, Mat, Matrix, Pose, Scalar, Scalars, Spatial, Vec
 from twolink.errors import QueryError
 
@@ -83,7 +83,7 @@ class _Change(NamedTuple):
     motion: Spatial
 
 
-class _Body(NamedTuple):
+class _MovingBody(NamedTuple):
     """A body's motion in its own frame, and what steps along its joint's directions change.
 
     spin: its angular velocity; velocity, of its origin; moved: its acceleration (classical linear, angular);
@@ -112,10 +112,10 @@ def _torque_derivatives(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scal
     return by_q, by_v
 
 
-def _moving(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars) -> list[_Body]:
+def _moving(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars) -> list[_MovingBody]:
     """Velocities and accelerations from the root outwards, as in Featherstone table 5.1."""
     still = sp.acceleration_gradient(ZERO, ZERO)
-    moving = [_Body(ZERO, ZERO, (sp.scale(-1.0, mech.gravity), ZERO), still)]
+    moving = [_MovingBody(ZERO, ZERO, (sp.scale(-1.0, mech.gravity), ZERO), still)]
     for i in mech.bodies:
         joint, parent, relative = mech.joints[i], moving[mech.parents[i]], mech.joints[i].motion(v)
         turned = sp.inward(at[i], parent.spin)
@@ -127,7 +127,7 @@ def _moving(mech: Mechanism, at: Sequence[Pose], v: Scalars, a: Scalars) -> list
         by_q = [_step_of_q(at[i], parent.gradient, turned, passed, relative, s) for s in joint.subspace]
         by_v = [_step_of_v(turned, relative, s) for s in joint.subspace]
         changes = ([_as_seen(spin, velocity, *step) for step in steps] for steps in (by_q, by_v))
-        moving.append(_Body(spin, velocity, moved, sp.acceleration_gradient(spin, moved[1]), *changes))
+        moving.append(_MovingBody(spin, velocity, moved, sp.acceleration_gradient(spin, moved[1]), *changes))
     return moving
 
 
@@ -156,7 +156,7 @@ def _as_seen(spin: Vec, velocity: Vec, delta: Vec, motion: Spatial) -> _Change:
     return _Change(delta, (gamma, sp.add(motion[1], sp.cross(spin, delta))))
 
 
-def _carried(mech: Mechanism, at: Sequence[Pose], moving: Sequence[_Body]) -> list[_Flow]:
+def _carried(mech: Mechanism, at: Sequence[Pose], moving: Sequence[_MovingBody]) -> list[_Flow]:
     """Each body joined with all it carries: sums from the leaves inwards, in the body's frame."""
     sums = [_flow_of(mech.inertias[i], moving[i]) for i in range(len(mech.parents))]
     for i in reversed(mech.bodies):
@@ -171,7 +171,7 @@ def _carried(mech: Mechanism, at: Sequence[Pose], moving: Sequence[_Body]) -> li
     return sums
 
 
-def _flow_of(inertia: Inertia, body: _Body) -> _Flow:
+def _flow_of(inertia: Inertia, body: _MovingBody) -> _Flow:
     """One body's sums: P = m v + w x h, Z = h v^T + Sigma [w x]^T."""
     momentum = sp.add(sp.scale(inertia.mass, body.velocity), sp.cross(body.spin, inertia.first))
     spun = sp.product(sp.full(inertia.second), sp.transpose(sp.skew(body.spin)))
@@ -199,7 +199,7 @@ def _turning(flow: Mat) -> Mat:
 
 
 def _rows(
-    mech: Mechanism, at: Sequence[Pose], moving: Sequence[_Body], body: _Flow, i: int, out: tuple[Matrix, Matrix]
+    mech: Mechanism, at: Sequence[Pose], moving: Sequence[_MovingBody], body: _Flow, i: int, out: tuple[Matrix, Matrix]
 ) -> None:
     """Joint i's torques under steps of its own directions and of those of the joints that carry it.
 
@@ -218,7 +218,7 @@ def _rows(
 
 
 def _columns(
-    mech: Mechanism, at: Sequence[Pose], motion_of: _Body, body: _Flow, i: int, out: tuple[Matrix, Matrix]
+    mech: Mechanism, at: Sequence[Pose], motion_of: _MovingBody, body: _Flow, i: int, out: tuple[Matrix, Matrix]
 ) -> None:
     """What the joints that carry joint i feel of steps along its directions.
 

@@ -8,10 +8,9 @@ from typing import Any, Literal
 import pinocchio as pin
 
 from twolink.algorithms import recursions, references
-from twolink.algorithms.articulated_body import forward_dynamics_aba
 from twolink.algorithms.derivatives import forward_dynamics_derivatives, inverse_dynamics_derivatives
 from twolink.algorithms.mechanism import Mechanism
-from twolink.algorithms.recursions import forward_dynamics_crba, frame_jacobian
+from twolink.algorithms.recursions import forward_dynamics_aba, forward_dynamics_crba, frame_jacobian
 from twolink.algorithms.references import Reference
 from twolink.algorithms.spatial import Pose, Scalar, force_to_parent, plus
 from twolink.errors import QueryError, nearest

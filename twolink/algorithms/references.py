@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.robots.physical_checks import mass_matrix_by_columns
+from twolink.robots.checks import mass_matrix_by_columns
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

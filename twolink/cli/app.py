@@ -8,20 +8,14 @@ from typing import Annotated, NoReturn
 import typer
 
 from twolink._version import __version__
-from twolink.cli.failures import FAILED, INTERRUPTED, MISUSED, Command
-from twolink.cli.fit import fit
-from twolink.cli.hard_cases import hard_cases
-from twolink.cli.identify import identify
-from twolink.cli.linearize import linearize
-from twolink.cli.optimize import optimize
-from twolink.cli.paper import paper, throw
-from twolink.cli.play import play
-from twolink.cli.queries import check, query
-from twolink.cli.robots import inspect, robots
-from twolink.cli.scenes import accuracy, explain, methods, new, run, scenes
+from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
+from twolink.cli.evidence import hard_cases, paper, throw
+from twolink.cli.fitting import fit, identify, optimize
+from twolink.cli.play import play, video
+from twolink.cli.robots import check, inspect, query, robots
+from twolink.cli.scenes import accuracy, explain, linearize, methods, new, run, scenes
 from twolink.cli.serve import serve
 from twolink.cli.sweep import sweep
-from twolink.cli.video import video
 from twolink.errors import TwolinkError
 
 app = typer.Typer(

@@ -1,16 +1,38 @@
-"""The commands about robots: list those known by name, and inspect one."""
+"""The commands about robots: list and inspect them, answer dynamics questions, and check the equations behind the
+answers.
+"""
 
+import sys
+from collections.abc import Iterator, Mapping
+from inspect import Parameter, Signature, signature
+from pathlib import Path
 from textwrap import shorten
 from typing import Annotated, Any
 
-from typer import Option
+import numpy as np
+import typer
+from typer import Argument, Option
 
-from twolink.cli.options import Folders, Gravity, Json, Lock, Mimic, RobotName, Root, Unphysical, robot_from
-from twolink.cli.output import show
+from twolink.cli.common import (
+    FAILED,
+    Folders,
+    Gravity,
+    Json,
+    Lock,
+    Mimic,
+    Misuse,
+    RobotName,
+    Root,
+    Unphysical,
+    robot_from,
+    show,
+)
 from twolink.dynamics import Robot
+from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.robot_record import robot_record
-from twolink.errors import RobotError
-from twolink.io.listing import Table
+from twolink.errors import QueryError, RobotError
+from twolink.io.tables import joint_columns, parse_csv
+from twolink.io.text import Table, decode, parse_json, parse_numbers, read_bytes
 from twolink.robots import robots as robot_table
 
 
@@ -51,7 +73,7 @@ def inspect(
     record = robot_record(loaded)
     text = _text(loaded, record)
     if cross_check:
-        from twolink.robots.cross_check import compare
+        from twolink.robots.checks import compare
 
         record["second_reading"] = compare(loaded)
         text += f"\n\nsecond reading (yourdfpy): {record['second_reading']['text']}"
@@ -84,3 +106,125 @@ def _engines(robot: Robot) -> str:
     if robot.has_mimic:
         return "by Pinocchio alone; mimic joints are not compiled"
     return f"compiled by heyoka {module.__version__} where that is faster, certified against Pinocchio"
+
+
+def query(
+    robot: RobotName,
+    what: Annotated[str, Argument(metavar="QUERY", help=", ".join(QUERIES))],
+    *,
+    states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
+    root: Root = "fixed",
+    lock: Lock = None,
+    gravity: Gravity = "0 0 -9.81",
+    mimic: Mimic = False,
+    unphysical: Unphysical = "refuse",
+    package_dirs: Folders = None,
+    as_json: Json = False,
+    **given: str | None,
+) -> None:
+    """Ask a dynamics question about one state or many.
+
+    \b
+    twolink query two_link forward-dynamics --q "0 0" --v "0 0" --tau "1 0"
+    twolink query two_link energy --states states.csv --json
+
+    \b
+    JSON: {"q": [[...], ...], "v": [[...], ...], "tau": ...}, or a list of such objects.
+    CSV:  a header with columns q0, q1, ..., v0, ..., tau0, ... or q.JOINT, v.JOINT, ...; one state a row.
+    """
+    if given["q"] is None and states is None:
+        raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
+    loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
+    options: dict[str, Any] = {name: text for name, text in given.items() if name in OPTIONS}
+    if given["f_ext"] is not None:
+        options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
+    arguments = read_states(loaded, {name: text for name, text in given.items() if name in ARGUMENTS}, states)
+    result = answer_query(loaded, what, arguments, **options)
+    with np.printoptions(precision=17, threshold=1_000_000, linewidth=120):
+        show(result, "\n".join(f"{name} =\n{np.asarray(value)}" for name, value in result.items()), as_json)
+
+
+def _declared() -> Iterator[Parameter]:
+    """The options of `query` for what the declared queries take."""
+    for name in (*ARGUMENTS, *OPTIONS):
+        takers = [each for each in QUERIES.values() if name in each.signature.parameters]
+        if takers:
+            taken = takers[0].signature.parameters[name]
+            text = ARGUMENTS[name] if name in ARGUMENTS else OPTIONS[name][1]
+            text += f": {' or '.join(choices)}" if (choices := takers[0].options.get(name)) else ""
+            text += f" ({', '.join(each.name for each in takers)})" if len(takers) < 5 else ""
+            default = "0" if name in ARGUMENTS and name != "q" else taken.default
+            option = Option(help=f"{text}.", show_default=default if isinstance(default, str) else False)
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[str | None, option])
+
+
+_robot, _what, *_others = signature(query).parameters.values()
+query.__signature__ = Signature([_robot, _what, *_declared(), *_others[:-1]])  # type: ignore[attr-defined]  # for Typer
+
+
+def read_states(robot: Robot, texts: Mapping[str, str | None], path: Path | None) -> dict[str, Any]:
+    """The arguments of a query: those that come as text, and those from a JSON or CSV file ("-": stdin)."""
+    arguments = {name: parse_numbers(name, text) for name, text in texts.items() if text is not None}
+    if path is None:
+        return arguments
+    data = sys.stdin.buffer.read() if str(path) == "-" else read_bytes(path, QueryError)
+    text = decode(data, path, QueryError)
+    from_file = _from_json(text) if text.lstrip().startswith(("{", "[")) else _from_csv(robot, text)
+    twice = [name for name in from_file if name in arguments]
+    if twice:
+        raise QueryError("it is given twice, in the file and as an option", argument=twice[0], remedy="keep one")
+    return arguments | from_file
+
+
+def _from_json(text: str) -> dict[str, Any]:
+    content = parse_json(text, "states")
+    if isinstance(content, list) and content and all(isinstance(c, dict) for c in content):
+        names = list(content[0])
+        odd = next((i for i, c in enumerate(content) if set(c) != set(names)), None)
+        if odd is not None:
+            what = f"state {odd} has {list(content[odd])}, the first has {names}"
+            raise QueryError(what, where="states", remedy="give every state the same entries")
+        return {name: [c[name] for c in content] for name in names}
+    if isinstance(content, dict):
+        return content
+    remedy = 'such as {"q": [[0, 0]], "v": [[0, 0]]}'
+    raise QueryError("expected an object, or a list of objects", where="states", remedy=remedy)
+
+
+def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
+    """Columns q0, q1, ..., v0, ... by number, or q.JOINT, v.JOINT by name as `run.save` writes them."""
+    table = parse_csv(text, "states", QueryError, rows=1)
+    out: dict[str, Any] = {}
+    left = set(table)
+    for name, size in (("q", robot.nq), ("v", robot.nv), ("tau", robot.nv), ("a", robot.nv)):
+        numbered = [f"{name}{i}" for i in range(size)]
+        wanted = numbered if left & set(numbered) else [column for column, _ in joint_columns(robot.joints, name)]
+        if not left & set(wanted):
+            continue
+        lacking = [column for column in wanted if column not in left]
+        if lacking:
+            raise QueryError(f"column {lacking[0]!r} is missing", where="states", remedy="give all of them, or none")
+        out[name] = np.column_stack([table[column] for column in wanted])
+        left -= set(wanted)
+    unknown = [column for column in table if column in left - {"t", "energy", "error"}]
+    if unknown:
+        remedy = "columns are q0, q1, ... or q.JOINT, and so on for v, tau, a"
+        raise QueryError(f"column {unknown[0]!r} is unknown", where="states", remedy=remedy)
+    return out
+
+
+def check(
+    n: Annotated[int, Option(min=1, metavar="COUNT", help="Number of random arms and states.")] = 10_000,
+    seed: Annotated[int, Option(min=0, metavar="SEED", help="Seed of the random numbers.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Check the paper's equations against Pinocchio.
+
+    Three sources are compared: Pinocchio, the hand-derived equations, and a derivation by computer algebra.
+    """
+    from twolink.lagrange.check import check as run_check
+
+    result = run_check(n=n, seed=seed)
+    show(result.to_dict(), result.text(), as_json)
+    if not result.passed:
+        raise typer.Exit(FAILED)

@@ -1,4 +1,4 @@
-"""The commands about scenes: list, explain and simulate them; study accuracy; list the methods."""
+"""The commands about scenes: list, explain, simulate and linearize them; study accuracy; list the methods."""
 
 import dataclasses
 import os
@@ -12,8 +12,9 @@ import typer
 from typer import Argument, Option
 
 from twolink.accuracy import accuracy_study
-from twolink.cli.failures import Misuse
-from twolink.cli.options import (
+from twolink.cli.common import (
+    RUN_ENDINGS,
+    STUDY_ENDINGS,
     Accuracy,
     ContactWay,
     Duration,
@@ -21,24 +22,29 @@ from twolink.cli.options import (
     Json,
     Lock,
     Method,
+    Misuse,
     RobotName,
     Root,
     SceneName,
     completion,
+    finish,
     locks_of,
+    require_writable,
     robot_from,
     scene_from,
+    show,
+    write,
+    write_by_ending,
 )
-from twolink.cli.output import RUN_ENDINGS, STUDY_ENDINGS, finish, require_writable, show, write, write_by_ending
 from twolink.integrate.methods import methods as method_table
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import bundled_scenes
 from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
-from twolink.scenes.file_format import RobotEntry
-from twolink.scenes.template import scene_template
+from twolink.scenes.file_format import RobotEntry, scene_template
+from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar
 from twolink.simulation.records import balance_record, run_record
 from twolink.simulation.trajectory import Trajectory
@@ -162,7 +168,7 @@ def run(
 
         balance = energy_book(loaded, result)
         record["book"] = balance_record(balance)
-        lines.append(f"energy book\n{balance}")
+        lines.append(f"energy balance\n{balance}")
     show(record, "\n".join(lines), as_json)
     finish(failures, result.interrupted)
 
@@ -237,3 +243,37 @@ def methods(as_json: Json = False) -> None:
         f"others --step; auto takes the cheapest for --accuracy.\n\n{table.select('name', 'source')}"
     )
     show(table.to_records(), text, as_json)
+
+
+def linearize(
+    scene: SceneName,
+    q: Annotated[str | None, Option(help="Configuration.", show_default="the scene's")] = None,
+    v: Annotated[str | None, Option(help="Velocity.", show_default="the scene's; 0 with --q")] = None,
+    t: Annotated[float, Option("--time", help="Time, s, for effects that depend on it.")] = 0.0,
+    inputs: Annotated[
+        list[str] | None, Option("--input", metavar="JOINT", help="A motor; repeatable.", show_default="every joint")
+    ] = None,
+    out: Annotated[
+        list[Path] | None, Option("--out", metavar="FILE", help="Draw the eigenvalues (.png .svg .pdf).")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the linear equations of small motions.
+
+    x' = A x + B u, with x = (dq, dv) and torques u at the inputs: A, B, their error, eigenvalues, what kind of
+    equilibrium it is, and whether the inputs can control it.
+
+    \b
+    twolink linearize arm-swing --q "1.5707963267948966 0" --input elbow
+    twolink linearize panda-hold --out eigenvalues.png --json
+    """
+    from twolink.control.linearization import linearize as linearize_scene
+
+    require_writable(out or [], FORMATS)
+    states = (None if text is None else parse_numbers(name, text) for name, text in (("q", q), ("v", v)))
+    found = linearize_scene(scene_from(scene), *states, t=t, inputs=inputs)
+    written, failures = write(out or [], found.plot)
+    files = "".join(f"\nwrote {path}" for path in written)
+    text = f"{found}\nA =\n{found.A}\nB =\n{found.B}{files}"
+    show({"scene": scene, **found.to_dict(), "files": written}, text, as_json)
+    finish(failures, interrupted=False)

@@ -10,9 +10,7 @@ from typing import Annotated, Any
 import msgspec
 from typer import Argument, Option
 
-from twolink.cli.failures import Misuse
-from twolink.cli.options import Duration, Files, Json
-from twolink.cli.output import finish, require_writable, show, write
+from twolink.cli.common import Duration, Files, Json, Misuse, finish, require_writable, show, write
 from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar

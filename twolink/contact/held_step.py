@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.dense_factors import factored, solved
+from twolink.algorithms.factors import factored, ldlt, ldlt_apply, ldlt_inward, ldlt_outward, solved
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.motion import Motion, placed
 from twolink.algorithms.recursions import composite_bodies, frame_jacobian, poses
-from twolink.algorithms.sparse_factors import ldlt, ldlt_apply, ldlt_inward, ldlt_outward
 from twolink.algorithms.spatial import (
     IDENTITY,
     Matrix,

@@ -9,17 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twolink.control.derivatives import derivatives_of
 from twolink.control.linearization import AT_REST, Linearization, driven, linearize
-from twolink.control.loops import allowed
-from twolink.control.smooth import depends_on_time
+from twolink.control.smooth import allowed, depends_on_time, derivatives_of
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, unbalanced_forces
 from twolink.integrate.state import Array
-from twolink.io.listing import Table
+from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.simulation.text import ShownAsText
 

@@ -10,10 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from twolink.control.derivatives import certified, derivatives_of
 from twolink.control.eigenvalues import Controllability, Stability, controllability, eigenvalues, stability_of
-from twolink.control.loops import freedom
-from twolink.control.smooth import equations_at
+from twolink.control.smooth import certified, derivatives_of, equations_at, freedom
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, batch_shape, configuration
 from twolink.effects.checks import check_joints, single_joints
@@ -22,7 +20,7 @@ from twolink.errors import SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations
 from twolink.integrate.scene_equations import equations_of
-from twolink.io.listing import Table
+from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.simulation.text import ShownAsText
 
@@ -164,7 +162,7 @@ class Linearization(ShownAsText):
 
     def plot(self, path: str | Path | None = None) -> "Path | Figure":
         """Draw the eigenvalues in the complex plane into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.eigenvalue_plot import plot_eigenvalues
+        from twolink.show.figure import plot_eigenvalues
 
         file, title = None if path is None else Path(path), f"{self.robot.name}: eigenvalues"
         return plot_eigenvalues(file, title, self.eigenvalues, self.eigenvalue_errors)

@@ -5,7 +5,7 @@ the formulas of `twolink.algorithms` and certified against Pinocchio. This room 
 time.
 """
 
+from twolink.dynamics.arguments import Wrench
 from twolink.dynamics.robot import Robot, load_robot
-from twolink.dynamics.wrench import Wrench
 
 __all__ = ["Robot", "Wrench", "load_robot"]

@@ -16,7 +16,7 @@ from typing import Any
 import platformdirs
 
 from twolink.errors import TwolinkError
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 
 MAGIC = b"twolink kernel 2\n"
 SUFFIX = ".kernel"

@@ -24,7 +24,7 @@ NOT_USED = "it is not used; Pinocchio answers instead"
 
 
 @dataclass(frozen=True)
-class Certificate:
+class KernelCertificate:
     """The comparison of a compiled function with Pinocchio: `worst` is the largest error over its scale."""
 
     function: str
@@ -44,7 +44,7 @@ class Certificate:
 
 def certify(
     model: pin.Model, function: Function, kernel: Kernel, parameters: tuple[str, ...] = (), count: int = STATES
-) -> Certificate:
+) -> KernelCertificate:
     """Compare the kernel with Pinocchio; raises CertificationError with the worst state when they disagree.
 
     The states: generic ones; straight ones, where mass matrices are worst conditioned; very fast ones; and angles of
@@ -71,7 +71,7 @@ def certify(
             raise CertificationError(what, where=f"{function.name} at {shown}", remedy=NOT_USED)
         worst = max(worst, error)
     operations = sum(kernel.operations.values())
-    return Certificate(function.name, count, worst, BOUND, operations, _versions(), platform.machine())
+    return KernelCertificate(function.name, count, worst, BOUND, operations, _versions(), platform.machine())
 
 
 @functools.cache

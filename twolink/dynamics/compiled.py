@@ -15,10 +15,9 @@ from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.recursions import Axes
 from twolink.algorithms.sincos import LIMIT
 from twolink.dynamics import cache, pinocchio_queries
-from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
-from twolink.dynamics.certificates import Certificate, certify
+from twolink.dynamics.arguments import FExt, array, batch_shape, configuration, one_of, read_wrenches, rows
+from twolink.dynamics.certificates import KernelCertificate, certify
 from twolink.dynamics.kernels import Kernel, build, heyoka
-from twolink.dynamics.wrench import FExt, read_wrenches
 from twolink.errors import CertificationError, MissingExtraError, QueryError, nearest
 from twolink.io.fingerprints import kernel_key
 from twolink.robots.model import RobotModel
@@ -64,7 +63,7 @@ class Compiled:
             nominal(robot.model, name)  # refuses an unknown name
         self.robot = robot
         self.parameters: tuple[str, ...] = tuple(dict.fromkeys(parameters))
-        self._made: dict[tuple[str, ...], tuple[Kernel, Certificate] | CertificationError] = {}
+        self._made: dict[tuple[str, ...], tuple[Kernel, KernelCertificate] | CertificationError] = {}
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
@@ -124,16 +123,16 @@ class Compiled:
         all_three = self.answer("inverse_dynamics_derivatives", {"q": q, "v": v, "a": a}, parameters)
         return all_three[..., 0, :, :], all_three[..., 1, :, :], all_three[..., 2, :, :]
 
-    def certificate(self, name: str) -> Certificate:
+    def certificate(self, name: str) -> KernelCertificate:
         """The certificate of a function, such as "forward_dynamics" or "frame_pose:tip"; made if there is none."""
         return self._kernel(name, ())[1]
 
     @property
-    def certificates(self) -> tuple[Certificate, ...]:
+    def certificates(self) -> tuple[KernelCertificate, ...]:
         """The certificates of all functions built so far."""
         return tuple(made[1] for made in self._made.values() if not isinstance(made, CertificationError))
 
-    def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate]:
+    def _kernel(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, KernelCertificate]:
         """The certified kernel of a function with wrenches on frames. Raises CertificationError."""
         key = (name, *frames)
         if key not in self._made:
@@ -145,7 +144,9 @@ class Compiled:
             raise made
         return made
 
-    def _load_or_build(self, name: str, frames: tuple[str, ...]) -> tuple[Kernel, Certificate] | CertificationError:
+    def _load_or_build(
+        self, name: str, frames: tuple[str, ...]
+    ) -> tuple[Kernel, KernelCertificate] | CertificationError:
         """A kernel from the cache, checked again on a few states, or a new one, or why a new one is refused."""
         model, start = self.robot.model, time.perf_counter()
         forces = [FrameForce(f"f_ext:{frame}", *frame_pose(model, frame)) for frame in frames]

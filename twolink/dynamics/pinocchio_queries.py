@@ -15,13 +15,22 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import frame_index
-from twolink.dynamics.arguments import array, batch_shape, configuration, one_of, rows
+from twolink.dynamics.arguments import (
+    Applied,
+    FExt,
+    array,
+    batch_shape,
+    configuration,
+    joint_forces,
+    one_of,
+    read_wrenches,
+    rows,
+)
 from twolink.dynamics.queries import ALGORITHMS, Algorithm, Array
 from twolink.dynamics.threads import is_forked_child, thread_count
-from twolink.dynamics.wrench import Applied, FExt, joint_forces, read_wrenches
 from twolink.errors import QueryError
+from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.model import RobotModel
-from twolink.robots.physical_checks import mass_matrix_by_columns
 
 PARALLEL_FROM = 64
 """States from which Pinocchio's parallel loops are used: below, starting threads costs more than it saves

@@ -13,22 +13,21 @@ from numpy.typing import ArrayLike
 
 from twolink.algorithms.functions import Shape, frame_names
 from twolink.algorithms.recursions import Axes
-from twolink.dynamics import configurations, inverse_kinematics, pinocchio_queries
-from twolink.dynamics.arguments import UNIT_TOLERANCE, one_of
+from twolink.dynamics import configurations, pinocchio_queries
+from twolink.dynamics.arguments import UNIT_TOLERANCE, FExt, one_of
 from twolink.dynamics.compiled import AXES, Compiled
 from twolink.dynamics.engine import ENGINES, compiled_from
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.pinocchio_queries import by_axes
 from twolink.dynamics.queries import Algorithm, Array, query
 from twolink.dynamics.regressors import regressor_names, regressor_query, regressor_values
-from twolink.dynamics.wrench import FExt
 from twolink.errors import CertificationError
-from twolink.io.listing import facts_html
+from twolink.io.text import facts_html
+from twolink.robots.checks import mass_matrix_by_columns
+from twolink.robots.joint_layout import Lock
 from twolink.robots.load import load_model
-from twolink.robots.load_options import Lock
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
-from twolink.robots.physical_checks import mass_matrix_by_columns
 
 Engine = Literal["auto", "pinocchio", "compiled"]
 _BY_PINOCCHIO = ("auto", "pinocchio")  # the engines that let Pinocchio answer a single state
@@ -359,7 +358,7 @@ class Robot(RobotModel):
         ----------
         Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method".
         """
-        return inverse_kinematics.configurations_of(self, frame, position, rotation, q0)
+        return configurations.configurations_of(self, frame, position, rotation, q0)
 
     @query(_derivatives("a", "q", "v", "tau"), pinocchio_queries.forward_derivatives, mimic=_UNCOUPLED)
     def forward_dynamics_derivatives(

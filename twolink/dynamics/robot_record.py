@@ -1,12 +1,22 @@
-"""A robot as plain data: what the command line prints as JSON and the service answers."""
+"""A robot as plain data: what the command line prints and the service answers; which robot a saved trajectory or scene
+belongs to, and how it is loaded again.
+"""
 
+import json
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
+from twolink.dynamics import load_robot
 from twolink.dynamics.robot import Robot
+from twolink.errors import RobotError, SceneError
+from twolink.io.fingerprints import model_digest
+from twolink.robots.catalogue import catalogue_entry
+
+PASS_IT = "pass the robot: robot=..."
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:
@@ -63,3 +73,117 @@ def _limits(values: np.ndarray) -> list[float | None]:
 def link_frames(robot: Robot) -> list[int]:
     """The indices of the links' frames, in the model's order."""
     return [i for i, frame in enumerate(robot.model.frames) if frame.type == pin.FrameType.BODY]
+
+
+def robot_notes(robot: Robot) -> dict[str, str]:
+    """The notes by which `find_robot` loads a robot of the catalogue again.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    dict
+        robot (its name), source, catalogue, root, lock, mimic, gravity [m/s^2] and nq, as text or JSON; and digest,
+        by which another robot of the same name is noticed.
+    """
+    full = robot.visuals.model
+    free = full.njoints > 1 and full.names[1] == "root_joint"
+    return {
+        "robot": robot.name,
+        "source": robot.report.source,
+        "catalogue": json.dumps(_is_from_catalogue(robot)),
+        "root": "free" if free else "fixed",
+        "lock": json.dumps(_lock(robot)),
+        "mimic": json.dumps(robot.has_mimic),
+        "gravity": json.dumps(robot.gravity.tolist()),
+        "nq": str(robot.nq),
+        "digest": model_digest(robot.model),
+    }
+
+
+def find_robot(notes: Mapping[str, str], label: str) -> Robot:
+    """The robot of the notes, loaded again from the catalogue, never from a path.
+
+    Parameters
+    ----------
+    notes : mapping
+        As `robot_notes` gives them.
+    label : str
+        The name of the file for errors.
+
+    Returns
+    -------
+    Robot
+        The robot with the same root, locked joints and gravity.
+
+    Raises
+    ------
+    SceneError
+        The robot is not of the catalogue, or has changed (code "robot-differs"), or the notes are damaged.
+    """
+    if "robot" not in notes:
+        raise SceneError("the file does not name its robot", where=label, remedy=PASS_IT, argument="robot")
+    name = notes["robot"]
+    if notes.get("catalogue") != "true" or "digest" not in notes:
+        source = f" (it came from {notes['source']!r})" if "source" in notes else ""
+        what = f"its robot {name!r} is not known by name{source}"
+        raise SceneError(what, where=label, remedy=PASS_IT, argument="robot")
+    root: Literal["fixed", "free"] = "free" if notes.get("root") == "free" else "fixed"
+    try:
+        lock, mimic = json.loads(notes.get("lock", "{}")), notes.get("mimic") == "true"
+        robot = load_robot(catalogue_entry(name).name, root=root, lock=lock, mimic=mimic)
+    except RobotError as error:
+        what = f"its robot {name!r}: {error.what}"
+        raise SceneError(what, where=label, remedy=PASS_IT, argument="robot") from None
+    except (ValueError, RecursionError):
+        raise _damaged(label) from None
+    return require_same(robot, notes, label)
+
+
+def require_same(robot: Robot, notes: Mapping[str, str], label: str) -> Robot:
+    """The robot in the gravity field of the notes, if they describe it.
+
+    Raises
+    ------
+    SceneError
+        Code "robot-differs": the notes describe another robot. Or the notes are damaged.
+    """
+    nq, digest = notes.get("nq", str(robot.nq)), notes.get("digest")
+    what = remedy = ""
+    if nq != str(robot.nq):
+        what = f"its robot has nq = {nq}, {robot.name!r} has {robot.nq}"
+        remedy = "pass the robot with the same root and locked joints: robot=..."
+    elif digest is not None and digest != model_digest(robot.model):
+        what = f"its robot {notes.get('robot', '')!r} is not this {robot.name!r}: joints, masses or placements differ"
+        remedy = "pass the robot it was made with: robot=..."
+    if what:
+        raise SceneError(what, where=label, remedy=remedy, argument="robot", code="robot-differs")
+    if "gravity" not in notes:
+        return robot
+    try:
+        gravity = np.array(json.loads(notes["gravity"]), dtype=float)
+        return robot if np.array_equal(gravity, robot.gravity) else robot.with_gravity(gravity)
+    except (ValueError, TypeError, RecursionError):  # QueryError is a ValueError
+        raise _damaged(label) from None
+
+
+def _is_from_catalogue(robot: Robot) -> bool:
+    """Whether loading the robot's name gives the file that it came from."""
+    try:
+        return catalogue_entry(robot.name).path.name == robot.report.source
+    except RobotError:
+        return False
+
+
+def _lock(robot: Robot) -> dict[str, list[float]]:
+    """The locked joints with their configurations, as load_robot takes them."""
+    full, reference = robot.visuals.model, robot.visuals.reference
+    starts = {full.names[j]: (full.idx_qs[j], full.nqs[j]) for j in robot.visuals.locked}
+    return {name: reference[start : start + size].tolist() for name, (start, size) in starts.items()}
+
+
+def _damaged(label: str) -> SceneError:
+    return SceneError("its notes about the robot are damaged", where=label, remedy="save it again", code="damaged")

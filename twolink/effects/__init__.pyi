@@ -35,11 +35,11 @@ from twolink.effects.triggers import Engage as Engage
 from twolink.effects.triggers import Release as Release
 from twolink.effects.triggers import Watch as Watch
 from twolink.geometry.pairs import Plane as Plane
-from twolink.robots.shapes import Box as Box
-from twolink.robots.shapes import Capsule as Capsule
-from twolink.robots.shapes import Convex as Convex
-from twolink.robots.shapes import Cylinder as Cylinder
-from twolink.robots.shapes import Sphere as Sphere
+from twolink.robots.collisions import Box as Box
+from twolink.robots.collisions import Capsule as Capsule
+from twolink.robots.collisions import Convex as Convex
+from twolink.robots.collisions import Cylinder as Cylinder
+from twolink.robots.collisions import Sphere as Sphere
 
 TYPES: dict[str, str]
 

@@ -14,7 +14,7 @@ from twolink.dynamics import Robot
 from twolink.effects.checks import check_frame, check_joints, check_subset
 from twolink.effects.effect import Effect, LinkName, NotNegative, check_name, finite
 from twolink.errors import SceneError
-from twolink.robots.physical_checks import is_impossible
+from twolink.robots.checks import is_impossible
 
 
 class Gravity(Effect, frozen=True):

@@ -19,7 +19,7 @@ from twolink.effects.switching import ContactPair, ContactPoint, SwitchingEffect
 from twolink.errors import SceneError
 from twolink.geometry.gaps import Ball, Gap, PlaneGap
 from twolink.geometry.pairs import Pair, are_hulls, features_of, gaps_of
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 
 SLOW = 1e-9  # m/s: a slip whose direction is not followed
 STILL = 1e-11  # m/s: one whose direction is rounding

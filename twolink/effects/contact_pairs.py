@@ -14,9 +14,8 @@ from twolink.effects.checks import check_fields
 from twolink.effects.effect import check_name
 from twolink.errors import SceneError
 from twolink.geometry.pairs import Pair, Plane
-from twolink.io.model_trees import joint_poses
-from twolink.robots.collisions import Solid, collision_model
-from twolink.robots.shapes import AnyShape, Capsule, Convex, Sphere
+from twolink.io.fingerprints import joint_poses
+from twolink.robots.collisions import AnyShape, Capsule, Convex, Solid, Sphere, collision_model
 
 if TYPE_CHECKING:
     from twolink.dynamics import Robot

@@ -13,7 +13,7 @@ import numpy as np
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.effects.effect import Effect, number
 from twolink.errors import SceneError
-from twolink.io.csv_text import csv_rows
+from twolink.io.tables import csv_rows
 from twolink.io.text import parse_number, read_text
 
 Array = np.ndarray[Any, np.dtype[np.float64]]

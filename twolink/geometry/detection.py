@@ -19,8 +19,7 @@ from twolink.geometry.gaps import Gap, PlaneGap, RimGap, down_rim
 from twolink.geometry.hulls import Name, Touch, hull_of, touching
 from twolink.geometry.pairs import Pair, Plane, gaps_of
 from twolink.geometry.points import Links, Places, Points, each, joined, key_of, points_of, stacked
-from twolink.robots.collisions import Solid
-from twolink.robots.shapes import AnyShape, Box, Capsule, Convex, Cylinder, Sphere
+from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 BURIED = 1e-9  # m: cores that are nearer have no normal
 FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane

@@ -21,8 +21,7 @@ from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import IDENTITY, Scalar, Vec, constant, cross, dot, scale
 from twolink.geometry.gaps import Ball, Gap, Nearest, Place, PlaneGap, sub, tangents
 from twolink.geometry.hulls import edge_sides, hull_of, separation
-from twolink.robots.collisions import Solid
-from twolink.robots.shapes import Box, Convex
+from twolink.robots.collisions import Box, Convex, Solid
 
 AWAY = 1.0  # m: of features that are not over each other
 CLOSED = 1e-9  # m: what counts as no gap, and as over each other where they touch

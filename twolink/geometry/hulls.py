@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from twolink.algorithms.namespaces import Array
-from twolink.robots.shapes import Box, Convex, no_volume
+from twolink.robots.collisions import Box, Convex, no_volume
 
 FLAT = 1e-9  # of unit normals and, in m, of distances: triangles that are so alike are one face
 PARALLEL = 1e-6  # the sine between edges below which they count as parallel

@@ -15,8 +15,7 @@ from twolink.errors import SceneError
 from twolink.geometry.features import HullFeatures
 from twolink.geometry.gaps import Ball, BoxGap, CylinderGap, Gap, HullGap, PlaneGap, RimGap, RoundGap, StandGap
 from twolink.geometry.hulls import hull_of
-from twolink.robots.collisions import Solid
-from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere, Vector
+from twolink.robots.collisions import Box, Capsule, Convex, Cylinder, Solid, Sphere, Vector
 
 STANDS_ON = 6  # points of the rim of a cylinder's end
 MOST_FACES = 40  # of a convex mesh that has formulas: each is some of them

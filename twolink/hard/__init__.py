@@ -5,8 +5,7 @@ tasks, here and for `scripts/benchmarks/peers.py`.
 """
 
 from twolink.hard.attempts import run_case
-from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
-from twolink.hard.case_result import Attempt, CaseResult
+from twolink.hard.case import Attempt, Case, CaseResult, ErrorCheck, RefusalCase, SimulationCase, Track
 from twolink.hard.cases import all_cases, select_cases
 
 __all__ = ["Attempt", "Case", "CaseResult", "ErrorCheck", "RefusalCase", "SimulationCase", "Track", "all_cases",

@@ -1,23 +1,88 @@
-"""Running a case: our attempts and their verdicts."""
+"""Running a case: our attempts and their verdicts, and those of every peer that can do it, at its default setting and
+at a tight one.
+"""
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, partial
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from twolink.errors import AccuracyError, TwolinkError
-from twolink.hard.case import Case, ErrorCheck, RefusalCase, SimulationCase, Track
-from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, WRONG, Attempt, CaseResult, Curve
+from twolink.hard.case import (
+    INTERRUPTED,
+    MET,
+    MISSED,
+    SAID,
+    UNABLE,
+    WRONG,
+    Attempt,
+    Case,
+    CaseResult,
+    ErrorCheck,
+    ErrorCurve,
+    RefusalCase,
+    SimulationCase,
+    Track,
+)
+from twolink.hard.peers import NAMES, peer_module
+from twolink.hard.peers.task import PeerError, PeerTask, Setting, UnsupportedError, run_limited, task_of
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 
+MAX_INTERVALS = 400  # between the times at which peers answer
+WRONG_FROM = 0.1  # of the motion's size: the error from which a peer is called wrong, whatever its tolerance promises
 PATIENCE = 120.0  # seconds of computing for an attempt; more counts as a hang
+
+
+def run_peers(case: SimulationCase, scene: Scene) -> Iterator[tuple[str, Attempt]]:
+    """The name and the attempts of every peer of the case; a peer that is not installed is left out."""
+    if not case.peers:
+        return
+    end = scene.duration if case.duration is None else case.duration
+    intervals = min(MAX_INTERVALS, max(1, int(np.ceil(end * case.samples - 1e-9))))
+    try:
+        task = task_of(scene, np.linspace(0, end, intervals + 1))
+    except UnsupportedError as error:
+        yield "peers", Attempt("", UNABLE, message=str(error))
+        return
+    for name in case.peers:
+        try:
+            module = peer_module(name)
+            settings = module.usual_settings(task)
+        except ImportError:
+            continue
+        except UnsupportedError as error:
+            yield NAMES[name], Attempt("", UNABLE, message=str(error))
+            continue
+        for setting in settings:
+            yield NAMES[name], _peer_attempt(case, task, module, setting)
+
+
+def _peer_attempt(case: SimulationCase, task: PeerTask, module: ModuleType, setting: Setting) -> Attempt:
+    start = time.perf_counter()
+    try:
+        run = module.prepare(task, setting)
+        start = time.perf_counter()
+        answer, warning = run_limited(run)
+    except (PeerError, UnsupportedError) as failure:
+        verdict = SAID if isinstance(failure, PeerError) else UNABLE
+        return Attempt(str(setting), verdict, seconds=time.perf_counter() - start, message=str(failure),
+                       default=setting.default)  # fmt: skip
+    seconds = time.perf_counter() - start
+    error = case.error(task.robot, answer.track)
+    error[~np.isfinite(answer.track.q).all(axis=1)] = np.inf
+    largest = float(np.nanmax(error))
+    limit = WRONG_FROM * case.size if case.bounded else max(0.01, 100 * case.limit(1e-3))
+    verdict = MET if largest <= limit else SAID if warning else WRONG
+    return Attempt(str(setting), verdict, largest, None, seconds, message=warning, default=setting.default,
+                   curve=ErrorCurve(task.times, error))  # fmt: skip
 
 
 def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> CaseResult:
@@ -44,8 +109,6 @@ def run_case(case: Case, *, peers: bool = False, patience: float = PATIENCE) -> 
             ours.append(Attempt(label, INTERRUPTED))  # until it is done
             ours[-1] = call()
         if peers and isinstance(case, SimulationCase):
-            from twolink.hard.peer_attempts import run_peers
-
             others.append(("peers", Attempt("", INTERRUPTED)))
             for attempt in run_peers(case, case.load()):
                 others.insert(-1, attempt)
@@ -105,7 +168,7 @@ def _judged(case: SimulationCase, scene: Scene, run: Trajectory, accuracy: float
         verdict = SAID if bar is not None and bar > accuracy else WRONG
     return replace(attempt, verdict=verdict, error=largest, bar=bar, method=run.cost.method if run.cost else "",
                    steps=run.cost.steps if run.cost else 0, message=message, trusted_until=run.trusted_until,
-                   curve=Curve(run.t, error, run.error))  # fmt: skip
+                   curve=ErrorCurve(run.t, error, run.error))  # fmt: skip
 
 
 def _checked(name: str, check: ErrorCheck, patience: float) -> Attempt:

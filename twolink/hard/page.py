@@ -1,23 +1,169 @@
-"""The report: one self-contained HTML page, light and dark, for phones too."""
+"""The report: text for a terminal, and one self-contained HTML page, light and dark, for phones too, with the error
+over time of ours and of peers.
+"""
 
+import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
 from string import Template
 
-from twolink.hard.case import SimulationCase
-from twolink.hard.case_result import INTERRUPTED, MET, MISSED, SAID, UNABLE, WRONG, Attempt, CaseResult
-from twolink.hard.peers import NAMES
-from twolink.hard.plot import plot
-from twolink.hard.table import number
-from twolink.io.atomic import write_atomic
+import numpy as np
 
+from twolink.hard.case import (
+    INTERRUPTED,
+    MET,
+    MISSED,
+    SAID,
+    UNABLE,
+    WRONG,
+    Attempt,
+    CaseResult,
+    ErrorCurve,
+    RefusalCase,
+    SimulationCase,
+)
+from twolink.hard.peers import NAMES
+from twolink.io.files import write_atomic
+
+WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 230, 46, 12, 10, 26
+FLOOR, CEILING = 1e-17, 1e6
+MAX_POINTS = 240
+DOTS_UP_TO = 25  # points: a truth that is available at a few times only
+HEAD = f"{'case':<22}{'setting':<34}{'error':>10}{'bar':>10}{'seconds':>9}  verdict"
 FOLDER = Path(__file__).parent
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 STYLES = {MET: "met", SAID: "said", WRONG: "wrong", MISSED: "missed", INTERRUPTED: "unable", UNABLE: "unable"}
+
+
+def error_plot(result: CaseResult) -> str:
+    """The figure, or nothing where there is no curve."""
+    attempts = [(f"twolink, {a.setting}", f"own{k}", a) for k, a in enumerate(result.ours)]
+    attempts += [(f"{name}: {a.setting}", f"peer{k}", a) for k, (name, a) in enumerate(result.peers)]
+    series = [(label, style, thinned(a.curve)) for label, style, a in attempts if a.curve is not None]
+    if not series:
+        return ""
+    values = np.concatenate([x for _, _, c in series for x in (c.error, c.bar) if x is not None])
+    values = values[(values > FLOOR) & (values < math.inf)]
+    low = math.floor(math.log10(values.min(initial=CEILING)))
+    high = max(low + 2, math.ceil(math.log10(min(values.max(initial=FLOOR), CEILING)) + 1e-9))
+    scale = _Scale(low, high, max(float(c.t[-1]) for _, _, c in series) or 1.0)
+    drawn = "".join(_drawn(scale, escape(label), style, curve) for label, style, curve in series)
+    legend = "".join(f'<li class="{style}"><span></span>{escape(label)}</li>' for label, style, _ in series)
+    return (f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="error over time">{_axes(scale)}{drawn}</svg>'
+            f'<ul class="legend">{legend}<li class="barkey"><span></span>reported error bars</li></ul>')  # fmt: skip
+
+
+def thinned(curve: ErrorCurve) -> ErrorCurve:
+    """The points with an error; of many, the largest of each interval, so that no peak is lost."""
+    keep = ~np.isnan(curve.error)
+    t, error, bar = curve.t[keep], curve.error[keep], None if curve.bar is None else curve.bar[keep]
+    if len(t) <= MAX_POINTS:
+        return ErrorCurve(t, error, bar)
+    begin = np.linspace(0, len(t), MAX_POINTS + 1).astype(int)[:-1]
+    last = np.append(begin[1:], len(t)) - 1
+    return ErrorCurve(t[last], np.maximum.reduceat(error, begin), None if bar is None else bar[last])
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """From time [s] and error to the figure: 10^low to 10^high upwards, 0 to `end` to the right."""
+
+    low: int
+    high: int
+    end: float
+
+    def x(self, t: float) -> float:
+        return LEFT + (WIDTH - LEFT - RIGHT) * t / self.end
+
+    def y(self, error: float) -> float:
+        exponent = math.log10(min(max(error, 10.0**self.low), 10.0**self.high))
+        return TOP + (HEIGHT - TOP - BOTTOM) * (self.high - exponent) / (self.high - self.low)
+
+    def points(self, curve: ErrorCurve, values: np.ndarray) -> list[tuple[str, str]]:
+        pairs = zip(curve.t.tolist(), values.tolist(), strict=True)
+        return [(f"{self.x(t):.1f}", f"{self.y(error):.1f}") for t, error in pairs]
+
+
+def _drawn(scale: _Scale, label: str, style: str, curve: ErrorCurve) -> str:
+    """The error bar as a dashed line, the error as a line, with dots where the points are few."""
+    parts = []
+    if curve.bar is not None and curve.bar.max() > 0:
+        parts.append(_polyline(scale.points(curve, curve.bar), f"{style} bar", f"{label}: bar"))
+    points = scale.points(curve, curve.error)
+    few = len(points) <= DOTS_UP_TO
+    parts.append(_polyline(points, f"{style} thin" if few else style, label))
+    if few:
+        dots = "".join(f'<circle cx="{x}" cy="{y}" r="2.6"/>' for x, y in points)
+        parts.append(f'<g class="{style} dots">{dots}<title>{label}</title></g>')
+    return "".join(parts)
+
+
+def _polyline(points: list[tuple[str, str]], style: str, title: str) -> str:
+    path = " ".join(f"{x},{y}" for x, y in points)
+    return f'<polyline class="{style}" points="{path}"><title>{title}</title></polyline>'
+
+
+def _axes(scale: _Scale) -> str:
+    parts = []
+    for k in range(scale.low, scale.high + 1, max(1, (scale.high - scale.low + 5) // 6)):
+        y = scale.y(10.0**k)
+        parts.append(f'<line class="grid" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">1e{k}</text>')
+    for k, anchor in enumerate(("start", "middle", "middle", "middle", "end")):
+        t, unit = scale.end * k / 4, " s" if k == 4 else ""
+        parts.append(f'<text x="{scale.x(t):.1f}" y="{HEIGHT - 8}" text-anchor="{anchor}">{t:.3g}{unit}</text>')
+    return "".join(parts)
+
+
+def lines(result: CaseResult) -> Iterator[str]:
+    """A line for each attempt of a case; of refused calls, their number, and a line for each that went wrong."""
+    name = result.case.name
+    if isinstance(result.case, RefusalCase):
+        wrong = [a for a in result.ours if a.verdict not in (MET, SAID)]
+        count = f"{len(result.ours) - len(wrong)} of {len(result.case.checks)} as expected"
+        yield f"{name:<22}{count:<54}{result.seconds:>9.2f}  {result.verdict}"
+        yield from (f"{'':<22}{a.setting}: {a.verdict}{_note(a)}" for a in wrong)
+        return
+    for attempt in result.ours:
+        yield _line(name, f"{attempt.setting} ({attempt.method or '-'})", attempt)
+        name = ""
+    for peer, attempt in result.peers:
+        yield _line("", f"{peer}: {attempt.setting}", attempt)
+
+
+def number(value: float | None) -> str:
+    """Two digits, or a dash."""
+    return "-" if value is None else f"{value:.1e}"
+
+
+def summary(results: Sequence[CaseResult], left_out: Sequence[str] = ()) -> str:
+    """The outcome of all cases in a few lines. left_out: the names of the slow cases that were not run."""
+    passed = sum(r.passed for r in results)
+    failed = [r.case.name for r in results if not r.passed and r.verdict != INTERRUPTED]
+    text = f"{passed} of {len(results)} cases met their bar or said that they do not"
+    text += f"; not: {', '.join(failed)}" if failed else ""
+    text += f"; interrupted: {results[-1].case.name}" if results and results[-1].interrupted else ""
+    text += f"\nleft out as slow: {', '.join(left_out)}" if left_out else ""
+    if any(r.peers for r in results):
+        wrong = sorted({r.case.name for r in results if r.wrong_by_default})
+        text += f"\na peer at default settings was wrong silently in {len(wrong)}: {', '.join(wrong)}"
+    return text
+
+
+def _line(name: str, what: str, attempt: Attempt) -> str:
+    text = f"{name:<22}{what:<34}" if len(what) < 34 else f"{name:<22}{what}\n{'':<56}"
+    text += f"{number(attempt.error):>10}{number(attempt.bar):>10}{attempt.seconds:>9.2f}  "
+    return text + attempt.verdict + _note(attempt)
+
+
+def _note(attempt: Attempt) -> str:
+    """An attempt's message in one line."""
+    return f": {' '.join(attempt.message.split())}" if attempt.message else ""
 
 
 def write_page(results: Sequence[CaseResult], path: Path) -> Path:
@@ -97,7 +243,7 @@ def _case(result: CaseResult) -> str:
     facts = {"Why it is hard": case.why, "The truth": case.truth}
     if isinstance(case, SimulationCase):
         facts["Shown"] = case.quantity
-        content = plot(result) + _runs(result)
+        content = error_plot(result) + _runs(result)
     else:
         rows = [f"<tr><td>{escape(a.setting)}</td><td>{_verdict(a.verdict)}</td>"
                 f"<td><small>{escape(a.message) or 'an answer'}</small></td></tr>" for a in result.ours]  # fmt: skip

@@ -1,4 +1,6 @@
-"""Errors of motions, and the exact motions they are taken from: closed forms in 60 digits, and stored references."""
+"""Errors of motions, and the exact motions they are taken from: closed forms in 60 digits, stored references, and
+Taylor series in extended precision, checked by a second one.
+"""
 
 import functools
 import json
@@ -12,11 +14,16 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.hard.case import ErrorFunction, Track
+from twolink.integrate import taylor
+from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.solution import Solution
+from twolink.scenes import Scene
 
 DIGITS = 60
 REFERENCES = Path(__file__).parent / "references.json"
 ExactMotion = Callable[[np.ndarray], np.ndarray]
 """q (n, nq) at times t (n,), NaN where it is not available."""
+FINE, COARSE, QUAD = 1e-19, 1e-17, 1e-22  # tolerances of the reference and of its check
 
 
 def configuration_error(exact: ExactMotion) -> ErrorFunction:
@@ -163,3 +170,38 @@ def symmetric_top(equal: float, axial: float, across: float, spin: float) -> Exa
 def oscillation(start: float, w: float, factors: Sequence[float] = (1.0,)) -> ExactMotion:
     """q = start cos(w t) times the factors."""
     return in_digits(lambda t: [mp.mpf(start) * mp.cos(mp.mpf(w) * t) * factor for factor in factors])
+
+
+def extended_reference(scene: Scene, times: np.ndarray, *, quad: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Solve a smooth scene in numbers of 19 digits.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene without events.
+    times : (n,) array
+        Samples, s, from 0.
+    quad : bool
+        Check by quadruple precision, which compiles for up to a minute; else by another tolerance, and with it other
+        orders and steps.
+
+    Returns
+    -------
+    q : (n, nq) array of numpy.longdouble
+        Configurations.
+    error : (n,) array
+        The reference's own error, rad or m: the distance from its check, the largest up to each sample.
+    """
+    equations, nq = equations_of(scene), scene.robot.nq
+    best = _digits(taylor.solve(equations, times, FINE, precision="extended"))
+    if quad:
+        digits = _digits(taylor.solve(equations, times, QUAD, precision="quad"))
+        leading = digits.astype(float)  # there is no cast from quadruple to extended: add what a double leaves
+        second = leading.astype(np.longdouble) + (digits - leading.astype(digits.dtype)).astype(float)
+    else:
+        second = _digits(taylor.solve(equations, times, COARSE, precision="extended"))
+    return best[:, :nq], np.maximum.accumulate(distance(scene.robot, best[:, :nq], second[:, :nq]))
+
+
+def _digits(solution: Solution) -> np.ndarray:
+    return np.asarray(solution.precise)

@@ -19,8 +19,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import base_parameters, select
-from twolink.io.joint_columns import joint_columns
-from twolink.io.tables import write_table
+from twolink.io.tables import joint_columns, write_table
 
 HARMONICS = 5
 _SHARE = 0.9  # of the limits that is used

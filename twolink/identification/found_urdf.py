@@ -13,8 +13,8 @@ from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.errors import RobotError
 from twolink.identification.fit_result import SceneFit
 from twolink.identification.result import Identification
-from twolink.io.atomic import write_atomic
-from twolink.robots.source import open_source
+from twolink.io.files import write_atomic
+from twolink.robots.catalogue import open_source
 from twolink.robots.tree import Tree, read_tree
 from twolink.robots.xml import parse_xml
 

@@ -21,7 +21,7 @@ _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios st
 def identify(
     robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike,
     parameters: Sequence[str] | None = None, *, a: ArrayLike | None = None, method: str = "weighted",
-    half: int | None = None, confidence: float = 0.95,
+    half_window: int | None = None, confidence: float = 0.95,
 ) -> Identification:  # fmt: skip
     """Find parameters pi in tau = Y(q, v, a) pi from measurements, with intervals, and name what cannot be found.
 
@@ -46,7 +46,7 @@ def identify(
     method : {"weighted", "ordinary", "robust", "total"}
         Weighted: each joint's torques count by their own noise. Robust: outliers count less (Huber). Total: errors of
         the filtered positions are taken in as well as those of the torques; it needs v=None.
-    half : int, optional
+    half_window : int, optional
         Samples on each side of the filter's window; by default 0.7 of the widest whose residuals are noise alone.
     confidence : float
         The probability of the intervals.
@@ -77,7 +77,7 @@ def identify(
     if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
     chosen = select(robot, parameters)
-    data = measurements(robot, t, q, v, tau, a, half)
+    data = measurements(robot, t, q, v, tau, a, half_window)
     if method == "total" and data.coarse is None:
         what, remedy = "the errors of measured velocities are not known", "leave v and a out, or use another method"
         raise QueryError(what, argument="method", remedy=remedy, code="no-errors")

@@ -23,8 +23,7 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.configurations import difference_rows
 from twolink.errors import QueryError
-from twolink.io.joint_columns import read_columns
-from twolink.io.tables import read_table
+from twolink.io.tables import read_columns, read_table
 from twolink.robots.joint_layout import turns
 
 DEGREE = 4
@@ -34,12 +33,12 @@ _EXCESS = 1.1  # residuals of a window that is not too wide exceed those of the 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """q (m, nq), v, a (m, nv) at samples `half` to n - half; half: samples on each side in the window."""
+    """q (m, nq), v, a (m, nv) at the samples with `half_window` others on each side in the window."""
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
-    half: int
+    half_window: int
 
 
 def smooth(robot: Robot, t: np.ndarray, q: np.ndarray, half: int | None = None) -> Smoothed:
@@ -127,7 +126,7 @@ LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3:
 class Measurements:
     """Samples t (n,), q (n, nq), v, a, tau (n, nv).
 
-    half: samples on each side of the filter's window; 0 where v and a were measured.
+    half_window: samples on each side of the filter's window; 0 where v and a were measured.
     coarse: the same samples with velocities and accelerations by a wider window, for the filter's error.
     """
 
@@ -136,7 +135,7 @@ class Measurements:
     v: np.ndarray
     a: np.ndarray
     tau: np.ndarray
-    half: int = 0
+    half_window: int = 0
     coarse: Measurements | None = None
 
     def states(self, size: int = 2_000) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -161,7 +160,7 @@ def measurements(
             f"expected a whole number from {SMALLEST} on, got {half!r}",
             "leave it out to choose by the noise",
         )
-        raise QueryError(what, argument="half", remedy=remedy)
+        raise QueryError(what, argument="half_window", remedy=remedy)
     given = {"q": configuration("q", q, robot.nq, robot.joints), "tau": array("tau", tau, robot.nv)}
     given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
     for name, x in given.items():
@@ -178,10 +177,10 @@ def measurements(
     if v is not None:
         return _with_rate_of_v(robot, times, given, half or SMALLEST)
     wide = _filtered(robot, times, given, None if half is None else max(half + 1, round(half / _NARROWER)))
-    chosen = _filtered(robot, times, given, half or max(SMALLEST, round(_NARROWER * wide.half)))
-    if wide.half == chosen.half:
-        wide = _filtered(robot, times, given, wide.half + 1)
-    return replace(_cut(chosen, wide.half - chosen.half), coarse=wide)
+    chosen = _filtered(robot, times, given, half or max(SMALLEST, round(_NARROWER * wide.half_window)))
+    if wide.half_window == chosen.half_window:
+        wide = _filtered(robot, times, given, wide.half_window + 1)
+    return replace(_cut(chosen, wide.half_window - chosen.half_window), coarse=wide)
 
 
 def checked_times(t: ArrayLike) -> np.ndarray:
@@ -256,13 +255,13 @@ def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
 
 def _filtered(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int | None) -> Measurements:
     smoothed = smooth(robot, t, given["q"], half)
-    part = slice(smoothed.half, len(t) - smoothed.half)
-    return Measurements(t[part], smoothed.q, smoothed.v, smoothed.a, given["tau"][part], smoothed.half)
+    part = slice(smoothed.half_window, len(t) - smoothed.half_window)
+    return Measurements(t[part], smoothed.q, smoothed.v, smoothed.a, given["tau"][part], smoothed.half_window)
 
 
 def _cut(m: Measurements, drop: int) -> Measurements:
     part = slice(drop, len(m.t) - drop)
-    return Measurements(m.t[part], m.q[part], m.v[part], m.a[part], m.tau[part], m.half)
+    return Measurements(m.t[part], m.q[part], m.v[part], m.a[part], m.tau[part], m.half_window)
 
 
 def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:

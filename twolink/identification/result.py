@@ -13,7 +13,7 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
-from twolink.io.listing import Table
+from twolink.io.text import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

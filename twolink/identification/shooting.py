@@ -130,7 +130,7 @@ class MultipleShooting:
             own = Scene(scene.base, *start, scene.effects, scene.duration)
             wrt = [*unknowns.wrt[: unknowns.constants], "q", "v"]
         times = self.data.t[rows]
-        s = sensitivities_at(own, wrt, np.union1d([begin], times), accuracy, any_numbers=True)
+        s = sensitivities_at(own, wrt, np.union1d([begin], times), accuracy, numbers_as_inputs=True)
         if s.run.interrupted:
             raise KeyboardInterrupt
         if s.run.t[-1] < times[-1]:
@@ -217,7 +217,7 @@ def later_starts(ends: Sequence[int], data: MeasuredMotion, shot: Shot | None) -
     q = np.asarray(robot.integrate(q, change))
     if len(data.t) >= 2 * SMALLEST + 5:
         filtered = smooth(robot, data.t, q)
-        inner = slice(filtered.half, len(q) - filtered.half)
+        inner = slice(filtered.half_window, len(q) - filtered.half_window)
         q[inner] = filtered.q
         v = v.copy()
         v[inner, data.of_q] = filtered.v[:, data.of_q]

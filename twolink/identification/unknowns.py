@@ -17,7 +17,7 @@ from twolink.algorithms.mechanism import BODY_PARAMETERS, body_names
 from twolink.effects import Constants, JointDamping
 from twolink.errors import QueryError, SceneError
 from twolink.identification.consistency import central, from_central, log_cholesky_chart, size_of
-from twolink.robots.physical_checks import is_impossible
+from twolink.robots.checks import is_impossible
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, parameters_of, scene_with
 

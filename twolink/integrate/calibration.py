@@ -17,7 +17,7 @@ from twolink.effects.effect import plain
 from twolink.errors import TwolinkError
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.io.fingerprints import kernel_key
 
 FILE = "studies.json"

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
+from twolink.algorithms.factors import ldlt
 from twolink.algorithms.mechanism import Mechanism
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
-from twolink.algorithms.sparse_factors import ldlt
 from twolink.algorithms.spatial import Matrix, Scalar, minus, negative, plus, times
 from twolink.effects.loops import Loop
 from twolink.integrate.row_solver import RowSolver

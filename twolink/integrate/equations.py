@@ -39,7 +39,8 @@ class Equations:
     sides: of each joint with a limit of effort, on which side of it the equations stay, -1 below, 0 within, 1 above;
     None: they follow the torque.
     variant: which formula of forward dynamics has the fewest operations, and `operations`, how many an evaluation has.
-    any_numbers: whether compiled steps take the numbers of robot and effects as inputs, for scenes that differ in them.
+    numbers_as_inputs: whether compiled steps take the numbers of robot and effects as inputs, for scenes that
+    differ in them.
     content: a digest of all this but the start and that.
     assembled: how far q [rad, m] and v [per second] of the start were moved to close the loops.
     """
@@ -59,7 +60,7 @@ class Equations:
     operations: int = 0
     content: str = ""
     assembled: tuple[float, float] = (0.0, 0.0)
-    any_numbers: bool = False
+    numbers_as_inputs: bool = False
 
     @property
     def space(self) -> StateSpace:

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twolink.algorithms.factors import ldlt_solve
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.recursions import composite_bodies, newton_euler, poses
-from twolink.algorithms.sparse_factors import ldlt_solve
 from twolink.algorithms.spatial import Scalar, minus, plus, times
 from twolink.effects import Effect
 from twolink.effects.effect import Loads

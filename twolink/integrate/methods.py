@@ -8,7 +8,7 @@ from typing import Literal
 
 from twolink.errors import SceneError, nearest
 from twolink.integrate.tableau import Tableau, tableau_of
-from twolink.io.listing import Table
+from twolink.io.text import Table
 
 ITERATIONS = 6  # of Newton's method a stage: from a guess within 1e-2 to rounding, as the matrix is kept for a step
 Kind = Literal["semi-implicit", "explicit", "implicit", "taylor", "scipy"]

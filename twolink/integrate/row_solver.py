@@ -13,8 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.dense_factors import factored, solved
-from twolink.algorithms.sparse_factors import elimination_order, is_zero, ldlt, ldlt_apply, ldlt_inward, ldlt_outward
+from twolink.algorithms.factors import (
+    elimination_order,
+    factored,
+    is_zero,
+    ldlt,
+    ldlt_apply,
+    ldlt_inward,
+    ldlt_outward,
+    solved,
+)
 from twolink.algorithms.spatial import Matrix, Scalar, minus, plus, times
 
 

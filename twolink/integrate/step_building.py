@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.dense_factors import factored, solved
+from twolink.algorithms.factors import factored, solved
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate.equations import Equations

@@ -155,7 +155,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False, wh
     parts = in_parts(equations, method)
     if portable or heyoka() is None or (parts and parts_seconds(equations) > MAX_IN_PARTS):
         return StepMap(equations, method, portable_map(equations, method), "", 0.0)
-    if equations.any_numbers and not equations.parameters:
+    if equations.numbers_as_inputs and not equations.parameters:
         call, seconds = _for_any_numbers(equations, method)
         return StepMap(equations, method, call, "parts", seconds)
     name = equations.key("rate", "whole") if parts else _name(equations, method)
@@ -217,7 +217,7 @@ def _in_parts(equations: Equations, method: Method, first: bool) -> tuple[Map, f
     base, constants, options, kind = equations, None, {}, "whole"
     if first:
         options, kind = UNOPTIMIZED, "first"
-        if not equations.parameters and (equations.any_numbers or not in_parts(equations, method)):
+        if not equations.parameters and (equations.numbers_as_inputs or not in_parts(equations, method)):
             base, constants = structure_of(equations)
 
     def rate_code() -> Any:

@@ -51,7 +51,7 @@ def order_of(tolerance: float) -> int:
 
 
 @contextlib.contextmanager
-def few_solutions() -> Iterator[None]:
+def solved_rarely() -> Iterator[None]:
     """What is solved within is not solved often: it is optimized only when it has cost as much as that would."""
     token = _few.set(True)
     try:

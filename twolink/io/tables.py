@@ -1,19 +1,74 @@
-"""Tables of named columns in .csv, .parquet and .npz files."""
+"""Tables of named columns: .csv, .parquet and .npz files, CSV text whose errors name the line, and columns by joint."""
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
 from twolink.errors import TwolinkError
-from twolink.io.atomic import write_atomic
-from twolink.io.csv_text import Columns, parse_csv
-from twolink.io.text import decode
+from twolink.io.files import write_atomic
+from twolink.io.text import decode, first_repeated, parse_number
 
+Columns = dict[str, np.ndarray]
 SUFFIXES = (".csv", ".parquet", ".npz")
+
+
+def parse_csv(text: str, where: str, error: type[TwolinkError] = TwolinkError, rows: int = 0) -> Columns:
+    """The columns of a CSV text by the names in its first line.
+
+    Parameters
+    ----------
+    text : str
+        Cells separated by commas. Blank lines do not count.
+    where : str
+        The name of the text for errors.
+    error : type
+        The class of the errors.
+    rows : int
+        The smallest number of rows below the header.
+
+    Returns
+    -------
+    dict
+        One array (n,) for each column, in their order.
+
+    Raises
+    ------
+    error
+        Code "csv": no header, too few rows, a name used twice, a row of another length, or a cell without a number.
+    """
+    lines = list(csv_rows(text, where, error))
+    if len(lines) < 1 + rows:
+        expected = "a header" + (f" and at least {'one row' if rows == 1 else f'{rows} rows'}" if rows else "")
+        what = f"{'it is empty' if not lines else 'there are too few rows'}, expected {expected}"
+        raise error(what, where=where, remedy="such as q0,q1,v0,v1 in the first line", code="csv")
+    header = [name.strip() for name in lines[0][1]]
+    repeated = first_repeated(header)
+    if repeated is not None:
+        raise error(f"column {repeated!r} is there twice", where=where, remedy="keep one", code="csv")
+    values = np.empty((len(lines) - 1, len(header)))
+    for k, (line, cells) in enumerate(lines[1:]):
+        if len(cells) != len(header):
+            what = f"it has {len(cells)} cells, the header has {len(header)}"
+            raise error(what, where=f"{where}, line {line}", remedy="give each row a cell for each column", code="csv")
+        try:
+            values[k] = [parse_number(cell) for cell in cells]
+        except ValueError as failure:
+            what, remedy = f"not a row of numbers: {failure}", "check the numbers and their decimal points"
+            raise error(what, where=f"{where}, line {line}", remedy=remedy, code="csv") from None
+    return dict(zip(header, values.T, strict=True))
+
+
+def csv_rows(text: str, where: str, error: type[TwolinkError]) -> Iterator[tuple[int, list[str]]]:
+    """The line number and the cells of every row that is not blank. Raises `error`."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    try:
+        yield from ((reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells))
+    except csv.Error as failure:
+        raise error(f"not CSV: {failure}", where=where, remedy="save it as CSV again", code="csv") from None
 
 
 def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
@@ -118,3 +173,40 @@ def _read_npz(path: Path) -> tuple[Columns, dict[str, str]]:
             raise ValueError("it is one array, not an archive of them")
         notes = {k.removeprefix("note:"): str(archive[k]) for k in archive.files if k.startswith("note:")}
         return {k: archive[k] for k in archive.files if not k.startswith("note:")}, notes
+
+
+class JointEntries(Protocol):
+    """A joint with its entries in q and in v."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def q(self) -> slice: ...
+    @property
+    def v(self) -> slice: ...
+
+
+def joint_columns(joints: Iterable[JointEntries], letter: str) -> list[tuple[str, str]]:
+    """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
+    columns = []
+    for joint in joints:
+        part = joint.q if letter == "q" else joint.v
+        size = part.stop - part.start
+        columns += [(f"{letter}.{joint.name}" + (f".{k}" if size > 1 else ""), joint.name) for k in range(size)]
+    return columns
+
+
+def read_columns(
+    table: Mapping[str, np.ndarray], joints: Iterable[JointEntries], letter: str
+) -> tuple[np.ndarray | None, list[str]]:
+    """The values (n, k) of some joints in a table, and the columns that lack for them.
+
+    Columns are q.JOINT, or q0, q1, ... of all joints, or the array q. The values are None where columns lack.
+    """
+    if letter in table:
+        return np.asarray(table[letter]), []
+    by_joint = [column for column, _ in joint_columns(joints, letter)]
+    numbered = [f"{letter}{i}" for i in range(len(by_joint))]
+    wanted = numbered if table.keys() & set(numbered) else by_joint
+    lacking = [column for column in wanted if column not in table]
+    return None if lacking else np.column_stack([table[column] for column in wanted]), lacking

@@ -6,23 +6,152 @@ states, and the energy of a released arm shows what the misprint means.
 """
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 from twolink.errors import AccuracyError, QueryError
+from twolink.io.text import Table
 from twolink.lagrange import derive, pinocchio_arm
-from twolink.lagrange.check_result import CheckReport, Comparison, Energy
 from twolink.lagrange.formulas import Variant
-from twolink.lagrange.pinocchio_arm import ACCELERATIONS, TORQUE, Samples
+from twolink.lagrange.pinocchio_arm import ACCELERATIONS, TORQUE, ArmSamples
 from twolink.lagrange.two_link import two_link
 
+LIMIT = 1e-12
+MEASURE = (
+    "error = largest difference from Pinocchio over all samples, relative to the largest magnitude in the\n"
+    "matrix or vector; of accelerations and torques, relative to the sum of the magnitudes of their terms"
+)
 Columns = dict[str, np.ndarray]  # by quantity: (n, 1) for an entry, (n, 2) for a vector
 
 TOLERANCE = 1e-10  # of the energy runs, relative and absolute
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity: the largest relative error of each set of equations against Pinocchio, and SymPy's differences.
+
+    `*_minus_derived` is the symbolic difference from the equations that SymPy derives: "0" where equal for all arms and
+    states, None for accelerations and torques, which follow from the entries.
+    """
+
+    quantity: str
+    corrected: float
+    derived: float
+    printed: float
+    corrected_minus_derived: str | None = None
+    printed_minus_derived: str | None = None
+
+    @property
+    def misprinted(self) -> bool:
+        """Whether the paper's entry is wrong, by its symbols."""
+        return self.printed_minus_derived not in ("0", None)
+
+    @property
+    def right(self) -> bool:
+        """Corrected and derived agree with Pinocchio to LIMIT and with each other symbolically, and numbers and
+        symbols say the same about the printed entry."""
+        agree = self.corrected <= LIMIT and self.derived <= LIMIT and self.corrected_minus_derived in ("0", None)
+        wrong_in_numbers = not self.printed <= LIMIT  # so that NaN counts as wrong
+        return agree and (self.printed_minus_derived is None or wrong_in_numbers == self.misprinted)
+
+    @property
+    def verdict(self) -> str:
+        """SymPy's verdict in words; empty where there is none."""
+        for name, difference in (("corrected", self.corrected_minus_derived), ("printed", self.printed_minus_derived)):
+            if difference not in ("0", None):
+                return f"{name} differs: {difference}"
+        return "" if self.printed_minus_derived is None else "equal"
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The mechanical energy [J] along the motion by one set of equations from horizontal rest, where it is 0.
+
+    `final` at the end, `largest` the largest magnitude at the steps of the integrator on the way.
+    """
+
+    model: str
+    final: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """The whole result.
+
+    Attributes
+    ----------
+    n, seed : int
+        The number of random arms and states, and the seed they come from.
+    largest_condition : float
+        The largest condition number of their mass matrices.
+    rows : tuple of Comparison
+        The comparison, quantity by quantity.
+    horizon : float
+        The time of the energy runs [s].
+    energies : tuple of Energy
+        The energies of the runs.
+    """
+
+    n: int
+    seed: int
+    largest_condition: float
+    rows: tuple[Comparison, ...]
+    horizon: float
+    energies: tuple[Energy, ...]
+
+    @property
+    def misprints(self) -> tuple[str, ...]:
+        """The paper's entries that are wrong."""
+        return tuple(row.quantity for row in self.rows if row.misprinted)
+
+    @property
+    def energy_limit(self) -> float:
+        """The change of an energy of the order of 10 J [J] that the integrator (tolerance 1e-10) may cause."""
+        return 1e-9 * (1 + self.horizon)
+
+    @property
+    def energy_shown(self) -> bool:
+        """Pinocchio and corrected keep the energy, and printed exceeds the limit a thousand times."""
+        change = {energy.model: energy.largest for energy in self.energies}
+        kept = change["Pinocchio"] <= self.energy_limit and change["corrected"] <= self.energy_limit
+        return kept and change["printed"] > 1000 * self.energy_limit
+
+    @property
+    def passed(self) -> bool:
+        """All rows are right, the paper errs in C21 and C22 and nowhere else, and the energy shows it."""
+        return all(row.right for row in self.rows) and self.misprints == ("C21", "C22") and self.energy_shown
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        limits = {"bar": LIMIT, "energy_bar": self.energy_limit, "measure": MEASURE.replace("\n", " ")}
+        return asdict(self) | {"passed": self.passed, "misprints": list(self.misprints), **limits}
+
+    def text(self) -> str:
+        """A plain table."""
+        rows = []
+        for row in self.rows:
+            errors = (f"{error:.1e}" for error in (row.corrected, row.derived, row.printed))
+            rows.append((row.quantity, *errors, row.verdict, "" if row.right else "fails"))
+        energies = [(e.model, f"{e.final:.3g} J", f"{e.largest:.3g} J") for e in self.energies]
+        misprints = ", ".join(self.misprints) or "no entry"
+        return f"""{self.n:,} random two-link arms and states against Pinocchio, seed {self.seed}, limit {LIMIT:g}
+{MEASURE}
+
+{Table(("quantity", "corrected", "derived", "printed", "symbolically", ""), tuple(rows))}
+
+B is compared by row sums: both its columns multiply td1 td2, and no motion tells them apart.
+largest condition number of the mass matrix: {self.largest_condition:.0f}
+
+True energy over {self.horizon:g} s from horizontal rest at 0 J (l = 1, 1 m; m = 3, 1 kg):
+{Table(("motion by", "at the end", "largest"), tuple(energies))}
+
+{"PASSED" if self.passed else "FAILED"}: the paper errs in {misprints}"""
 
 
 def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
@@ -68,7 +197,7 @@ def check(n: int = 10_000, seed: int = 0, horizon: float = 10.0) -> CheckReport:
     return CheckReport(n, seed, condition, tuple(rows), horizon, energies(horizon))
 
 
-def draw(n: int, seed: int) -> Samples:
+def draw(n: int, seed: int) -> ArmSamples:
     """n random arms and states.
 
     Lengths from 0.1 to 3 m and masses from 0.1 to 30 kg (log-uniform), g from 0 to 25 m/s^2, any angles, speeds within
@@ -78,7 +207,7 @@ def draw(n: int, seed: int) -> Samples:
     lengths = np.exp(rng.uniform(np.log(0.1), np.log(3), (2, n)))
     masses = np.exp(rng.uniform(np.log(0.1), np.log(30), (2, n)))
     theta, dtheta, ddtheta, torque = (rng.uniform(-limit, limit, (n, 2)) for limit in (np.pi, 10, 50, 50))
-    return Samples((*lengths, *masses, rng.uniform(0, 25, n)), theta, dtheta, ddtheta, torque)
+    return ArmSamples((*lengths, *masses, rng.uniform(0, 25, n)), theta, dtheta, ddtheta, torque)
 
 
 def energies(horizon: float) -> tuple[Energy, ...]:
@@ -106,7 +235,7 @@ def _energy(name: str, acceleration: Callable[..., np.ndarray], model: pin.Model
     return Energy(name, float(energy[-1]), float(np.max(np.abs(energy))))
 
 
-def _scales(answers: Columns, samples: Samples) -> Columns:
+def _scales(answers: Columns, samples: ArmSamples) -> Columns:
     """What each error is relative to, (n, 1): see `check`. Where all is zero, errors are absolute."""
     mass, bias = np.abs(answers["A"]), np.abs(answers["h"])
     inverse = np.abs(np.linalg.inv(answers["A"]))
@@ -117,7 +246,7 @@ def _scales(answers: Columns, samples: Samples) -> Columns:
     return {name: np.where(size > 0, size, 1.0) for name, size in scale.items()}
 
 
-def _by_hand(samples: Samples, variant: Variant) -> Columns:
+def _by_hand(samples: ArmSamples, variant: Variant) -> Columns:
     """The answers of the equations by hand, for all arms in one call each."""
     l1, l2, m1, m2, g = samples.parameters
     model, theta, dtheta = two_link((l1, l2), (m1, m2), g, variant), samples.theta, samples.dtheta
@@ -128,7 +257,7 @@ def _by_hand(samples: Samples, variant: Variant) -> Columns:
     return _columns(*entries, acceleration, acceleration, torque)
 
 
-def _by_sympy(samples: Samples) -> Columns:
+def _by_sympy(samples: ArmSamples) -> Columns:
     """The answers of the equations that SymPy derives; accelerations by LAPACK, not by the closed form of TwoLink."""
     a, b, c, d = derive.evaluate(samples.parameters, samples.theta)
     speeds = samples.dtheta

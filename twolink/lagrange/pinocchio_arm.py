@@ -25,7 +25,7 @@ _ROD = """<inertial><origin xyz="{centre!r} 0 0"/><mass value="{mass!r}"/>
 
 
 @dataclass(frozen=True)
-class Samples:
+class ArmSamples:
     """n arms with a state each: parameters (l1, l2, m1, m2, g), (n,) each; states (n, 2) in SI units."""
 
     parameters: tuple[np.ndarray, ...]
@@ -51,7 +51,7 @@ def arm(l1: float, l2: float, m1: float, m2: float, g: float) -> pin.Model:
     return model
 
 
-def answers(samples: Samples) -> dict[str, np.ndarray]:
+def answers(samples: ArmSamples) -> dict[str, np.ndarray]:
     """Pinocchio's answers, one arm and state at a time.
 
     A (n, 2, 2) by crba; B (n, 2), the sums of B's rows, and C (n, 2, 2) from nonLinearEffects at unit speeds

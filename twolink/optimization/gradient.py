@@ -12,7 +12,7 @@ from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
-from twolink.io.listing import Table
+from twolink.io.text import Table
 from twolink.optimization.objectives import Objective, named_objective, value_of
 from twolink.optimization.run_variation import STEP, NotFollowedError, RunVariation, Unknown, beside
 from twolink.scenes import Scene

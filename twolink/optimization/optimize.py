@@ -15,8 +15,8 @@ import numpy as np
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.taylor_code import few_solutions
-from twolink.io.listing import Table
+from twolink.integrate.taylor_code import solved_rarely
+from twolink.io.text import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
 from twolink.optimization.search import MultiStart, Progress, starting_points
@@ -227,7 +227,7 @@ def optimize(
     }  # fmt: skip
     file = None if out is None else Path(out)
     search = MultiStart(evaluator, -1.0 if maximize else 1.0, int(evaluations), file, problem, progress)
-    with few_solutions():
+    with solved_rarely():
         search(starting_points((variables.own - variables.low) / variables.width, int(starts), seed))
         best = search.best()
         if best is None:

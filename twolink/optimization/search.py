@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from twolink.errors import SceneError, TwolinkError
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
 
 ON_BOUND = 1e-9  # of the distance of the bounds: what is so near to a bound is moved onto it

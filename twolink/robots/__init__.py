@@ -6,9 +6,8 @@ queries, scenes or simulation.
 """
 
 from twolink.robots.catalogue import catalogue_names
-from twolink.robots.load import load_model
+from twolink.robots.load import load_model, robots
 from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.model import RobotModel
-from twolink.robots.robot_table import robots
 
 __all__ = ["Finding", "LoadReport", "RobotModel", "catalogue_names", "load_model", "robots"]

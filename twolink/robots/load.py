@@ -1,5 +1,6 @@
 """Loading a robot: source -> elements -> tree -> pin.Model -> checks -> RobotModel and load report."""
 
+import functools
 import os
 import threading
 from collections.abc import Sequence
@@ -10,19 +11,16 @@ from typing import Literal, TypeVar
 import pinocchio as pin
 
 from twolink.errors import RobotError, require_known
-from twolink.io.model_trees import trees_of
+from twolink.io.fingerprints import trees_of
+from twolink.io.text import Table
 from twolink.robots import load_report
-from twolink.robots.canonical import canonical
-from twolink.robots.catalogue import examples_share
-from twolink.robots.load_options import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
+from twolink.robots.catalogue import catalogue_entry, catalogue_names, examples_share, open_source
+from twolink.robots.checks import check_agreement, check_bodies, check_invertible, check_lock, check_mimic
+from twolink.robots.joint_layout import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
-from twolink.robots.mimic import check_lock, check_mimic
 from twolink.robots.model import RobotModel, Visuals
-from twolink.robots.physical_checks import check_bodies, check_invertible
-from twolink.robots.pinocchio_check import check_agreement
-from twolink.robots.source import open_source
-from twolink.robots.tree import Tree, read_tree
+from twolink.robots.tree import Tree, canonical, read_tree
 from twolink.robots.xml import parse_xml
 
 R = TypeVar("R", bound=RobotModel)
@@ -31,6 +29,7 @@ R = TypeVar("R", bound=RobotModel)
 MAX_FREEDOM = 300
 _STACK_BYTES = 64 * 2**20
 _stack_size_lock = threading.Lock()
+COLUMNS = ("name", "from", "root", "nq", "nv", "mass", "refused")
 
 
 def load_model(
@@ -149,3 +148,24 @@ def _folders(package_dirs: Sequence[str | os.PathLike[str]]) -> list[Path]:
     except TypeError:
         what = f"expected folders, got {package_dirs!r}"
         raise RobotError(what, argument="package_dirs", remedy='such as ["/opt/ros/share"]') from None
+
+
+@functools.cache
+def robots() -> Table:
+    """The robots that `load_robot` knows by name. Each is loaded once, some seconds in all.
+
+    Returns
+    -------
+    Table
+        Columns name, from (the package it comes from), root (the one it is meant to have), nq and nv with that root,
+        mass [kg], and refused (why it cannot be loaded).
+    """
+    rows: list[tuple[object, ...]] = []
+    for name in catalogue_names():
+        entry = catalogue_entry(name)
+        try:
+            robot = load_model(RobotModel, name, root=entry.usual_root)
+            rows.append((name, entry.origin, entry.usual_root, robot.nq, robot.nv, robot.mass, None))
+        except RobotError as error:
+            rows.append((name, entry.origin, entry.usual_root, None, None, None, str(error)))
+    return Table(COLUMNS, tuple(rows))

@@ -9,10 +9,9 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from twolink.io.listing import facts_html
-from twolink.robots.foreign import Foreign
+from twolink.io.text import facts_html
 from twolink.robots.tree import Tree
-from twolink.robots.xml import Element
+from twolink.robots.xml import Element, Foreign
 
 Kind = Literal["read", "ignored", "repaired", "assumed"]
 KINDS: tuple[Kind, ...] = ("read", "ignored", "repaired", "assumed")

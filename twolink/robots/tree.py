@@ -1,4 +1,8 @@
-"""From elements to a kinematic tree: unique names, one root, no cycle, not too deep."""
+"""From elements to a kinematic tree: unique names, one root, no cycle, not too deep; and the URDF that Pinocchio reads.
+
+Pinocchio's parser drops what it cannot read (an inertia with a blank in a number, say), at most with a message on
+stderr. It gets only numbers that `Reader` has read and written again.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,14 +10,14 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 
 from twolink.errors import RobotError, nearest
-from twolink.robots.foreign import Foreign, foreign_content
 from twolink.robots.urdf import UrdfJoint, UrdfLink, read_joint, read_link
-from twolink.robots.xml import Element, Reader
+from twolink.robots.xml import URDF_ELEMENTS, Element, Foreign, Reader, foreign_content
 
 # Pinocchio recurses over the tree while reading: 5,000 chained links overflow an 8 MiB stack and end the process.
 MAX_JOINTS = 5_000
 MAX_DEPTH = 1_000
 VERSIONS = {"1.0": (1, 0), "1.1": (1, 1), "1.2": (1, 2)}
+_NOT_DYNAMICS = ("visual", "collision", "material")
 
 
 @dataclass(frozen=True)
@@ -137,3 +141,19 @@ def _ordered(links: dict[str, UrdfLink], joints: list[UrdfJoint], source: str) -
             what = f"more than {MAX_DEPTH} joints lie between it and the root"
             raise _error(what, f"link {joint.child!r}", "load a shorter chain")
     return tuple(ordered)
+
+
+def canonical(tree: Tree) -> str:
+    """The tree as URDF text: links with their inertias, and joints, in the order of the file."""
+    named = tree.element.attributes | {"name": tree.name or "robot"}
+    return _reduced(Element("robot", named, 0, tree.element.children)).to_xml()
+
+
+def _reduced(element: Element) -> Element:
+    """The element with the attributes and children that dynamics needs; of repeated children, the first."""
+    entry = URDF_ELEMENTS[element.tag]
+    out = Element(element.tag, {k: v for k, v in element.attributes.items() if k in (entry.attributes or ())}, 0)
+    for tag in entry.children or ():
+        children = [] if tag in _NOT_DYNAMICS else element.all(tag)
+        out.children += map(_reduced, children if URDF_ELEMENTS[tag].repeatable else children[:1])
+    return out

@@ -1,16 +1,25 @@
-"""URDF text to a tree of elements with line numbers, within limits and without entities; and typed reading of them.
+"""URDF text to a tree of elements with line numbers, within limits and without entities. Names that are not URDF's:
+those of other programs are counted, unknown ones are refused.
 
 Expat is driven directly: the standard tree builders drop line numbers, and none of them refuses a DOCTYPE.
+
+An unknown name may be a typing error, such as <mass valeu="2"/>, or say something about the motion that is not
+understood. Either would give wrong dynamics without a message. The blocks of other programs stand beside a URDF that is
+complete without them; the load report names what in them changes the motion there.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
 
-from twolink.errors import RobotError
+import msgspec
+
+from twolink.errors import RobotError, nearest
 from twolink.io.text import parse_number
 
 MAX_BYTES = 32 * 2**20
@@ -18,6 +27,13 @@ MAX_ELEMENTS = 400_000
 MAX_NESTING = 64
 
 Vector = tuple[float, ...]
+# Elements of blocks such as <gazebo> or <transmission> that change the motion in the program that reads them.
+_CHANGES_MOTION = {
+    "damping", "dampingFactor", "friction", "implicitSpringDamper", "springStiffness", "springReference", "stopKp",
+    "stopKd", "mu", "mu1", "mu2", "kp", "kd", "turnGravityOff", "gravity", "kinematic", "static", "mechanicalReduction",
+    "mechanical_reduction", "rotor_inertia", "gear_ratio", "inertia_scaling", "lateral_friction", "rolling_friction",
+    "spinning_friction", "stiffness", "restitution",
+}  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -180,3 +196,112 @@ class Reader:
     def number(self, element: Element, key: str, owner: str, default: float | None = None) -> float:
         """One finite number from an attribute."""
         return self.numbers(element, key, owner, 1, None if default is None else (default,))[0]
+
+
+class UrdfElement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One kind of element: what it may hold, and whether it may stand more than once in its parent.
+
+    attributes, children: None for an element that is not looked into. foreign_attributes, foreign_children: those of
+    other programs, which are reported and not applied.
+    """
+
+    attributes: tuple[str, ...] | None = None
+    children: tuple[str, ...] | None = None
+    foreign_attributes: tuple[str, ...] = ()
+    foreign_children: tuple[str, ...] = ()
+    repeatable: bool = False
+
+
+_FILE = Path(__file__).parent / "urdf_elements.toml"
+URDF_ELEMENTS: dict[str, UrdfElement] = msgspec.toml.decode(_FILE.read_bytes(), type=dict[str, UrdfElement])
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """What a URDF holds of other programs, with counts.
+
+    elements: by tag. attributes: as "D= in <dynamics>". motion: elements that change the motion in their program, as
+    "mu1 in <gazebo>". text: text between elements, as "in <link>".
+    """
+
+    elements: Counter[str] = field(default_factory=Counter)
+    attributes: Counter[str] = field(default_factory=Counter)
+    motion: Counter[str] = field(default_factory=Counter)
+    text: Counter[str] = field(default_factory=Counter)
+
+
+def foreign_content(reader: Reader, robot: Element) -> Foreign:
+    """What a <robot> holds of other programs.
+
+    Raises
+    ------
+    RobotError
+        A URDF element has an attribute or a child that is neither URDF's nor a known program's, has a child twice that
+        counts once, or has text in place of attributes.
+    """
+    found = Foreign()
+    _look(reader, robot, "", found)
+    return found
+
+
+def _look(reader: Reader, element: Element, owner: str, found: Foreign) -> None:
+    """Count and check the names in one element of URDF, and in those below it. owner: its link or joint, for errors."""
+    tag, entry = element.tag, URDF_ELEMENTS[element.tag]
+    if entry.attributes is None:
+        return
+    children = entry.children or ()
+    if tag in ("link", "joint"):
+        owner = f"{tag} {element.attributes.get('name', '')!r}"
+    for key in element.attributes:
+        if key in entry.attributes or key.partition(":")[0] == "xmlns":
+            continue
+        if key in entry.foreign_attributes or ":" in key:
+            found.attributes[f"{key}= in <{tag}>"] += 1
+        else:
+            raise reader.error(element, owner, f"{key}= is unknown in <{tag}>", _remedy(key, entry.attributes))
+    if element.has_text:
+        if not element.attributes and not children:
+            what = f"<{tag}> has text in place of attributes"
+            raise reader.error(element, owner, what, f"known: {', '.join(entry.attributes)}")
+        found.text[f"in <{tag}>"] += 1
+    seen: set[str] = set()
+    for child in element.children:
+        if child.tag in children:
+            if child.tag in seen and not URDF_ELEMENTS[child.tag].repeatable:
+                raise reader.error(child, owner, f"<{child.tag}> stands twice in <{tag}>", "remove one")
+            seen.add(child.tag)
+            _look(reader, child, owner, found)
+        elif child.tag in entry.foreign_children or _is_prefixed(child.tag) or _moves_nothing(reader, child, owner):
+            found.elements[child.tag] += 1
+            _count_motion(child, child.tag, found)
+        else:
+            raise reader.error(child, owner, f"<{child.tag}> is unknown in <{tag}>", _remedy(child.tag, children))
+
+
+def _remedy(name: str, known: tuple[str, ...]) -> str:
+    """What to do about an unknown name."""
+    return f"{nearest(name.lower(), known)} (Else remove it, or give it its program's prefix)"
+
+
+def _is_prefixed(tag: str) -> bool:
+    """Whether a tag has the prefix of another program, and is not its form of a URDF element, as <drake:joint> is."""
+    prefix, _, name = tag.rpartition(":")
+    return bool(prefix) and URDF_ELEMENTS.get(name) is None
+
+
+def _moves_nothing(reader: Reader, element: Element, owner: str) -> bool:
+    """Whether this is an <origin> without effect. Some exporters write one into each link."""
+    zeros, keys = (0.0, 0.0, 0.0), ("xyz", "rpy")
+    if element.tag != "origin" or element.attributes.keys() - set(keys):
+        return False
+    return all(reader.numbers(element, key, owner, 3, zeros) == zeros for key in keys)
+
+
+def _count_motion(element: Element, block: str, found: Foreign) -> None:
+    """Count the elements of another program's block that change the motion there; plugins are programs of their own."""
+    for child in element.children:
+        name = child.tag.rpartition(":")[2]
+        if name in _CHANGES_MOTION:
+            found.motion[f"{name} in <{block}>"] += 1
+        if name != "plugin":
+            _count_motion(child, block, found)

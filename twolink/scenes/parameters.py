@@ -21,7 +21,7 @@ from twolink.effects.effect import Effect
 from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, nearest
-from twolink.io.joint_columns import joint_columns
+from twolink.io.tables import joint_columns
 from twolink.io.text import kebab_case
 from twolink.robots.joint_layout import turns
 from twolink.scenes.scene import Scene

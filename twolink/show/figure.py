@@ -1,17 +1,19 @@
-"""Figures in one style: colours, axes, names, files."""
+"""Figures in one style: colours, axes, names, files; labels at the ends of lines; and eigenvalues."""
 
 from __future__ import annotations
 
 import base64
 import functools
 import io
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.errors import ShowError
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 
 if TYPE_CHECKING:
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
 FORMATS = (".png", ".svg", ".pdf")
 # Okabe and Ito's colours, which people with colour blindness can tell apart (Okabe and Ito 2008, jfly.uni-koeln.de).
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000")
+HEIGHT, WIDTH = 1.25, 0.62  # of a letter, in font sizes
+# Places to try for a label's near end, in points from the line's end: near, right and above first.
+OFFSETS = [(dx, dy) for dx in (7, 16, 28, -7) for dy in (0, 9, -9, 18, -18, 28, -28, 40, -40, 54, -54, 68)]
+COVERED, OUTSIDE, FAR = 30.0, 1000.0, 0.5  # costs: of a covered label, of a label outside, per four points of distance
+Box = tuple[float, float, float, float]
 
 
 def new_figure(rows: int, columns: int = 1, *, size: tuple[float, float], **options: Any) -> tuple[Figure, np.ndarray]:
@@ -68,3 +75,128 @@ def plain(name: str) -> str:
     """A name as matplotlib draws it letter by letter: no formulas, and none that a legend leaves out."""
     text = name.replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
+
+
+def label_ends(
+    figure: Any,
+    axis: Any,
+    lines: Mapping[str, tuple[Sequence[float], Sequence[float]]],
+    styles: Mapping[str, Any],
+    size: float = 9,
+) -> None:
+    """Write each name at the last point of its line, with a thin leader where it is not close.
+
+    Parameters
+    ----------
+    figure, axis : matplotlib Figure and Axes
+        Where to write.
+    lines : mapping of names to (x, y)
+        The lines' points in data coordinates.
+    styles : mapping of names to dict
+        The options of each name's text, such as its colour.
+    size : float
+        Font size in points.
+    """
+    figure.draw_without_rendering()  # computes the layout
+    scale = figure.dpi / 72
+    drawn = {name: axis.transData.transform(np.column_stack(line)) / scale for name, line in lines.items()}
+    points = np.concatenate([_dense(line) for line in drawn.values()])
+    frame = axis.get_window_extent()
+    inside = (frame.x0 / scale, frame.y0 / scale, frame.x1 / scale, frame.y1 / scale)
+    placed: list[Box] = []
+    for name in sorted(drawn, key=lambda n: -drawn[n][-1, 0]):  # from the right, where most lines end
+        end = drawn[name][-1]
+        boxes = [_box(end, offset, len(name) * WIDTH * size, HEIGHT * size) for offset in OFFSETS]
+        costs = [_cost(box, offset, placed, points, inside) for box, offset in zip(boxes, OFFSETS, strict=True)]
+        best = int(np.argmin(costs))
+        placed.append(boxes[best])
+        dx, dy = OFFSETS[best]
+        leader = {"arrowstyle": "-", "linewidth": 0.5, "color": styles[name].get("color"), "alpha": 0.6, "shrinkB": 2}
+        axis.annotate(name, (lines[name][0][-1], lines[name][1][-1]), xytext=(dx, dy), textcoords="offset points",
+                      fontsize=size, va="center", ha="left" if dx > 0 else "right", zorder=5,
+                      arrowprops=leader if abs(dx) + abs(dy) > 20 else None, **styles[name])  # fmt: skip
+
+
+def label_right(figure: Any, lines: Mapping[Any, Sequence[tuple[Any, str]]], size: float = 8) -> None:
+    """Write the name of each line beside its axis, at the height of the line's end, or as near as others leave room.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        Where to write.
+    lines : mapping of Axes to sequences of (Line2D, name)
+        The lines of each axis.
+    size : float
+        Font size in points.
+    """
+    figure.draw_without_rendering()  # computes the layout
+    for axis, named in lines.items():
+        frame = axis.get_window_extent()
+        gap = HEIGHT * size * figure.dpi / 72 / frame.height
+        to_share = axis.transData + axis.transAxes.inverted()
+        ends = [float(to_share.transform((line.get_xdata()[-1], line.get_ydata()[-1]))[1]) for line, _ in named]
+        heights = _spread(ends, gap)
+        for (line, name), end, height in zip(named, ends, heights, strict=True):
+            style = {"color": line.get_color(), "transform": axis.transAxes, "clip_on": False}
+            axis.plot([1.0, 1.012], [end, height], linewidth=0.6, alpha=0.7, **style)
+            axis.text(1.016, height, name, fontsize=size, va="center", **style)
+
+
+def _spread(ends: Sequence[float], gap: float) -> list[float]:
+    """Heights near the ends, in their order, with gaps between them, between 0 and 1 where there is room."""
+    order = np.argsort(ends, kind="stable")
+    heights = np.clip(np.asarray(ends, dtype=float)[order], 0.0, 1.0)
+    for k in range(1, len(heights)):
+        heights[k] = max(heights[k], heights[k - 1] + gap)
+    ceiling = max(1.0, gap * (len(heights) - 1))
+    for k in reversed(range(len(heights))):
+        heights[k] = min(heights[k], ceiling - gap * (len(heights) - 1 - k))
+    spread = np.empty(len(heights))
+    spread[order] = heights
+    return spread.tolist()
+
+
+def _dense(line: np.ndarray) -> np.ndarray:
+    """Points along a line (n, 2), some 4 points apart."""
+    parts = [np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 4)) for a, b in pairwise(line)]
+    return np.concatenate([line, *parts])
+
+
+def _box(end: np.ndarray, offset: tuple[float, float], width: float, height: float) -> Box:
+    left = end[0] + offset[0] - (width if offset[0] < 0 else 0.0)
+    return left, end[1] + offset[1] - height / 2, left + width, end[1] + offset[1] + height / 2
+
+
+def _cost(box: Box, offset: tuple[float, float], placed: list[Box], points: np.ndarray, inside: Box) -> float:
+    left, bottom, right, top = box
+    x, y = points.T
+    hidden = int(((x > left) & (x < right) & (y > bottom) & (y < top)).sum())
+    covered = sum(left < b[2] and b[0] < right and bottom < b[3] and b[1] < top for b in placed)
+    outside = left < inside[0] or right > inside[2] or bottom < inside[1] or top > inside[3]
+    return hidden + COVERED * covered + OUTSIDE * outside + FAR * (abs(offset[0]) / 2 + abs(offset[1])) / 4
+
+
+def plot_eigenvalues(
+    path: Path | None, title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False
+) -> Path | Figure:
+    """Draw eigenvalues (n,) with circles of their errors (n,). Returns the path; without one the figure.
+
+    unit_circle: what is stable is inside it (multipliers), else left of the imaginary axis.
+    """
+    from matplotlib.patches import Circle
+
+    figure, axes = new_figure(1, size=(5.0, 4.6))
+    axis = axes[0, 0]
+    for value, error in zip(values, errors, strict=True):
+        axis.add_patch(Circle((value.real, value.imag), error, color=COLOURS[4], alpha=0.4, linewidth=0))
+    axis.plot(values.real, values.imag, "x", color=COLOURS[0], markersize=7, markeredgewidth=1.8)
+    if unit_circle:
+        axis.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color="0.45", linewidth=1.0))
+    else:
+        axis.axvline(0.0, color="0.45", linewidth=1.0)
+    axis.axhline(0.0, color="0.8", linewidth=0.8, zorder=1)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
+    axis.set_ylabel("imaginary part" if unit_circle else "imaginary part, 1/s")
+    axis.set_title(plain(title), fontsize=10)
+    return figure if path is None else save_figure(figure, path)

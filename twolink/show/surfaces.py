@@ -10,13 +10,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from twolink.io.collada import Part, read_collada
-from twolink.io.confined import read_confined
-from twolink.io.mesh_triangles import SUFFIXES, read_triangles
-from twolink.robots.mesh_shapes import LARGEST
+from twolink.io.files import read_confined
+from twolink.io.mesh_files import SUFFIXES, Part, read_collada, read_triangles
+from twolink.robots.meshes import LARGEST
 from twolink.show.meshcat_scene import box_corners
-from twolink.show.meshcat_shapes import triangles
-from twolink.show.smooth_shading import shaded_triangles
+from twolink.show.meshcat_shapes import shaded_triangles, triangles
 
 Floats = NDArray[np.float64]
 SEGMENTS = 64  # of round bodies

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twolink.errors import ShowError, import_extra
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
-from twolink.show.arrows import CONTACT_COLOUR, FORCE_COLOUR, Arrows
 from twolink.show.figure import COLOURS, new_figure, plain
-from twolink.show.meshcat_scene import poses, require_pieces
-from twolink.show.meshcat_view import look_at
+from twolink.show.meshcat_scene import look_at, poses, require_pieces
 from twolink.show.motion_samples import check_motion, resample, time_digits
-from twolink.show.raycasting import Camera, Picture
+from twolink.show.raycasting import CONTACT_COLOUR, FORCE_COLOUR, Arrows, Camera, Picture
 from twolink.show.surfaces import Floats, surfaces
 from twolink.show.viewer_data import Contacts
 

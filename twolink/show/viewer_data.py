@@ -11,9 +11,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from twolink.show.meshcat_scene import Node
+from twolink.show.meshcat_scene import Node, plane_direction
 from twolink.show.meshcat_shapes import Floats, Json, packed
-from twolink.show.meshcat_view import plane_direction
 
 _SAMPLES = 12  # configurations that tell whether a robot moves in a plane
 Place = tuple[str | None, Any]  # the link that a piece is fixed to, or None for the world, and its pin.SE3 there

@@ -31,7 +31,7 @@ NODES = 6  # of Gauss's quadrature between two samples
 
 
 @dataclass(frozen=True, repr=False)
-class Book(ShownAsText):
+class EnergyBalance(ShownAsText):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -72,7 +72,7 @@ class _Stretch:
     places: np.ndarray
 
 
-def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
+def energy_book(scene: Scene, run: Trajectory | None = None) -> EnergyBalance:
     """The energy balance of a run of a scene.
 
     Parameters
@@ -84,7 +84,7 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
 
     Returns
     -------
-    Book
+    EnergyBalance
         Stored energy, works and losses at the samples, J.
 
     Raises
@@ -112,7 +112,7 @@ def energy_book(scene: Scene, run: Trajectory | None = None) -> Book:
         parts = (values[at].reshape(-1, NODES) * weights).sum(axis=1) * half
         work[name] = np.concatenate([[0.0], np.cumsum(parts)])[kept]
     lost = np.array([sum(event.energy for event in run.events if event.t < t) for t in run.t])
-    return Book(run, run.t, run.energy, work, lost)
+    return EnergyBalance(run, run.t, run.energy, work, lost)
 
 
 def loop_forces(scene: Scene, run: Trajectory) -> dict[str, np.ndarray]:

@@ -14,8 +14,8 @@ import numpy as np
 from twolink.dynamics import Robot
 from twolink.errors import SceneError, import_extra
 from twolink.integrate.event import Event
-from twolink.io.listing import Table
 from twolink.io.tables import write_table
+from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
@@ -88,7 +88,7 @@ class Worlds:
     parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
-    def kept(self) -> np.ndarray | None:
+    def within_accuracy(self) -> np.ndarray | None:
         """True where a world's error bar is below the accuracy asked for (n,); None where it is not verified."""
         return None if self.error is None else self.error <= self.accuracy
 
@@ -178,7 +178,7 @@ class Worlds:
         ShowError
             The file cannot be written.
         """
-        from twolink.show.worlds_plot import plot_worlds
+        from twolink.show.motion_plots import plot_worlds
 
         t = np.append(self.samples_t, self.t)
         q = np.concatenate([self.samples_q, self.q[None]])
@@ -188,8 +188,9 @@ class Worlds:
                            self.varied(), self.error, None if path is None else Path(path))  # fmt: skip
 
     def __repr__(self) -> str:
-        kept = "not verified" if self.kept is None else f"{int(self.kept.sum())} within {self.accuracy:g}"
-        return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {kept}>"
+        met = self.within_accuracy
+        state = "not verified" if met is None else f"{int(met.sum())} within {self.accuracy:g}"
+        return f"<Worlds of {self.robot.name!r}: {len(self.q)} at {self.t:g} s, {state}>"
 
     def _repr_html_(self) -> str:
         rows = [(name, *(float(f"{share:.6g}") for share in np.nanquantile(values, [0.0, 0.5, 1.0])))

@@ -10,7 +10,7 @@ import numpy as np
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from twolink.simulation.energy_balance import Book
+    from twolink.simulation.energy_balance import EnergyBalance
 
 
 def run_record(run: Trajectory) -> dict[str, Any]:
@@ -56,12 +56,12 @@ def run_record(run: Trajectory) -> dict[str, Any]:
     return record
 
 
-def balance_record(book: Book) -> dict[str, Any]:
+def balance_record(balance: EnergyBalance) -> dict[str, Any]:
     """The energy balance of a whole run as numbers, J.
 
     Parameters
     ----------
-    book : Book
+    balance : EnergyBalance
 
     Returns
     -------
@@ -70,8 +70,8 @@ def balance_record(book: Book) -> dict[str, Any]:
         the largest at any sample.
     """
     return {
-        "work": {name: float(work[-1]) for name, work in book.work.items()},
-        "stored": [float(book.stored[0]), float(book.stored[-1])],
-        "lost": float(book.lost[-1]),
-        "residual": float(np.abs(book.residual).max()),
+        "work": {name: float(work[-1]) for name, work in balance.work.items()},
+        "stored": [float(balance.stored[0]), float(balance.stored[-1])],
+        "lost": float(balance.lost[-1]),
+        "residual": float(np.abs(balance.residual).max()),
     }

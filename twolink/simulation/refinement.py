@@ -37,7 +37,7 @@ DIGITS: dict[Precision, str] = {"double": "16 digits", "extended": "19 digits", 
 
 
 @dataclass(eq=False)
-class Search:
+class Refinement:
     """The search for a method and a setting that keep an accuracy.
 
     Parameters

@@ -37,7 +37,7 @@ def sample_times(duration: float, samples: float, limit: float) -> np.ndarray:
     return times if times[-2] < duration else np.append(times[times < duration], duration)
 
 
-def with_looks(times: np.ndarray, count: int) -> np.ndarray:
+def with_check_times(times: np.ndarray, count: int) -> np.ndarray:
     """The times (n,), and others between them where n < count: one difference of two solutions may vanish by chance."""
     return times if len(times) >= count else np.union1d(times, np.linspace(times[0], times[-1], count))
 

@@ -21,14 +21,14 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
-from twolink.simulation.refinement import PATIENCE, Search, first_choice, precisions_of
-from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_looks
+from twolink.simulation.refinement import PATIENCE, Refinement, first_choice, precisions_of
+from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_check_times
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verification, Verified
 
 MAX_SAMPLES = 20_000_000
-LOOKS, MAX_LOOKS = 41, 100  # times at which errors are looked at, at least and about at most
+CHECKS, MAX_CHECKS = 41, 100  # times at which errors are checked, at least and about at most
 ACCURACY = 1e-6  # rad or m, where none is asked for
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
 MAX_TOLERANCE = 0.1
@@ -112,7 +112,7 @@ def simulate(
     choice, measured = _with_setting(first, method, tolerance, step)
     if verify and not (measured or choice.method.adaptive):  # a pilot, whose error tells the step that is needed
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
-    search = Search(equations, accuracy, any_method=free, precisions=() if measured else more)
+    search = Refinement(equations, accuracy, any_method=free, precisions=() if measured else more)
     try:
         return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
     except AccuracyError as error:
@@ -157,7 +157,7 @@ def run_of(
     accuracy: float,
     progress: Progress | None = None,
     *,
-    search: Search | None = None,
+    search: Refinement | None = None,
     measured: bool = False,
     verify: bool = True,
 ) -> Trajectory:
@@ -166,13 +166,13 @@ def run_of(
     search: what may be tried beside smaller settings. measured: the setting of the choice is the caller's own, and is
     not refined.
     """
-    all_times = with_looks(times, LOOKS) if verify else times
-    looks = spread_out(len(all_times), MAX_LOOKS)
-    verification = Verification(equations, all_times, looks, 0.0 if measured else accuracy, progress)
+    all_times = with_check_times(times, CHECKS) if verify else times
+    checks = spread_out(len(all_times), MAX_CHECKS)
+    verification = Verification(equations, all_times, checks, 0.0 if measured else accuracy, progress)
     if not verify:
         one = verification.unverified(choice)
         return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)
-    search, spent, following = search or Search(equations, accuracy), 0.0, choice
+    search, spent, following = search or Refinement(equations, accuracy), 0.0, choice
     try:
         while True:
             try:
@@ -260,7 +260,7 @@ def _trajectory(
     choice, solution = one.choice, one.solution
     error = one.bar(equations.space, SLACK * (accuracy or 0.0))
     # An event may end the run at a time that was not asked for.
-    all_asked = len(times) >= LOOKS or np.array_equal(solution.t, times)
+    all_asked = len(times) >= CHECKS or np.array_equal(solution.t, times)
     kept = np.ones(len(solution.t), dtype=bool) if all_asked else np.isin(solution.t, times)
     kept[-1] |= not solution.interrupted
     q, v = equations.space.rows(solution.x.compress(kept, axis=1))

@@ -101,7 +101,7 @@ class Sensitivities(ShownAsText):
         -----
         The tube is linear in the change: where it is wide, the motion leaves it.
         """
-        from twolink.show.sensitivity_plot import plot_sensitivities
+        from twolink.show.motion_plots import plot_sensitivities
 
         positive(change, "change", SceneError, "such as 0.01")
         if name is not None:
@@ -182,11 +182,11 @@ def sensitivities_at(
     accuracy: float,
     progress: Progress | None = None,
     *,
-    any_numbers: bool = False,
+    numbers_as_inputs: bool = False,
 ) -> Sensitivities:
     """As `sensitivities`, at times (n,), increasing; the scene's state is that at the first of them.
 
-    any_numbers: by code that serves scenes with other numbers too, for those who ask for many of them.
+    numbers_as_inputs: by code that serves scenes with other numbers too, for those who ask for many of them.
     """
     accuracy = accuracy_of(accuracy)
     wanted, equations = wanted_of(scene, wrt), equations_of(scene)
@@ -194,7 +194,7 @@ def sensitivities_at(
     def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Sensitivities, float]:
         return _with_bars(SensitivityRun(run, own, wanted, tolerance), accuracy)
 
-    return refined(scene, equations, times, accuracy, attempt, progress, any_numbers=any_numbers)
+    return refined(scene, equations, times, accuracy, attempt, progress, numbers_as_inputs=numbers_as_inputs)
 
 
 def refined(
@@ -205,7 +205,7 @@ def refined(
     attempt: Callable[[Equations, Trajectory, float], tuple[Result, float]],
     progress: Progress | None = None,
     *,
-    any_numbers: bool = False,
+    numbers_as_inputs: bool = False,
 ) -> Result:
     """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
 
@@ -215,13 +215,13 @@ def refined(
     begin, end = float(times[0]), float(times[-1])
     if begin:
         equations = equations.starting_at(equations.start, begin)
-    if any_numbers:
-        equations = replace(equations, any_numbers=True)
+    if numbers_as_inputs:
+        equations = replace(equations, numbers_as_inputs=True)
     sought, excess, run = accuracy, 0.0, None
     margin = MARGIN if equations.has_events else SMOOTH_MARGIN
     for _ in range(TRIALS):
         choice = choose(equations, sought, end - begin, "auto")
-        if any_numbers and choice.method.kind == "taylor":  # whose optimized code is for one scene
+        if numbers_as_inputs and choice.method.kind == "taylor":  # whose optimized code is for one scene
             choice = choose(equations, sought, end - begin, "dop853")
         try:
             run = run_of(scene, equations, choice, times, sought, progress)

@@ -54,7 +54,7 @@ def simulate_stepped(
     solve = functools.partial(_solved, stepper_of(scene), times, progress)
     if step is None:
         limit = patience or (PATIENCE if accuracy is None else math.inf)
-        return _Search(scene, solve, float(times[-1]), accuracy, limit).run(verify=verify)
+        return _StepRefinement(scene, solve, float(times[-1]), accuracy, limit).run(verify=verify)
     coarse, seconds = solve(step, 0)
     if not verify or coarse.interrupted:
         return _trajectory(scene, coarse, seconds)
@@ -75,7 +75,7 @@ def _distance(coarse: SteppedSolution, fine: SteppedSolution) -> np.ndarray:
 
 
 @dataclass
-class _Search:
+class _StepRefinement:
     """Runs of smaller and smaller steps up to the time `end`, s. best: the one with the smallest estimate so far.
 
     least, last: the estimates of that one and of the last one. tries: of smaller steps that did not help.

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
-from twolink.dynamics.saved_robot import robot_notes
+from twolink.dynamics.robot_record import robot_notes
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
-from twolink.io.listing import facts_html
 from twolink.io.tables import write_table
+from twolink.io.text import facts_html
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
@@ -314,7 +314,7 @@ class Trajectory:
         ShowError
             The file's ending is another one, or it cannot be written.
         """
-        from twolink.show.trajectory_plot import plot_trajectory
+        from twolink.show.motion_plots import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
         at = None if self.solution is None else self.at
@@ -457,7 +457,7 @@ class Trajectory:
         on_url, on_skipped: called with the page's address, and with the names of the shapes that cannot be drawn, if
         any; both are logged (logger "twolink") unless given.
         """
-        from twolink.show.live import play_live
+        from twolink.show.playback import play_live
 
         play_live(*self._motion, **self._told, speed=self._speed(speed), open_browser=open_browser,
                   on_url=on_url or _log_url, on_skipped=on_skipped or _log_skipped)  # fmt: skip

@@ -8,11 +8,10 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.dynamics.saved_robot import find_robot, require_same
+from twolink.dynamics.robot_record import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, import_extra, require_known
 from twolink.integrate.event import Event
-from twolink.io.joint_columns import joint_columns
-from twolink.io.tables import read_table
+from twolink.io.tables import joint_columns, read_table
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.

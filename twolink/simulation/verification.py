@@ -39,7 +39,7 @@ LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the
 class Verified:
     """A run and how far the solutions beside it are from it.
 
-    looks (k,): numbers of its samples at which they are compared. truncation, rounding (k,): parts of the error bar
+    checks (k,): numbers of its samples at which they are compared. truncation, rounding (k,): parts of the error bar
     there, rad or m; None: not verified, or interrupted. seconds: of solving. verify_seconds: of solutions that were
     solved by themselves. lost: why the finer solution does not get to the end.
     """
@@ -47,7 +47,7 @@ class Verified:
     choice: MethodChoice
     solution: Solution
     seconds: float
-    looks: Array
+    checks: Array
     truncation: Array | None = None
     rounding: Array | None = None
     verify_seconds: float = 0.0
@@ -57,12 +57,12 @@ class Verified:
         """The error bar at each sample (n,), rad or m."""
         if self.truncation is None or self.rounding is None:
             return None
-        solution, looks = self.solution, self.looks
-        same = common_rounding(space, solution.t[looks], solution.x[:, looks].T, solution.steps)
+        solution, checks = self.solution, self.checks
+        same = common_rounding(space, solution.t[checks], solution.x[:, checks].T, solution.steps)
         bar = error_bar(self.truncation + self.rounding, same if solution.precise is None else 0.0 * same)
-        bar = bar.repeat(np.diff(looks, prepend=-1))
+        bar = bar.repeat(np.diff(checks, prepend=-1))
         bar[1:] += slack
-        return np.asarray(bar)  # between two looks, that of the later one
+        return np.asarray(bar)  # between two checks, that of the later one
 
 
 class Verification:
@@ -73,7 +73,7 @@ class Verification:
     equations : Equations
     times : ndarray (n,)
         Sample times, s.
-    looks : ndarray (k,)
+    checks : ndarray (k,)
         Numbers of those at which solutions are compared, with the first and the last.
     accuracy : float
         For which the run is, rad or m; 0: none.
@@ -82,9 +82,9 @@ class Verification:
     """
 
     def __init__(
-        self, equations: Equations, times: Array, looks: Array, accuracy: float, progress: Progress | None = None
+        self, equations: Equations, times: Array, checks: Array, accuracy: float, progress: Progress | None = None
     ) -> None:
-        self._equations, self._times, self._looks = equations, times, looks
+        self._equations, self._times, self._checks = equations, times, checks
         self._accuracy, self._progress = accuracy, progress
 
     def unverified(self, choice: MethodChoice) -> Verified:
@@ -104,7 +104,7 @@ class Verification:
             if not choice.method.adaptive:
                 break
         try:  # by itself it says why
-            self._solved(choice, self._times[self._looks], finer)
+            self._solved(choice, self._times[self._checks], finer)
         except AccuracyError as error:
             return replace(one, lost=error)
         return one
@@ -120,17 +120,17 @@ class Verification:
         disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
         others = (finer, *disturbed)
         equations = self._equations
-        beside = Beside.of(others, self._times[self._looks], equations.start[: equations.moving])
+        beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
         solution, seconds = self._solved(choice, self._times, beside=beside)
         run = Verified(choice, solution, seconds, self._numbers(solution))
         if solution.interrupted:
             return run
-        own, x = solution.x[: equations.moving, run.looks].T[:, :, None], beside.x.swapaxes(1, 2)
+        own, x = solution.x[: equations.moving, run.checks].T[:, :, None], beside.x.swapaxes(1, 2)
         undisturbed = x[:, :, :1] if taylor else own
         each = np.empty((len(x), len(others)))
         each[:, :1] = distances(equations.space, own, x[:, :, :1])
         each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
-        if not taylor:  # between two looks, what the later one shows
+        if not taylor:  # between two checks, what the later one shows
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
         return self._with_parts(run, each)
 
@@ -146,11 +146,11 @@ class Verification:
             if run.solution.interrupted:
                 return run
             try:
-                other, _ = self._solved(choice, self._times[self._looks], perturbation)
+                other, _ = self._solved(choice, self._times[self._checks], perturbation)
             except AccuracyError as error:
                 if error.code not in LOST:
                     raise
-                each.append(np.full(len(run.looks), np.inf))
+                each.append(np.full(len(run.checks), np.inf))
                 continue
             compiling += other.compile_seconds
             if other.interrupted:
@@ -190,16 +190,16 @@ class Verification:
     def _numbers(self, solution: Solution) -> Array:
         """The numbers of the samples that are compared, and of the last one of a solution that ended before."""
         last = len(solution.t) - 1
-        return self._looks if self._looks[-1] == last else np.append(self._looks[self._looks < last], last)
+        return self._checks if self._checks[-1] == last else np.append(self._checks[self._checks < last], last)
 
 
 def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:
     """The distance of q from another solution at the samples that are compared (k,), rad or m."""
-    solution, looks = run.solution, run.looks
-    t, x = solution.t[looks], solution.x[:, looks]
-    same = np.minimum(np.arange(len(looks)), len(other.t) - 1)
+    solution, checks = run.solution, run.checks
+    t, x = solution.t[checks], solution.x[:, checks]
+    same = np.minimum(np.arange(len(checks)), len(other.t) - 1)
     if other.precise is not None and solution.precise is not None:
-        off = np.abs(solution.precise[looks, : space.nq] - other.precise[same, : space.nq]).max(axis=1, initial=0.0)
+        off = np.abs(solution.precise[checks, : space.nq] - other.precise[same, : space.nq]).max(axis=1, initial=0.0)
         turned = 2.0 if space.curved else 1.0  # a rotation turns by twice what its quaternion differs by
         return np.asarray(turned * off.astype(float))
     distance = distances(space, x.T[:, :, None], other.x[:, same].T[:, :, None])[:, 0]

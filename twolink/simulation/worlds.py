@@ -21,10 +21,10 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.many_runs import Worlds
-from twolink.simulation.sampling import duration_for, with_looks
+from twolink.simulation.sampling import duration_for, with_check_times
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
 
-LOOKS = 17  # times at least at which errors are looked at
+CHECKS = 17  # times at least at which errors are checked
 MAX_NUMBERS = 200_000_000
 
 
@@ -92,15 +92,15 @@ def simulate_many(
     steps_by = _step_map(scene, tuple(values), end)
     close_loops(steps_by.equations, states)
     parameter_rows = np.array(list(values.values())) if values else None
-    looks, method = with_looks(times, LOOKS) if verify else times, steps_by.method
+    check_times, method = with_check_times(times, CHECKS) if verify else times, steps_by.method
     if verify and not can_be_finer(method, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
-    solved = solve_worlds(steps_by, states, looks, accuracy, parameter_rows, progress, verify=verify)
+    solved = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, progress, verify=verify)
     steps, rejected = int(solved.steps.sum()), int(solved.rejected.sum())
     cost = Cost(method.name, solved.tolerance, steps, (steps + rejected) * method.evaluations, solved.seconds,
                 solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
-    qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(looks, times)])
+    qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(check_times, times)])
     return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, times[kept], qs[kept],
                   vs[kept], (), np.full(len(qs[-1]), end), scene, *begun)  # fmt: skip
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from twolink._version import __version__
-from twolink.dynamics.saved_robot import robot_notes
+from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.scenes import Scene

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from twolink.errors import SceneError, require_known
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 from twolink.sweeps.outputs import STATUS
 from twolink.sweeps.store import read_record

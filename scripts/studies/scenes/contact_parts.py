@@ -8,7 +8,7 @@ import numpy as np
 import twolink as tl
 from scripts.studies.scenes.robots import JOINT, uniform
 from twolink import effects as fx
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 
 Moments = tuple[float, float, float]
 LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>

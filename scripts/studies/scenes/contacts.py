@@ -35,7 +35,7 @@ from scripts.studies.scenes.contact_parts import (
 )
 from scripts.studies.scenes.robots import JOINT, LIMIT, gravity, uniform
 from twolink import effects as fx
-from twolink.robots.shapes import AnyShape
+from twolink.robots.collisions import AnyShape
 
 FINER = 1e-3  # of the accuracy: that of a truth which is a run
 

@@ -41,7 +41,7 @@ from scripts.studies.scenes.robots import (
 )
 from twolink import effects as fx
 from twolink.hard import truths
-from twolink.hard.extended_precision import extended_reference
+from twolink.hard.truths import extended_reference
 
 BLOCK = 60  # scenes that share robots: six of each kind
 AUTO = 2 / 3  # the share of smooth scenes for method "auto"

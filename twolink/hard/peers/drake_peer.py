@@ -19,7 +19,6 @@ from pydrake.multibody import tree
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
 from twolink.hard.peers.task import (
     PeerContact,
     PeerError,
@@ -28,9 +27,12 @@ from twolink.hard.peers.task import (
     PeerTask,
     Setting,
     UnsupportedError,
+    from_peer,
+    peer_columns,
+    to_peer,
     tolerances,
 )
-from twolink.robots.shapes import Box, Capsule, Cylinder, Sphere
+from twolink.robots.collisions import Box, Capsule, Cylinder, Sphere
 
 VERSION = version("drake")
 logging.getLogger("drake").setLevel(logging.ERROR)  # it warns that half spaces do not touch deformable bodies

@@ -14,9 +14,19 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.effects.inputs import value_at
-from twolink.hard.peers.coordinates import from_peer, peer_columns, to_peer
-from twolink.hard.peers.task import PeerError, PeerJoint, PeerRun, PeerSolid, PeerTask, Setting, UnsupportedError
-from twolink.robots.shapes import Box, Capsule, Convex, Cylinder, Sphere
+from twolink.hard.peers.task import (
+    PeerError,
+    PeerJoint,
+    PeerRun,
+    PeerSolid,
+    PeerTask,
+    Setting,
+    UnsupportedError,
+    from_peer,
+    peer_columns,
+    to_peer,
+)
+from twolink.robots.collisions import Box, Capsule, Convex, Cylinder, Sphere
 
 VERSION = mujoco.__version__
 DEFAULT_STEP, FINE_STEP = 0.002, 1e-4

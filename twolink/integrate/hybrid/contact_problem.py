@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.hybrid.modes import ModeState

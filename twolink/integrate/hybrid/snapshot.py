@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from twolink.algorithms.jets import Jet, JetNamespace, coefficient
+from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Expressions, Numbers

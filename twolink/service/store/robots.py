@@ -17,8 +17,7 @@ import pinocchio as pin
 from twolink.dynamics import Robot
 from twolink.robots.load_report import Finding, LoadReport
 from twolink.robots.meshes import MeshFile
-from twolink.robots.model import Visuals
-from twolink.robots.model_pickle import restore_model
+from twolink.robots.model import Visuals, restore_model
 
 _PARTS = (Robot, pin.Model, LoadReport, Finding, Visuals, MeshFile, type(Path()), np.ndarray, np.dtype)
 _NAMES = {

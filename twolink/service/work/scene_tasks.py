@@ -18,8 +18,8 @@ from twolink.dynamics.robot_record import robot_record
 from twolink.errors import RobotError, SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene, load_scene
+from twolink.scenes.file import scene_from_data
 from twolink.scenes.file_format import RobotEntry, SceneFile
-from twolink.scenes.from_data import scene_from_data
 from twolink.service.problems import Refusal, decode_unique
 from twolink.service.settings import Quotas
 from twolink.service.store.robots import read_robot, write_robot
@@ -34,7 +34,7 @@ from twolink.service.work.job_requests import (
 from twolink.service.work.query_answers import link_poses
 from twolink.service.work.robot_tasks import robot_by_id
 from twolink.service.work.worker import Report
-from twolink.show.meshcat_view import plane_direction
+from twolink.show.meshcat_scene import plane_direction
 from twolink.show.motion_samples import resample
 from twolink.show.viewer_data import contact_data
 from twolink.simulation.explanation import explain as explain_scene

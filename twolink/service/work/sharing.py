@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from twolink.dynamics.threads import thread_count
-from twolink.io.atomic import write_atomic
+from twolink.io.files import write_atomic
 from twolink.service.problems import Refusal
 
 SMALL = 16 * 1024  # bytes of a body or an answer that are not counted: the number of connections limits them

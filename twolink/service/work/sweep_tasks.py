@@ -15,10 +15,8 @@ import numpy as np
 from twolink.errors import SceneError, TwolinkError
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import Scene
-from twolink.scenes.file import bundled_content
-from twolink.scenes.file_format import RobotEntry
-from twolink.scenes.from_data import scene_tables
-from twolink.scenes.save import scene_content
+from twolink.scenes.file import bundled_content, scene_tables
+from twolink.scenes.file_format import RobotEntry, scene_content
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 from twolink.service.store.data_folder import size_of

@@ -7,7 +7,7 @@ import numpy as np
 
 from twolink.control.linearization import linearize as linearize_scene
 from twolink.errors import QueryError, SceneError
-from twolink.io.csv_text import parse_csv
+from twolink.io.tables import parse_csv
 from twolink.service.problems import decode_unique
 from twolink.service.settings import Quotas
 from twolink.service.work.job_requests import (

@@ -1,4 +1,4 @@
-"""The commands about the paper: its figures and claims, and the throws that it opens with."""
+"""The commands that show evidence: the hard cases, the paper's figures and claims, and its throws."""
 
 from __future__ import annotations
 
@@ -10,15 +10,77 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 from typer import Argument, Option
 
-from twolink.cli.options import Json
-from twolink.cli.output import finish, require_writable, show, write
+from twolink.cli.common import FAILED, Json, finish, require_writable, show, write
 from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar
 
 if TYPE_CHECKING:
+    from twolink.hard import Case, CaseResult
     from twolink.paper.throw import SearchResult
+
+
+def hard_cases(
+    names: Annotated[list[str] | None, Argument(metavar="NAME", help="Cases, groups, or parts of names.")] = None,
+    as_json: Json = False,
+    html: Annotated[Path | None, Option(help="Write the report as a page (.html).")] = None,
+    peers: Annotated[bool, Option("--peers", help="Run SciPy, MuJoCo and Drake too, where installed.")] = False,
+    quick: Annotated[bool, Option("--quick", help="Leave out the slow cases, and name them.")] = False,
+    listed: Annotated[bool, Option("--list", help="List the cases and why each is hard; run none.")] = False,
+) -> None:
+    """Run cases that break simulators.
+
+    For each case it prints why the case is hard, its true answer, and what accuracy twolink reaches at what cost. The
+    exit code is 1 when a case neither meets its error bar nor says that it does not.
+
+    \b
+    twolink hard-cases --list
+    twolink hard-cases chaos upright-balance
+    twolink hard-cases --peers --html hard.html
+    """
+    from twolink.hard import select_cases
+    from twolink.hard.page import summary, write_page
+
+    cases = select_cases(names, quick=quick)
+    paths = [] if html is None else [html]
+    require_writable(paths, (".html",))
+    if listed:
+        for case in cases:
+            typer.echo(f"{case.name:<24}{case.title}{' (slow)' if case.slow else ''}\n{'':<24}{case.why}")
+        return
+    results = _run(cases, peers=peers, silent=as_json)
+    for path in paths:
+        write_page(results, path)
+    slow = [case.name for case in select_cases(names) if case.slow] if quick else []
+    text = "\n".join(["", summary(results, slow), *(f"wrote {path}" for path in paths)])
+    record = {"cases": [result.to_dict() for result in results], "left_out": slow, "written": paths}
+    show(record, text, as_json)
+    finish([], len(results) < len(cases) or any(result.interrupted for result in results))
+    if not all(result.passed for result in results):
+        raise typer.Exit(FAILED)
+
+
+def _run(cases: tuple[Case, ...], *, peers: bool, silent: bool) -> list[CaseResult]:
+    """The results, each printed when its case is done; after Ctrl-C those so far, the last one interrupted."""
+    from twolink.hard import run_case
+    from twolink.hard.page import HEAD, lines
+
+    results: list[CaseResult] = []
+    if not silent:
+        typer.echo(HEAD)
+    try:
+        for case in cases:
+            results.append(run_case(case, peers=peers))
+            if not silent:
+                typer.echo("\n".join(lines(results[-1])))
+            if results[-1].interrupted:
+                break
+    except KeyboardInterrupt:
+        if not results:
+            raise
+    return results
 
 
 def paper(out: Annotated[Path, Option(help="Folder of the figures.")] = Path("out"), as_json: Json = False) -> None:
@@ -49,8 +111,7 @@ def throw(
     twolink throw bowl --json
     twolink run pitch --out pitch.html                  the best throw, which the scene holds, in 3D
     """
-    from twolink.paper.throw import search  # imports SciPy's optimizer
-    from twolink.paper.throw_plot import plot_search
+    from twolink.paper.throw import plot_search, search  # imports SciPy's optimizer
 
     paths = [] if out is None else [out]
     require_writable(paths, FORMATS)

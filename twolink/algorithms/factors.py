@@ -1,7 +1,11 @@
-"""Branch-sparse factors of a mass matrix, M = L^T D L, over plain arithmetic. Featherstone 2008, section 6.5.
+"""Factors of matrices over plain arithmetic: branch-sparse ones of a mass matrix, M = L^T D L (Featherstone 2008,
+section 6.5), and dense ones of the matrices 1 - h J of implicit steps.
 
 The entry (i, j) of M is zero unless one of the degrees of freedom i and j carries the other. L has zeros in the
 same places. parents: the parent of each degree of freedom, -1 at a root (`Mechanism.dof_parents`).
+
+Dense factors have no pivoting: for small h the matrix is near to 1, and a step that is too large for that fails to
+converge and is refused by its error. Entries that are the constants 0 and 1 cost no operation.
 """
 
 from collections.abc import Sequence
@@ -100,3 +104,32 @@ def _ancestors(parents: Sequence[int], k: int) -> list[int]:
     while (k := parents[k]) >= 0:
         path.append(k)
     return path
+
+
+def factored(matrix: Sequence[Sequence[Scalar]], xp: Any = None) -> tuple[Matrix, list[Scalar]]:
+    """(L below the diagonal and U above it, 1 / the pivots) of a square matrix, by Gauss's elimination.
+
+    xp: whose reciprocal the pivots' is; plain division without.
+    """
+    rows = [list(row) for row in matrix]
+    inverses: list[Scalar] = []
+    for k, pivot in enumerate(rows):
+        inverses.append(1.0 / pivot[k] if xp is None else xp.reciprocal(pivot[k]))
+        for row in rows[k + 1 :]:
+            row[k] = times(row[k], inverses[k])
+            for j in range(k + 1, len(rows)):
+                row[j] = minus(row[j], times(row[k], pivot[j]))
+    return rows, inverses
+
+
+def solved(rows: Matrix, inverses: Sequence[Scalar], right: Sequence[Scalar]) -> list[Scalar]:
+    """The solution for one right-hand side, from the factors of `factored`."""
+    y = list(right)
+    for k, row in enumerate(rows):
+        for j in range(k):
+            y[k] = minus(y[k], times(row[j], y[j]))
+    for k in reversed(range(len(rows))):
+        for j in range(k + 1, len(rows)):
+            y[k] = minus(y[k], times(rows[k][j], y[j]))
+        y[k] = times(inverses[k], y[k])
+    return y

@@ -1,0 +1,234 @@
+"""What commands share: their options and the robot that these describe, what they print and write, and their failures
+with exit codes: 1 failed, 2 misused, 130 interrupted.
+"""
+
+import json
+import os
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import numpy as np
+import typer
+from typer import Argument, Option
+from typer.core import TyperCommand
+
+from twolink.accuracy import Study
+from twolink.dynamics import Robot, load_robot
+from twolink.effects.constants import Gravity as GravityEffect
+from twolink.errors import TwolinkError
+from twolink.integrate.methods import METHODS
+from twolink.io.tables import SUFFIXES, require_format
+from twolink.io.text import parse_numbers
+from twolink.robots.catalogue import catalogue_names
+from twolink.scenes import Scene, bundled_scenes, load_scene
+from twolink.show.figure import FORMATS
+from twolink.simulation.trajectory import Trajectory
+
+FAILED, MISUSED, INTERRUPTED = 1, 2, 130
+_CALLS = ("load_robot", "load_scene")  # places in Python, which mean nothing on a command line
+RUN_ENDINGS = (*SUFFIXES, *FORMATS, ".html")
+STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
+
+
+class CommandFailure(TwolinkError):
+    """A failure in the words of the command line, with its exit code."""
+
+    def __init__(self, error: TwolinkError, options: dict[str, str], exit_code: int) -> None:
+        where = "" if error.where in _CALLS else error.where
+        name, rest = re.fullmatch(r"(\w*)(.*)", where, re.DOTALL).groups()  # type: ignore[union-attr]
+        where = options[name] + rest if error.argument in ("", name) and name in options else where
+        super().__init__(_spoken(error.what, options), where=where, remedy=_spoken(error.remedy, options))
+        self.exit_code = exit_code
+
+
+class Misuse(TwolinkError):
+    """The command was called wrongly."""
+
+    exit_code = MISUSED
+
+
+class Interrupted(TwolinkError):
+    """Ctrl-C ended a command whose results so far were printed and written."""
+
+    exit_code = INTERRUPTED
+
+    def __init__(self) -> None:
+        super().__init__("interrupted", remedy="what was done is kept")
+
+
+class Command(TyperCommand):
+    """A command. Its failures name its options; one is misuse when its argument is missing or was given wrongly."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Call the command's function."""
+        try:
+            return super().invoke(ctx)
+        except TwolinkError as error:
+            option = error.argument.partition("[")[0]  # the argument of "lock['elbow']" is lock
+            source = ctx.get_parameter_source(option)
+            wrong = source is not None and source.name == "COMMANDLINE" and not isinstance(ctx.params[option], Path)
+            misused = wrong or error.code == "missing-option"
+            code = getattr(error, "exit_code", MISUSED if misused else FAILED)
+            raise CommandFailure(error, _options(ctx.command.params), code) from error
+
+
+def _options(parameters: Iterable[Any]) -> dict[str, str]:
+    """The options of a command by the names of their arguments in Python."""
+    options = {p.name: p.opts[0] for p in parameters if p.param_type_name == "option"}
+    return options | ({"verify": "--no-verify"} if "no_verify" in options else {})
+
+
+def _spoken(text: str, options: dict[str, str]) -> str:
+    """A text in which arguments of Python, such as duration=2, are options, such as --duration 2."""
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        if name not in options:
+            return found[0]
+        return options[name] if value == "False" else f"{options[name]} {value.strip(chr(34) + chr(39))}".rstrip()
+
+    return re.sub(r"\b(\w+)=([^\s,;)]*)", option, text)
+
+
+def show(record: Any, text: object, as_json: bool) -> None:
+    """Print the record as one line of JSON, or the text.
+
+    Arrays are lists and paths are texts. Numbers that are not finite are refused, because JSON has none.
+    """
+    typer.echo(json.dumps(record, default=_plain, allow_nan=False) if as_json else text)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else os.fspath(value)
+
+
+def print_address(url: str) -> None:
+    """Say where a live playback is."""
+    typer.echo(f"playing at {url} (Ctrl-C ends it)")
+
+
+def print_not_drawn(names: Sequence[str]) -> None:
+    """Name the shapes that cannot be drawn, on stderr."""
+    typer.echo(f"twolink: not drawn: {', '.join(names)}", err=True)
+
+
+def require_writable(paths: Sequence[Path], endings: Sequence[str]) -> None:
+    """Refuse files with other endings, or that cannot be written, before the work begins. Raises Misuse.
+
+    The folder of a file may be new, but not the folder that it is in.
+    """
+    for path in paths:
+        require_format(path, endings, Misuse)
+        folder = path.absolute().parent
+        folder = folder if folder.exists() else folder.parent
+        if not folder.is_dir():
+            raise Misuse(f"cannot be written: there is no folder {folder}", where=str(path), remedy="make it first")
+        if not os.access(folder, os.W_OK):
+            raise Misuse("cannot be written", where=str(path), remedy="give a file in a folder of yours")
+
+
+def write(paths: Sequence[Path], write_one: Callable[[Path], object]) -> tuple[list[Path], list[TwolinkError]]:
+    """Write a result into each file. A file that fails does not keep the result from the others."""
+    written: list[Path] = []
+    failures: list[TwolinkError] = []
+    for path in paths:
+        try:
+            write_one(path)
+            written.append(path)
+        except TwolinkError as error:
+            failures.append(error)
+    return written, failures
+
+
+def write_by_ending(result: Trajectory | Study, path: Path) -> None:
+    """Write a run or a study into a file by its ending."""
+    suffix = path.suffix.lower()
+    if suffix == ".html" and isinstance(result, Trajectory):
+        result.playback(path, on_skipped=print_not_drawn)
+    else:
+        (result.plot if suffix in FORMATS else result.save)(path)
+
+
+def finish(failures: Sequence[TwolinkError], interrupted: bool) -> None:
+    """End a command whose results are printed and written. Raises its first failure, or Interrupted."""
+    if failures:
+        raise failures[0]
+    if interrupted:
+        raise Interrupted
+
+
+def completion(known: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Completion by the shell: the known names that begin as the incomplete one does."""
+    return lambda incomplete: [name for name in known() if name.startswith(incomplete)]
+
+
+Json = Annotated[bool, Option("--json", help="Print JSON for programs.")]
+Files = Annotated[list[Path] | None, Option("--out", metavar="FILE", help="Write a file, by its ending; repeatable.")]
+
+SceneName = Annotated[
+    str,
+    Argument(
+        metavar="SCENE",
+        help="A bundled scene, a scene file (.toml), or a URDF: the robot alone under gravity.",
+        autocompletion=completion(bundled_scenes),
+    ),
+]
+Duration = Annotated[float | None, Option(help="Simulated time, s.", show_default="the scene's")]
+Accuracy = Annotated[float, Option(help="Bound on the global error of q, rad or m.")]
+ContactWay = Annotated[
+    str | None,
+    Option("--contact", metavar="WAY", help="located (verified) or stepped (estimated).", show_default="by the scene"),
+]
+Method = Annotated[
+    str,
+    Option(help="auto (the cheapest), or one of `twolink methods`.", autocompletion=completion(lambda: METHODS)),
+]
+
+ROBOT_HELP = "A name (see `twolink robots`), or the path of a URDF."
+RobotName = Annotated[str, Argument(metavar="ROBOT", help=ROBOT_HELP, autocompletion=completion(catalogue_names))]
+Root = Annotated[str, Option(help="Root: fixed to the world, or free (a floating base).")]
+Lock = Annotated[list[str] | None, Option(metavar="JOINT=VALUE", help="Lock a joint, rad or m; repeatable.")]
+Gravity = Annotated[str, Option(help="Gravity along the world's axes, m/s^2.")]
+Mimic = Annotated[bool, Option("--mimic", help="Couple mimic joints; else they move freely.")]
+Unphysical = Annotated[str, Option(help="refuse or report physically impossible inertias.")]
+Folders = Annotated[
+    list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
+]
+
+
+def robot_from(
+    source: str,
+    root: Root,
+    lock: Lock,
+    gravity: Gravity = "0 0 -9.81",
+    mimic: Mimic = False,
+    unphysical: Unphysical = "refuse",
+    package_dirs: Folders = None,
+) -> Robot:
+    """The robot that the options describe."""
+    locks, field = locks_of(lock), parse_numbers("gravity", gravity)
+    choices = {"root": cast(Any, root), "unphysical": cast(Any, unphysical)}  # load_robot refuses other texts
+    return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
+
+
+def locks_of(lock: Lock) -> dict[str, list[float]]:
+    """The locked joints' configurations."""
+    locks: dict[str, list[float]] = {}
+    for text in lock or []:
+        name, _, value = (part.strip() for part in text.rpartition("="))
+        if not name:
+            raise Misuse(f"expected JOINT=VALUE, got {text!r}", where="lock", remedy='such as "elbow=0.5"')
+        if name in locks:
+            raise Misuse(f"joint {name!r} is given twice", where="lock", remedy="keep one")
+        locks[name] = parse_numbers("lock", value)
+    return locks
+
+
+def scene_from(source: str) -> Scene:
+    """A bundled scene, or that of a file; of a URDF the robot alone, released at rest under gravity."""
+    if not source.endswith(".urdf"):
+        return load_scene(source)
+    robot = load_robot(source)
+    return Scene(robot, effects=[GravityEffect()], title=f"{robot.name}, released at rest under gravity")
