@@ -158,7 +158,7 @@ class Verification:
             if perturbation is not RESTARTED:
                 each.append(_distance(self._equations.space, undisturbed, other))
             if perturbation is same_steps:
-                undisturbed = replace(run, solution=other, looks=np.arange(len(other.t)))
+                undisturbed = replace(run, solution=other, checks=np.arange(len(other.t)))
             if len(each) == 2 and DISTURBED[1] * each[1].max() < ENOUGH * self._accuracy:
                 break
         spent = time.perf_counter() - begin - (compiling - run.solution.compile_seconds)
