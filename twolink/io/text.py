@@ -99,7 +99,7 @@ def parse_json(text: str, argument: str, remedy: str = "check that place") -> An
     except json.JSONDecodeError as error:
         raise QueryError(f"not JSON: {error}", argument=argument, remedy=remedy) from None
     except RecursionError:
-        raise QueryError("the JSON is nested too deep", argument=argument, remedy=remedy) from None
+        raise QueryError("not JSON that can be read: it is nested too deep", argument=argument, remedy=remedy) from None
 
 
 def first_repeated(names: Iterable[str]) -> str | None:
