@@ -217,6 +217,8 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
     count = min(count, max(LONGEST, BLOCK_NUMBERS // (len(state) * width) // LONGEST * LONGEST))
     start = np.concatenate([state, np.repeat(state[:, -1:], width - worlds, axis=1)], axis=1)
     call, at_once = step_map.call(width), min(count, step_map.steps_at_once(width))
+    # A chain disturbs by the size of the state before it, and how long it is depends on how many worlds there are.
+    at_once = 1 if lanes == LANES and len(perturbations) == 1 else at_once
     if at_once > 1:
         added = _disturbances(step_map, start, -(-count // at_once), at_once, perturbations)
         states = take_steps(call, rows, start, count, at_once, added)
@@ -224,7 +226,7 @@ def _attempt(step_map: StepMap, state: Array, count: int, lanes: int, perturbati
             return states[..., :worlds]
     states = np.empty((count + 1, *start.shape))
     states[0] = start
-    k, end, spacing = 0, start[rows.end], 1 if worlds == 1 else LONGEST
+    k, end, spacing = 0, start[rows.end], 1 if lanes == 1 else LONGEST
     for k, (now, new) in enumerate(itertools.pairwise(states), 1):
         source = now
         added = _disturbances(step_map, now, 1, spacing, perturbations) if (k - 1) % spacing == 0 else None
