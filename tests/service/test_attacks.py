@@ -25,7 +25,7 @@ def test_workers_yield_unless_a_client_waits_for_a_query(served: Served) -> None
         """Of the workers that answer queries, and of the others."""
         found: dict[bool, set[int]] = {True: set(), False: set()}
         for process in served.workers():
-            answers_queries = b"query_tasks" in Path(f"/proc/{process}/cmdline").read_bytes()
+            answers_queries = b"robot_tasks" in Path(f"/proc/{process}/cmdline").read_bytes()
             found[answers_queries].add(os.getpriority(os.PRIO_PROCESS, process))
         return found
 
