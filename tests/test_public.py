@@ -18,20 +18,21 @@ from twolink import errors
 
 TOP = Path(__file__).parents[1]
 FACE = {
-    tl: ["Cost", "EnergyBalance", "Equilibria", "Event", "Explanation", "Gradient", "Linearization", "LoadReport",
-         "Optimum", "PeriodicMotion", "Robot", "Scene", "SceneFit", "Sensitivities", "Study", "Trajectory", "Worlds",
-         "Wrench", "accuracy_study", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "fit",
-         "gradient", "identify", "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr", "methods",
-         "optimize", "periodic_motion", "progress_bar", "robots", "scenes", "sensitivities", "simulate",
-         "simulate_many", "sweep"],
+    tl: ["Certificate", "Compiled", "Cost", "EnergyBalance", "Equilibria", "Event", "Explanation", "Gradient",
+         "Identification", "Linearization", "LoadReport", "Optimum", "PeriodicMotion", "Robot", "Scene", "SceneFit",
+         "Sensitivities", "Study", "Trajectory", "Worlds", "Wrench", "accuracy_study", "connect", "effects",
+         "energy_book", "equilibria", "errors", "explain", "fit", "gradient", "identify", "lagrange", "linearize",
+         "load_robot", "load_scene", "loop_forces", "lqr", "methods", "optimize", "periodic_motion", "progress_bar",
+         "robots", "scenes", "sensitivities", "simulate", "simulate_many", "sweep"],
     tl.Robot: ["nq", "nv", "joint_names", "neutral", "report", "model", "forward_dynamics", "inverse_dynamics",
                "mass_matrix", "bias", "coriolis", "gravity_torque", "energy", "frame_names", "frame_pose",
                "frame_velocity", "frame_jacobian", "inverse_kinematics", "forward_dynamics_derivatives",
                "inverse_dynamics_derivatives", "centre_of_mass", "momentum", "difference", "integrate", "random_state",
                "regressor", "parameter_names", "parameter_values"],
     tl.Scene: ["robot", "q", "v", "effects", "duration", "save"],
-    tl.Trajectory: ["t", "q", "v", "energy", "error", "events", "cost", "save", "plot", "playback", "play",
-                    "at", "tau", "acceleration", "contact_forces", "to_xarray", "to_pandas"],
+    tl.Trajectory: ["t", "q", "v", "energy", "error", "events", "cost", "save", "plot", "playback", "play", "at",
+                    "tau", "scene", "end", "to_dict", "text", "summary", "acceleration", "contact_forces",
+                    "to_xarray", "to_pandas"],
 }  # fmt: skip
 
 

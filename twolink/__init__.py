@@ -7,10 +7,21 @@ from twolink import effects, errors, lagrange
 from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
+from twolink.dynamics.compiled import Compiled
 from twolink.integrate.methods import methods
 from twolink.robots import LoadReport, robots
 from twolink.scenes import Scene, load_scene, scenes
-from twolink.simulation import Cost, Event, Explanation, Trajectory, Worlds, explain, simulate, simulate_many
+from twolink.simulation import (
+    Certificate,
+    Cost,
+    Event,
+    Explanation,
+    Trajectory,
+    Worlds,
+    explain,
+    simulate,
+    simulate_many,
+)
 
 if TYPE_CHECKING:
     from twolink.control.equilibria import Equilibria, equilibria
@@ -19,6 +30,7 @@ if TYPE_CHECKING:
     from twolink.control.periodic import PeriodicMotion, periodic_motion
     from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
+    from twolink.identification.result import Identification
     from twolink.identification.scene_fit import fit
     from twolink.optimization.gradient import Gradient, gradient
     from twolink.optimization.optimize import Optimum, optimize
@@ -38,6 +50,7 @@ _IMPORTED_WHEN_USED = {
     "periodic_motion": "twolink.control.periodic",
     "fit": "twolink.identification.scene_fit",
     "SceneFit": "twolink.identification.fit_result",
+    "Identification": "twolink.identification.result",
     "identify": "twolink.identification.identify",
     "Gradient": "twolink.optimization.gradient",
     "gradient": "twolink.optimization.gradient",
@@ -67,12 +80,15 @@ def __dir__() -> list[str]:
 
 
 __all__ = [
+    "Certificate",
+    "Compiled",
     "Cost",
     "EnergyBalance",
     "Equilibria",
     "Event",
     "Explanation",
     "Gradient",
+    "Identification",
     "Linearization",
     "LoadReport",
     "Optimum",

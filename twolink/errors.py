@@ -15,7 +15,9 @@ from __future__ import annotations
 import difflib
 import importlib
 import importlib.util
+import tomllib
 from collections.abc import Iterable
+from importlib import resources
 from typing import Any, TypeVar
 
 E = TypeVar("E", bound="TwolinkError")
@@ -121,6 +123,15 @@ class MissingExtraError(TwolinkError, ImportError):
     """An optional library is needed and not installed."""
 
     code = "missing-extra"
+
+
+def codes() -> dict[str, tuple[str, str]]:
+    """The register of codes: when a failure has the code, and what to do about it.
+
+    A refusal of the service that has no code of its own is named by its HTTP status, such as "not-found".
+    """
+    text = (resources.files("twolink") / "errors.toml").read_text("utf-8")
+    return {code: (when, remedy) for code, (when, remedy) in tomllib.loads(text).items()}
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -159,6 +159,40 @@ def commands() -> str:
     return page("Command line", *parts)
 
 
+SIDE_BY_SIDE = ("explain", "simulate", "simulate_many", "sensitivities", "gradient", "optimize", "sweep",
+                "accuracy_study", "fit")  # fmt: skip
+
+
+def signatures() -> str:
+    """The arguments of all that runs scenes, side by side; and the public names."""
+    given = {name: inspect.signature(getattr(tl, name)).parameters for name in SIDE_BY_SIDE}
+    names = list(dict.fromkeys(argument for one in given.values() for argument in one))
+    common = sorted(names, key=lambda argument: -sum(argument in one for one in given.values()))
+
+    def default(argument: inspect.Parameter | None) -> str:
+        if argument is None:
+            return ""
+        return "needed" if argument.default is argument.empty else f"`{argument.default!r}`"
+
+    rows = tuple((f"`{argument}`", *(default(one.get(argument)) for one in given.values())) for argument in common)
+    about = (
+        "One argument means the same wherever it is. The scene and the duration may be given by place, in that order, "
+        "all others by name. A cell has the default; an empty one: there is no such argument. `fit` has the times of "
+        "its measurements in place of a duration."
+    )
+    listed = ", ".join(f"`tl.{name}`" for name in dir(tl))
+    progress = (
+        "`progress` is called now and then with what is done, the total and a label: simulated seconds, simulations, "
+        "runs or pictures. `tl.progress_bar()` gives one that fits all."
+    )
+    results = (
+        "Every result has `text()`, `summary` (one line), `to_dict()` (plain data for JSON), `save(path)`, `plot()` "
+        "and a view in notebooks."
+    )
+    return page("Arguments side by side", about, markdown(Table(("argument", *SIDE_BY_SIDE), rows)), progress, results,
+                f"## Public names\n\n{listed}")  # fmt: skip
+
+
 def reference() -> dict[str, str]:
     """The pages of the Python reference, by their names: all public names, by the room they come from."""
     titles = list(dict.fromkeys(ROOMS.values()))
@@ -182,14 +216,17 @@ def reference() -> dict[str, str]:
     )
     tree = "```\n" + textwrap.dedent(tl.errors.__doc__ or "") + "```"
     kinds = [name for name, kind in vars(tl.errors).items() if isinstance(kind, type) and issubclass(kind, Exception)]
-    entries["Errors"] = [tree, *(autodoc("autoexception", f"twolink.errors.{name}") for name in kinds)]
+    register = Table(("code", "when", "what to do"), tuple((f"`{c}`", *row) for c, row in tl.errors.codes().items()))
+    entries["Errors"] = [tree, *(autodoc("autoexception", f"twolink.errors.{name}") for name in kinds), "## Codes",
+                         autodoc("autofunction", "twolink.errors.codes"), markdown(register)]  # fmt: skip
     return {f"api_{i}": page(title, *parts) for i, (title, parts) in enumerate(entries.items()) if parts}
 
 
 def write(app: Any) -> None:
     """Write all pages into docs/generated; what did not change stays, so that Sphinx does not read it again."""
     pages = {"effects": effects(app), "methods": methods(app), "scenes": scenes(app),
-             "hard_cases": hard_cases(app), "command_line": commands(), **reference()}  # fmt: skip
+             "hard_cases": hard_cases(app), "command_line": commands(), "signatures": signatures(),
+             **reference()}  # fmt: skip
     folder = Path(app.srcdir) / FOLDER
     folder.mkdir(exist_ok=True)
     for old in folder.glob("*.md"):

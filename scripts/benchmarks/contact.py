@@ -60,7 +60,7 @@ def block() -> None:
         table.add(name, float(np.abs(q_of(answer)[:, 0] - exact).max()), taken, "")
 
     def solve(**how: Any) -> Callable[[], tl.Trajectory]:
-        return lambda: tl.simulate(scene, end, samples=10, **how)
+        return lambda: tl.simulate(scene, end, samples_per_second=10, **how)
 
     for accuracy in (1e-4, 1e-8):
         for verify in (False, True):
@@ -100,8 +100,17 @@ def spheres(count: int, duration: float, step: float) -> None:
     contact = E.Contact(pairs, 0.3, shapes={name: (E.Sphere(r),) for name in names})
     taken, scene = once(lambda: tl.Scene(robot, q, effects=[E.Gravity(), contact]))
     print(f"{count} spheres, {duration:g} s, step {step:g} s: scene in {taken:.1f} s", flush=True)
-    taken, run = once(lambda: tl.simulate(scene, duration, contact="stepped", step=step, samples=1 / step, verify=False,
-                                          progress=lambda t: print(f"    t = {t:.3f} s", flush=True)))  # fmt: skip
+    taken, run = once(
+        lambda: tl.simulate(
+            scene,
+            duration,
+            contact="stepped",
+            step=step,
+            samples_per_second=1 / step,
+            verify=False,
+            progress=lambda t, *_: print(f"    t = {t:.3f} s", flush=True),
+        )
+    )
     grown = np.diff(run.energy).max() / abs(run.energy[0])
     print(f"  {taken * step / duration * 1e3:.1f} ms a step, energy grows by {grown:.1e} of itself in a step at most, "
           f"{run.energy[0]:.1f} J to {run.energy[-1]:.1f} J, {run.contact_record}")  # fmt: skip
@@ -158,7 +167,10 @@ def quadruped(name: str, duration: float) -> None:
     task = task_of(tl.Scene(robot, q, effects=effects), times)
     print(f"{name} falls on its feet and stands, {duration:g} s: the largest error of q at {len(times)} samples")
     exactly: dict[str, Any] = {"contact": "stepped", "step": 5e-5} if name == "anymal" else {"contact": "located"}
-    exact, table = tl.simulate(scene, duration, 1e-8, samples=20, verify=False, **exactly).q, Table(COLUMNS)
+    exact, table = (
+        tl.simulate(scene, duration, accuracy=1e-8, samples_per_second=20, verify=False, **exactly).q,
+        Table(COLUMNS),
+    )
 
     def off(some: np.ndarray, others: np.ndarray) -> float:
         return max(float(np.abs(robot.difference(a, b)).max()) for a, b in zip(some, others, strict=True))
@@ -174,7 +186,7 @@ def quadruped(name: str, duration: float) -> None:
         step = 0.05 / count
 
         def stepped(h: float = step, *, verify: bool = False) -> tl.Trajectory:
-            return tl.simulate(scene, duration, contact="stepped", step=h, samples=20, verify=verify)
+            return tl.simulate(scene, duration, contact="stepped", step=h, samples_per_second=20, verify=verify)
 
         try:
             while "held" not in (stepped().contact_record or {})["solvers"]:
@@ -187,7 +199,9 @@ def quadruped(name: str, duration: float) -> None:
         more = f"with its error estimated, {verified.error.max():.1e}: {slower:.1f} ms; {run.contact_record}"
         table.add(f"stepped, {1e3 * step:.3g} ms", off(run.q, exact), taken, more)
     if exactly["contact"] == "located":
-        taken, run = measured(lambda: tl.simulate(scene, duration, 1e-4, samples=20, verify=False, **exactly))
+        taken, run = measured(
+            lambda: tl.simulate(scene, duration, accuracy=1e-4, samples_per_second=20, verify=False, **exactly)
+        )
         table.add("located, accuracy 1e-4", off(run.q, exact), taken, "")
 
 

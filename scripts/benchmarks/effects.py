@@ -76,7 +76,7 @@ def main() -> None:
     for name, effect in [("none: free motion", None), *effects_of(robot)]:
         chosen += [effect] if effect else []
         scene = tl.Scene(robot, q=q, effects=chosen, duration=given.duration)
-        found = tl.explain(scene, given.accuracy, method="dop853")
+        found = tl.explain(scene, accuracy=given.accuracy, method="dop853")
         run = partial(tl.simulate, scene, given.duration, given.accuracy, method="dop853", verify=False)
         added = found.operations - (table.rows[-1][1] if table.rows else found.operations)
         table.add(name if effect is None else f"+ {name}", found.operations, added,

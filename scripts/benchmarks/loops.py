@@ -30,10 +30,10 @@ START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their 
 def print_row(shape: str, number: int, duration: float, accuracy: float) -> None:
     """Print a row of the table as JSON."""
     scene = row_of_four_bars(number, *START) if shape == "row" else hanging_four_bars(number)
-    first, run = once(lambda: tl.simulate(scene, duration, accuracy))
-    again, _ = once(lambda: tl.simulate(scene, duration, accuracy))
+    first, run = once(lambda: tl.simulate(scene, duration, accuracy=accuracy))
+    again, _ = once(lambda: tl.simulate(scene, duration, accuracy=accuracy))
     if shape == "row":
-        exact = tl.simulate(pendulum_of_row(number, *START), duration, accuracy / 1e3)
+        exact = tl.simulate(pendulum_of_row(number, *START), duration, accuracy=accuracy / 1e3)
         signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
         off = f"{np.abs(run.q - exact.q * signs).max():.1e}"
     else:

@@ -166,7 +166,7 @@ def own_timings(
     def solve(accuracy: float, verify: bool, samples: float) -> PeerRun:
         wanted = np.round(times * samples).astype(int)
         try:
-            got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples=samples, verify=verify)
+            got = tl.simulate(scene, float(times[-1]), accuracy=accuracy, samples_per_second=samples, verify=verify)
         except TwolinkError as error:
             raise PeerError(str(error)) from None
         if np.abs(got.t[wanted] - times).max() > 1e-12:

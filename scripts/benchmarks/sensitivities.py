@@ -94,7 +94,7 @@ def by_mujoco(scene: tl.Scene, times: np.ndarray, step: float) -> Callable[[], n
 def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
     """The lines of one scene."""
     scene = scene_of(name)
-    exact = matrix(tl.sensitivities(scene, ["q", "v"], None, 1e-11))
+    exact = matrix(tl.sensitivities(scene, wrt=["q", "v"], duration=None, accuracy=1e-11))
     differentiate = partial(tl.sensitivities, scene, ["q", "v"], None, accuracy)
     first, s = once(differentiate)
     ours, motion = cheapest(differentiate, partial(tl.simulate, scene, None, accuracy), rounds=runs)

@@ -44,7 +44,7 @@ def releases(count: int, reach: float) -> dict[str, np.ndarray]:
 def swept(out: Path, vary: dict[str, Any], **more: Any) -> tuple[float, Any]:
     """The seconds of a sweep of the arm, and its data."""
     how = {"duration": DURATION, "accuracy": ACCURACY, **more}
-    return once(lambda: tl.sweep(tl.load_scene("arm-swing"), vary, out, **how))
+    return once(lambda: tl.sweep(tl.load_scene("arm-swing"), vary=vary, out=out, **how))
 
 
 def start(folder: Path, given: argparse.Namespace) -> None:

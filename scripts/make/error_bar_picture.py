@@ -25,7 +25,7 @@ def main() -> None:
     if not isinstance(case, SimulationCase):
         raise TypeError(case)
     scene = case.load()
-    run = tl.simulate(scene, SECONDS, accuracy=ACCURACY, samples=SAMPLES)
+    run = tl.simulate(scene, SECONDS, accuracy=ACCURACY, samples_per_second=SAMPLES)
     exact, doubt = extended_reference(scene, run.t)
     peers = {}
     for name in ("scipy", "mujoco"):

@@ -80,7 +80,7 @@ def answers(name: str, starts: int, duration: float, *, stops: bool) -> Iterator
             scene = tl.Scene(robot, q[0], v[0], effects=effects)
             row = replace(row, nv=robot.nv, scene_seconds=time.perf_counter() - begin)
             begin = time.perf_counter()
-            run = tl.simulate(scene, duration, ACCURACY)
+            run = tl.simulate(scene, duration, accuracy=ACCURACY)
         except Exception as error:  # one that is not ours is a finding of its own
             outcome = getattr(error, "code", "") or type(error).__name__
             yield replace(row, seconds=time.perf_counter() - begin, outcome=outcome, why=" ".join(str(error).split()))

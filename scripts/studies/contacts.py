@@ -80,7 +80,9 @@ def check(number: int, seed: int, *, laws: bool) -> Row:
 
 def _judged(row: Row, one: Case, *, laws: bool) -> Row:
     def run_at(accuracy: float) -> tl.Trajectory:
-        return tl.simulate(one.scene, one.duration, accuracy, samples=SAMPLES / one.duration, contact=one.way)
+        return tl.simulate(
+            one.scene, one.duration, accuracy=accuracy, samples_per_second=SAMPLES / one.duration, contact=one.way
+        )
 
     run = run_at(one.accuracy)
     row = replace(row, events=len(run.events))

@@ -108,8 +108,15 @@ def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
     """The run, or the best one of a refusal; and whether it was refused. Near the limit of doubles, in doubles."""
     samples, precision = (one.samples or SAMPLES) / one.duration, "double" if one.limit else "auto"
     try:
-        return tl.simulate(one.scene, one.duration, accuracy, method=one.method, samples=samples, precision=precision,
-                           progress=TimeLimit(PATIENCE, time.process_time)), False  # fmt: skip
+        return tl.simulate(
+            one.scene,
+            one.duration,
+            accuracy=accuracy,
+            method=one.method,
+            samples_per_second=samples,
+            precision=precision,
+            progress=TimeLimit(PATIENCE, time.process_time),
+        ), False
     except OutOfTime:
         raise
     except AccuracyError as error:
@@ -118,7 +125,7 @@ def _run(one: Case, accuracy: float) -> tuple[tl.Trajectory | None, bool]:
 
 def _checked_worlds(row: Row, one: Worlds) -> Row:
     try:
-        worlds = tl.simulate_many(one.scene, one.q, one.v, duration=one.duration, accuracy=one.accuracy,
+        worlds = tl.simulate_many(one.scene, q=one.q, v=one.v, duration=one.duration, accuracy=one.accuracy,
                                   progress=TimeLimit(PATIENCE, time.process_time))  # fmt: skip
     except OutOfTime:
         raise

@@ -83,7 +83,7 @@ def rows_of(number: int, given: argparse.Namespace) -> Iterator[Row]:
 
 def _run(one: Case, **options: Any) -> tl.Trajectory:
     with processor_time(PATIENCE):
-        return tl.simulate(one.scene, one.duration, samples=SAMPLES / one.duration, **options)
+        return tl.simulate(one.scene, one.duration, samples_per_second=SAMPLES / one.duration, **options)
 
 
 def _judged(row: Row, one: Case, run: tl.Trajectory, located: tl.Trajectory | None) -> Row:

@@ -73,7 +73,7 @@ def fall() -> tuple[tl.Scene, np.ndarray, np.ndarray]:
     robot, times = tl.load_robot("arm"), np.linspace(0.0, 3.0, 151)
     truth = scene_with(tl.Scene(robot, [1.0, TRUE["q.elbow"]], effects=effects),
                         {name: value for name, value in TRUE.items() if name != "q.elbow"})  # fmt: skip
-    return tl.Scene(robot, [1.0, 0.7], effects=effects), times, tl.simulate(truth, 3.0, 1e-10).at(times)[0]
+    return tl.Scene(robot, [1.0, 0.7], effects=effects), times, tl.simulate(truth, 3.0, accuracy=1e-10).at(times)[0]
 
 
 def fitted(random: np.random.Generator) -> list[bool]:

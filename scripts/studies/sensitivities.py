@@ -222,7 +222,9 @@ def check(number: int, seed: int) -> Row:
     accuracy = float(10 ** random.uniform(-7, -3))
     while True:
         try:
-            s = tl.sensitivities(scene, names, duration, accuracy, samples=SAMPLES / duration)
+            s = tl.sensitivities(
+                scene, wrt=names, duration=duration, accuracy=accuracy, samples_per_second=SAMPLES / duration
+            )
             break
         except (AccuracyError, SceneError) as error:
             refused = error.code or "refused"

@@ -142,7 +142,7 @@ def judged(number: int, seed: int) -> tuple[str, str, float]:
     v, duration = np.where(share > 0, random.normal(size=one.robot.nv), 0.0), float(random.integers(2, 11)) / 10
     scene = one.scene(q, v, duration)
     try:
-        run = tl.simulate(scene, samples=50)
+        run = tl.simulate(scene, samples_per_second=50)
     except tl.errors.TwolinkError as error:
         return "refused", error.code, 0.0
     apart = away = np.inf

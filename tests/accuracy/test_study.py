@@ -76,8 +76,8 @@ def test_the_reference_is_far_better_and_right(study: tl.Study, arm: tl.Scene) -
 
 def test_a_rows_error_is_the_distance_from_a_better_solution(study: tl.Study, arm: tl.Scene) -> None:
     row = next(row for row in study.rows if row.method == "dop853" and row.tolerance == 1e-6)
-    run = tl.simulate(arm, method="dop853", tolerance=1e-6, samples=50)
-    fine = tl.simulate(arm, accuracy=1e-12, samples=50)
+    run = tl.simulate(arm, method="dop853", tolerance=1e-6, samples_per_second=50)
+    fine = tl.simulate(arm, accuracy=1e-12, samples_per_second=50)
     assert np.abs(run.q - fine.q).max() == pytest.approx(row.error, rel=1e-3)
 
 
@@ -189,14 +189,14 @@ def test_auto_chooses_by_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     arm = tl.load_scene("arm-swing")
     part = tl.accuracy_study(arm, 0.5, methods=["scipy-rk45"], tolerances=[1e-8], repeats=1)
     assert len(part.rows) == 1
-    assert "measured" not in tl.simulate(arm, 0.5, 1e-5).cost.why
+    assert "measured" not in tl.simulate(arm, 0.5, accuracy=1e-5).cost.why
     done = tl.accuracy_study(arm, 0.5, tolerances=[1e-4, 1e-8], repeats=1)
-    run = tl.simulate(arm, 0.5, 1e-5)
+    run = tl.simulate(arm, 0.5, accuracy=1e-5)
     assert "measured on this scene" in run.cost.why
     best = min((row for row in done.rows if row.tolerance and row.error * 3 < 1e-5), key=lambda row: row.seconds)
     assert (run.cost.method, run.cost.tolerance) == (best.method, best.tolerance)
     assert run.error.max() <= 1e-5
-    assert "measured" not in tl.simulate(arm, 1.0, 1e-5).cost.why  # longer than the study
+    assert "measured" not in tl.simulate(arm, 1.0, accuracy=1e-5).cost.why  # longer than the study
 
 
 def test_a_study_says_nothing_of_scenes_that_differ_in_what_happens(
@@ -214,7 +214,7 @@ def test_a_study_says_nothing_of_scenes_that_differ_in_what_happens(
 
     record(equations_of(arm), 0.3, [Measured("taylor", 1e-9, 1e-9, 1e-6)])
     assert "measured" in chosen(arm)
-    assert tl.simulate(watched(), 0.3, 1e-5).events
+    assert tl.simulate(watched(), 0.3, accuracy=1e-5).events
     record(equations_of(watched()), 0.3, [Measured("dop853", 1e-9, 1e-9, 1e-6)])
     assert "measured" in chosen(watched())
     for other in (watched(at=0.2), watched(stop=True), watched(then=lambda q, v: (q, v))):

@@ -44,7 +44,7 @@ MISUSED = {
     "duration": (["run", "arm-swing", "--duration", "-1"], "above 0 s"),
     "accuracy": (["run", "arm-swing", "--accuracy", "0"], "accuracy: expected a number above 0"),
     "integrator": (["run", "arm-swing", "--method", "rk46"], "method: 'rk46' is unknown"),
-    "samples": (["run", "arm-swing", "--samples", "nan"], "samples: expected a number above 0"),
+    "samples": (["run", "arm-swing", "--samples-per-second", "nan"], "--samples-per-second: expected a number above 0"),
     "speed": (["play", "none.npz", "--speed", "0"], "speed: expected a number above 0"),
 }
 

@@ -15,7 +15,7 @@ TRUE = {"forearm.mass": 1.8, "effects.1.damping.elbow": 0.3}
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    run = tl.simulate(scene_with(tl.load_scene("arm-human"), TRUE), 1.5, samples=50)
+    run = tl.simulate(scene_with(tl.load_scene("arm-human"), TRUE), 1.5, samples_per_second=50)
     q = run.q + 1e-3 * np.random.default_rng(0).standard_normal(run.q.shape)
     columns = {"t": run.t, "q.shoulder": q[:, 0], "q.elbow": q[:, 1]}
     return write_table(tmp_path_factory.mktemp("fit") / "log.csv", columns, {})

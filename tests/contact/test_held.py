@@ -76,7 +76,7 @@ def on_wheels() -> tl.Scene:
 
 
 def run_of(scene: tl.Scene) -> tl.Trajectory:
-    return tl.simulate(scene, 0.5, contact="stepped", step=0.01, samples=20, verify=False)
+    return tl.simulate(scene, 0.5, contact="stepped", step=0.01, samples_per_second=20, verify=False)
 
 
 @pytest.mark.parametrize("make", [incline, pushed, skidding, falling, on_wheels])
@@ -113,7 +113,7 @@ def test_a_held_ball_rolls_as_its_closed_form(monkeypatch: pytest.MonkeyPatch) -
 def test_steps_in_which_a_ball_slides_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """The slip u of its lowest point keeps its direction: x'' = -mu g u / |u|."""
     monkeypatch.setattr(held, "spent", lambda *_: math.inf)
-    run = tl.simulate(skidding(), 0.2, contact="stepped", step=0.01, samples=20, verify=False)
+    run = tl.simulate(skidding(), 0.2, contact="stepped", step=0.01, samples_per_second=20, verify=False)
     assert run.contact_record is not None
     assert run.contact_record["solvers"] == {"newton": 1, "held": 19}
     slip = np.array([2.0, 1.0])  # v + omega x r of r = (0, 0, -0.1)

@@ -101,7 +101,7 @@ def test_fast_bodies_do_not_pass_through_each_other(speed: float) -> None:
     shapes = {name: (E.Sphere(0.1),) for name in "ab"}
     q = [0, 0, 0, 0, 0, 0, 1, 1.0, 0, 0, 0, 0, 0, 1]
     scene = tl.Scene(free_bodies("a", "b"), q, [speed, *[0] * 11], [E.Contact(("self",), shapes=shapes)])
-    run = tl.simulate(scene, 0.1, contact="stepped", step=0.02, samples=10, verify=False)
+    run = tl.simulate(scene, 0.1, contact="stepped", step=0.02, samples_per_second=10, verify=False)
     assert run.contact_record is not None
     assert run.contact_record["halved"] > 0
     assert run.q[-1, 7] - run.q[-1, 0] == pytest.approx(0.2, abs=1e-9)

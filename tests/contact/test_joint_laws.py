@@ -16,7 +16,7 @@ SMOOTH = E.Contact(("ground",), shapes=BLOCK)
 
 
 def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
-    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples=samples)
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples_per_second=samples)
 
 
 def on_ground(speed: float, *effects: tl.effects.Effect, contact: tl.effects.Effect = SMOOTH) -> tl.Scene:
@@ -88,7 +88,7 @@ def arm(*, contact: bool) -> tl.Scene:
 
 @pytest.fixture(scope="module")
 def located() -> tl.Trajectory:
-    return tl.simulate(arm(contact=False), 1.0, 1e-9, samples=100)
+    return tl.simulate(arm(contact=False), 1.0, accuracy=1e-9, samples_per_second=100)
 
 
 def test_half_the_step_has_half_the_error_where_a_joint_hits_its_stop(located: tl.Trajectory) -> None:

@@ -34,7 +34,7 @@ def angle(t: np.ndarray, lowest: float = -math.inf) -> np.ndarray:
 
 
 def run_of(height: float, step: float) -> tl.Trajectory:
-    return tl.simulate(pendulum(height), 1.0, contact="stepped", step=step, samples=20, verify=False)
+    return tl.simulate(pendulum(height), 1.0, contact="stepped", step=step, samples_per_second=20, verify=False)
 
 
 def test_a_loop_holds_a_rod_and_does_no_work() -> None:

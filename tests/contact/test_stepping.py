@@ -21,7 +21,7 @@ BLOCK = {"body": (E.Box((1.0, 0.3, 0.2)),)}
 
 
 def stepped(scene: tl.Scene, duration: float, step: float, verify: bool = False, samples: float = 20) -> tl.Trajectory:
-    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples=samples)
+    return tl.simulate(scene, duration, contact="stepped", step=step, verify=verify, samples_per_second=samples)
 
 
 L, START, SPIN = 0.5, (0.6, 0.8), 0.5  # of a rod of 1 kg and 0.1 kg m^2: half its length; height and angle; rad/s
@@ -138,12 +138,12 @@ def test_a_saved_estimate_stays_an_estimate(falling: tl.Trajectory, tmp_path: ob
 
 
 def test_an_accuracy_is_reached_by_smaller_steps_or_refused() -> None:
-    run = tl.simulate(rod(), END, 0.02, contact="stepped", samples=20)
+    run = tl.simulate(rod(), END, accuracy=0.02, contact="stepped", samples_per_second=20)
     assert np.abs(run.q[:, 2] - rod_angle(run.t)).max() < 0.02
     assert run.error is not None
     assert run.error.max() <= 0.02
     with pytest.raises(tl.errors.AccuracyError, match="first order") as failure:
-        tl.simulate(rod(), END, 1e-9, contact="stepped", samples=20)
+        tl.simulate(rod(), END, accuracy=1e-9, contact="stepped", samples_per_second=20)
     assert failure.value.code == "too-many-steps"
     assert failure.value.run.bound == "estimated"
 
@@ -165,7 +165,7 @@ def test_what_an_accuracy_is_refused_for_can_be_asked_for() -> None:
         simulate_stepped(rod(), np.linspace(0.0, END, 9), 1e-9, None, None, verify=True)
     offered = re.search(r"accuracy=(\S+),", failure.value.remedy)
     assert offered is not None
-    run = tl.simulate(rod(), END, float(offered[1]), contact="stepped", samples=20)
+    run = tl.simulate(rod(), END, accuracy=float(offered[1]), contact="stepped", samples_per_second=20)
     assert run.error is not None
     assert run.error[-1] <= float(offered[1])
 

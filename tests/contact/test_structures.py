@@ -85,7 +85,7 @@ def moved(thickness: float, friction: float) -> float:
     pairs = (("b0", "ground"), *((f"b{k}", f"b{k + 1}") for k in range(BLOCKS - 1)), (f"b{BLOCKS - 1}", "ground"))
     scene = tl.Scene(tl.load_robot(f'<robot name="arch">{text}</robot>'), q,
                      effects=[E.Gravity(), E.Contact(pairs, friction, shapes=shapes)])  # fmt: skip
-    run = tl.simulate(scene, 0.2, contact="stepped", step=0.02, samples=10, verify=False)
+    run = tl.simulate(scene, 0.2, contact="stepped", step=0.02, samples_per_second=10, verify=False)
     return float(np.abs(run.q - run.q[0]).max())
 
 
@@ -143,7 +143,9 @@ def test_a_panda_grasps_a_cube_and_lifts_it() -> None:
     pairs = (("cube", "panda_leftfinger"), ("cube", "panda_rightfinger"), ("cube", E.Plane(height=top - EDGE / 2)))
     contact = E.Contact(pairs, 0.8, shapes={**PADS, "cube": (E.Box((EDGE,) * 3),)})
     effects = [E.Gravity(), E.GravityCompensation(tuple(kp)), E.JointPD(target, kp, kd, grip), contact]
-    run = tl.simulate(tl.Scene(robot, q, effects=effects), END, contact="stepped", step=0.01, samples=20, verify=False)
+    run = tl.simulate(
+        tl.Scene(robot, q, effects=effects), END, contact="stepped", step=0.01, samples_per_second=20, verify=False
+    )
     finger = [robot.frame_pose(x, "panda_leftfinger") for x in run.q]
     cube = [robot.frame_pose(x, "cube") for x in run.q]
     held = np.array([r.T @ (c - p) for (r, p), (_, c) in zip(finger, cube, strict=True)])

@@ -11,7 +11,7 @@ WEIGHTS = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 
 
 def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
-    s = tl.sensitivities(CRANK, ["q", "v"], 0.3, 1e-9, samples=200)
+    s = tl.sensitivities(CRANK, wrt=["q", "v"], duration=0.3, accuracy=1e-9, samples_per_second=200)
     run = s.run
     about = tl.linearize(CRANK, run.q[4:-4:8], run.v[4:-4:8], t=run.t[4:-4:8])
     assert about.names == ("q.crank_joint", "v.crank_joint")

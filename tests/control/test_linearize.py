@@ -70,7 +70,7 @@ def test_along_a_motion_it_is_the_rate_of_sensitivities() -> None:
     robot = tl.load_robot(FLOATING, root="free")
     q, v = robot.random_state(1, seed=4)
     scene = tl.Scene(robot, q[0], 2.0 * v[0], [E.Gravity(), E.FrameWrench("arm", (0.0, E.Sine(2.0, 3.0), 1.0))])
-    s = tl.sensitivities(scene, ["q", "v"], 0.5, 1e-10, samples=100)
+    s = tl.sensitivities(scene, wrt=["q", "v"], duration=0.5, accuracy=1e-10, samples_per_second=100)
     whole = np.concatenate([np.concatenate([s.q[n] for n in "qv"], 2), np.concatenate([s.v[n] for n in "qv"], 2)], 1)
     middle = slice(4, -4)
     rate = sum(w * (whole[4 + i : len(whole) - 4 + i] - whole[4 - i : len(whole) - 4 - i])

@@ -65,7 +65,7 @@ def test_liouvilles_formula_holds_for_a_driven_arm() -> None:
     trace = np.trace(tl.linearize(found.scene, q, v, t=times).A, axis1=1, axis2=2).mean() * period
     product = np.prod(found.multipliers)
     assert abs(product - np.exp(trace)) <= 1e-8 * np.exp(trace)
-    twice = tl.simulate(found.scene, 3 * period, 1e-10)
+    twice = tl.simulate(found.scene, 3 * period, accuracy=1e-10)
     assert np.abs(twice.q[-1] - found.scene.q).max() <= 1e-8
 
 
@@ -76,7 +76,7 @@ def test_the_papers_cycle_made_exact() -> None:
     assert found.scene.q[0] == 0.0
     assert abs(found.period - 2.47954) < 1e-5
     assert abs(found.scene.q[1] - 0.240735) < 1e-6
-    again = tl.simulate(found.scene, found.period, 1e-12)
+    again = tl.simulate(found.scene, found.period, accuracy=1e-12)
     assert np.abs(again.q[-1] - found.scene.q).max() <= found.start_error + found.residual + 1e-11
     turning = np.abs(found.multipliers.imag) > 0.5  # a pair of its own, beside the two of shifts in time and in energy
     assert turning.sum() == 2

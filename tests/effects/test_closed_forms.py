@@ -53,7 +53,7 @@ def test_falling_with_drag_from_rest(method: str) -> None:
     vt = np.sqrt(2 * m * g / (1.225 * area))
     scene = tl.Scene(tl.load_robot(BALL.format(m=m), root="free"), effects=[E.Gravity(), E.AirDrag("ball", area)])
     accuracy = 1e-9 if method in ("auto", "dop853", "taylor") else 1e-5
-    run = tl.simulate(scene, 3.0, accuracy=accuracy, method=method, samples=20)
+    run = tl.simulate(scene, 3.0, accuracy=accuracy, method=method, samples_per_second=20)
     assert np.abs(run.q[:, 2] + vt**2 / g * np.log(np.cosh(g * run.t / vt))).max() < accuracy
     assert np.abs(run.v[:, 2] + vt * np.tanh(g * run.t / vt)).max() < 10 * accuracy
     assert run.cost.method != "taylor" or method == "taylor"
@@ -185,6 +185,6 @@ def test_manufactured_motion(name: str) -> None:
     drive = E.Torque({joint: E.Sampled(knots, values[:, i], interpolation="cubic", beyond="error")
                       for i, joint in enumerate(body.joint_names)})  # fmt: skip
     driven = tl.Scene(body, scene.q, scene.v, effects=[*effects, drive])
-    options = {"method": "taylor", "samples": 20, "verify": name == "arm"}
+    options = {"method": "taylor", "samples_per_second": 20, "verify": name == "arm"}
     run = tl.simulate(driven, 1.0, accuracy=1e-8, **options)
     assert np.abs(run.q - [at(t)[0] for t in run.t]).max() < 2e-7  # what cubic pieces of 5 ms leave

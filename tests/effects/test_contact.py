@@ -21,7 +21,7 @@ def test_a_block_slides_to_rest_on_its_corners_until_a_push_exceeds_static_frict
     mu, static, v0, k = 0.3, 0.5, 1.0, 4.0
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, -0.1))
     effects = [E.Gravity(), push, E.Contact([("body", "ground")], mu, static=static, shapes=BLOCK)]
-    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.4, 1e-9, samples=30)
+    run = tl.simulate(tl.Scene(planar(), [0, 0.1, 0], [v0, 0, 0], effects), 1.4, accuracy=1e-9, samples_per_second=30)
     rest, again = (mu * G - math.sqrt((mu * G) ** 2 - 2 * k * v0)) / k, static * G / k
     assert [(event.kind, event.t) for event in run.events] == [("roll", pytest.approx(rest, abs=1e-8)),
                                                                ("slide", pytest.approx(again, abs=1e-9))]  # fmt: skip
@@ -45,7 +45,7 @@ def test_a_free_block_on_four_corners_slides_down_an_incline_that_exceeds_its_fr
     effects = [E.Gravity(), E.Contact((("block", E.Plane(n)),), friction=mu,
                                       shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})]  # fmt: skip
     q = [0.1 * n[0], 0.0, 0.1 * n[2], 0.0, -math.sin(angle / 2), 0.0, math.cos(angle / 2)]
-    run = tl.simulate(tl.Scene(robot, q, effects=effects), 0.5, 1e-9, samples=10)
+    run = tl.simulate(tl.Scene(robot, q, effects=effects), 0.5, accuracy=1e-9, samples_per_second=10)
     slope = max(0.0, math.sin(angle) - mu * math.cos(angle))
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
@@ -61,7 +61,7 @@ def test_a_free_block_slides_up_a_slope_and_down_again() -> None:
     contact = E.Contact((("block", E.Plane(tuple(map(float, n)))),), mu, shapes={"block": block})
     q = [*(half * n), 0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
     scene = tl.Scene(free_bodies("block"), q, [-v0, 0, 0, 0, 0, 0], [E.Gravity(), contact])
-    run = tl.simulate(scene, 0.45, 1e-6, samples=20)
+    run = tl.simulate(scene, 0.45, accuracy=1e-6, samples_per_second=20)
     t, back = np.fmin(run.t, v0 / (steep + rough)), np.fmax(run.t - v0 / (steep + rough), 0.0)
     way = v0 * t - (steep + rough) * t**2 / 2 - (steep - rough) * back**2 / 2
     assert np.abs(run.q[:, :3] - np.outer(way, up) - q[:3]).max() < 1e-8
@@ -75,8 +75,12 @@ def test_a_free_block_that_slides_to_rest_stops_with_all_corners() -> None:
         (("block", E.Plane(tuple(map(float, n)))),), mu, shapes={"block": (E.Box((0.334, 0.578, 0.089)),)}
     )
     q = [*(high * n), 0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)]
-    run = tl.simulate(tl.Scene(free_bodies("block"), q, [v0, 0, 0, 0, 0, 0], [E.Gravity(), contact]), 1.338, 1e-6,
-                      samples=20)  # fmt: skip
+    run = tl.simulate(
+        tl.Scene(free_bodies("block"), q, [v0, 0, 0, 0, 0, 0], [E.Gravity(), contact]),
+        1.338,
+        accuracy=1e-6,
+        samples_per_second=20,
+    )
     slope = G * (math.sin(angle) - mu * math.cos(angle))
     t = np.fmin(run.t, -v0 / slope)
     truth = np.outer(v0 * t + slope * t**2 / 2, down) + q[:3]
@@ -91,7 +95,9 @@ def test_a_block_that_is_pushed_high_tips() -> None:
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, height - 0.4))
     effects = [E.Gravity(), push, E.Contact(("ground",), friction=mu, shapes=shapes)]
     when = G * width / (2 * height * k)
-    run = tl.simulate(tl.Scene(planar(), [0, 0.4, 0], effects=effects), when + 0.05, 1e-9, samples=20)
+    run = tl.simulate(
+        tl.Scene(planar(), [0, 0.4, 0], effects=effects), when + 0.05, accuracy=1e-9, samples_per_second=20
+    )
     assert run.events[0].kind == "leave"
     assert run.events[0].t == pytest.approx(when, abs=1e-9)
     assert run.q[-1, 2] < -1e-5
@@ -104,8 +110,12 @@ def test_a_free_cube_that_lands_flat_keeps_its_symmetry() -> None:
     mu, height, v0 = 0.5, 1e-4, 1.0
     effects = [E.Gravity(), E.Contact("ground", friction=mu, shapes={"cube": (E.Box((0.2, 0.2, 0.2)),)})]
     robot = free_bodies("cube")
-    run = tl.simulate(tl.Scene(robot, [0, 0, 0.1 + height, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects), 0.5, 1e-9,
-                      samples=20)  # fmt: skip
+    run = tl.simulate(
+        tl.Scene(robot, [0, 0, 0.1 + height, 0, 0, 0, 1], [v0, 0, 0, 0, 0, 0], effects),
+        0.5,
+        accuracy=1e-9,
+        samples_per_second=20,
+    )
     fall = math.sqrt(2 * height / G)
     speed = v0 - mu * G * fall
     assert kinds(run) == ["impact", "slide", "roll"]
@@ -122,8 +132,8 @@ def test_a_ball_rolls_down_an_incline(share: float) -> None:
     angle, radius = 0.5, 0.1
     n, mu = np.array([-math.sin(angle), 0.0, math.cos(angle)]), share * 2 / 7 * math.tan(angle)
     contact = E.Contact((("ball", E.Plane(tuple(map(float, n)))),), mu, shapes={"ball": (E.Sphere(radius),)})
-    run = tl.simulate(tl.Scene(ball(), [*(radius * n), 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, 1e-9,
-                      samples=20)  # fmt: skip
+    run = tl.simulate(tl.Scene(ball(), [*(radius * n), 0, 0, 0, 1], effects=[E.Gravity(), contact]), 1.0, accuracy=1e-9,
+                      samples_per_second=20)  # fmt: skip
     down = np.linalg.norm(run.q[:, :3] - run.q[0, :3], axis=1)
     slope = 5 / 7 * math.sin(angle) if share > 1 else math.sin(angle) - mu * math.cos(angle)
     assert np.abs(down - slope * G * run.t**2 / 2).max() < 1e-9
@@ -138,7 +148,9 @@ def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
     # theta = first + u^2: theta' is 0 at first.
     when = quad(lambda u: 2 * u / math.sqrt(3 * G * (math.cos(first) - math.cos(first + u * u))), 1e-9,
                 math.sqrt(leaves - first), epsabs=1e-13, epsrel=1e-13)[0]  # fmt: skip
-    run = tl.simulate(tl.Scene(planar(1 / 12), start, effects=effects), when + 0.1, 1e-9, samples=40)
+    run = tl.simulate(
+        tl.Scene(planar(1 / 12), start, effects=effects), when + 0.1, accuracy=1e-9, samples_per_second=40
+    )
     assert times(run, "leave") == pytest.approx([when], abs=1e-8)
     held = run.t < when
     theta = math.pi / 2 + run.q[held, 2]
@@ -151,7 +163,7 @@ def test_a_ladder_leaves_the_wall_when_it_has_fallen_by_a_third() -> None:
 def test_two_spheres_collide_along_a_line(e: float) -> None:
     robot = sliders_in_a_row(1.0, 2.0)
     effects = [E.Contact((("b0", "b1"),), restitution=e, shapes={n: (E.Sphere(0.1),) for n in ("b0", "b1")})]
-    run = tl.simulate(tl.Scene(robot, [0, 0.5], [1.0, 0.0], effects), 1.0, 1e-9, samples=20)
+    run = tl.simulate(tl.Scene(robot, [0, 0.5], [1.0, 0.0], effects), 1.0, accuracy=1e-9, samples_per_second=20)
     after = np.array([(1 - 2 * e) / 3, (1 + e) / 3])
     late = np.fmax(run.t - 0.3, 0)
     assert np.abs(run.q - np.column_stack([run.t - late, 0.5 + 0 * late]) - np.outer(late, after)).max() < 1e-9
@@ -164,7 +176,7 @@ def test_newtons_cradle_with_gaps_passes_the_speed_on() -> None:
     effects = [E.Contact(pairs, restitution=1.0, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(count)})]
     start = np.arange(count) * (0.2 + gap)
     start[0] -= 0.3
-    run = tl.simulate(tl.Scene(robot, start, [1, 0, 0, 0, 0], effects), 1.0, 1e-9, samples=11)
+    run = tl.simulate(tl.Scene(robot, start, [1, 0, 0, 0, 0], effects), 1.0, accuracy=1e-9, samples_per_second=11)
     assert kinds(run) == ["impact"] * 4
     assert run.v[-1] == pytest.approx([0, 0, 0, 0, 1], abs=1e-12)
     last = start[-1] + 1.0 - 0.3 - 4 * gap
@@ -176,7 +188,7 @@ def test_two_free_spheres_collide_off_centre() -> None:
     robot, r, offset = free_bodies("a", "b"), 0.5, 0.6
     effects = [E.Contact((("a", "b"),), restitution=1.0, shapes={n: (E.Sphere(r),) for n in "ab"})]
     q = [-2.0, 0, 0, 0, 0, 0, 1, 0, offset, 0, 0, 0, 0, 1]
-    run = tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 3.0, 1e-9, samples=10)
+    run = tl.simulate(tl.Scene(robot, q, [1.0] + [0] * 11, effects), 3.0, accuracy=1e-9, samples_per_second=10)
     n = np.array([0.8, 0.6, 0.0])
     assert run.v[-1, :3] == pytest.approx([1, 0, 0] - 0.8 * n, abs=1e-9)
     assert run.v[-1, 6:9] == pytest.approx(0.8 * n, abs=1e-9)
@@ -190,7 +202,7 @@ def test_a_ball_in_a_box_keeps_its_energy_and_its_unfolded_path(duration: float,
     pairs = tuple(("ball", E.Plane(n, h)) for n, h in walls)
     effects = [E.Contact(pairs, restitution=1.0, shapes={"ball": (E.Sphere(0.1),)})]
     v = np.array([3.0, 4.1, -2.3])
-    run = tl.simulate(tl.Scene(ball(), v=[*v, 0, 0, 0], effects=effects), duration, 1e-9, samples=2)
+    run = tl.simulate(tl.Scene(ball(), v=[*v, 0, 0, 0], effects=effects), duration, accuracy=1e-9, samples_per_second=2)
     wave = np.abs((np.outer(run.t, v) - 0.9) % 3.6 - 1.8) - 0.9
     assert np.abs(run.q[:, :3] - wave).max() < 1e-9
     assert len(run.events) > bounces
@@ -202,7 +214,7 @@ def test_a_sphere_rolls_off_a_sphere_at_the_classical_angle() -> None:
     robot, first = ball_over_ball(), 0.1
     effects = [E.Gravity(), E.Contact((("ball", "base"),))]
     start = [1.1 * math.sin(first), 0.0, 1.1 * math.cos(first), 0, 0, 0, 1]
-    run = tl.simulate(tl.Scene(robot, start, effects=effects), 1.6, 1e-9, samples=200)
+    run = tl.simulate(tl.Scene(robot, start, effects=effects), 1.6, accuracy=1e-9, samples_per_second=200)
     leave = times(run, "leave")[0]
     where = run.at(leave)[0]
     assert where[2] / 1.1 == pytest.approx(2 / 3 * math.cos(first), abs=1e-8)

@@ -26,7 +26,12 @@ def cradle(impacts: str, e: float = 1.0) -> tl.Trajectory:
     contact = E.Contact(pairs, restitution=e, impacts=impacts, shapes={f"b{k}": (E.Sphere(0.1),) for k in range(5)})
     start = 0.2 * np.arange(5)
     start[0] -= 0.3
-    return tl.simulate(tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact]), 0.5, 1e-9, samples=10)
+    return tl.simulate(
+        tl.Scene(sliders_in_a_row(*[1.0] * 5), start, [1, 0, 0, 0, 0], [contact]),
+        0.5,
+        accuracy=1e-9,
+        samples_per_second=10,
+    )
 
 
 def test_the_law_of_reflections_passes_a_blow_through_balls_that_touch() -> None:
@@ -60,7 +65,7 @@ def test_balls_that_touch_at_rest_pass_the_blow_on(count: int) -> None:
     """I th'' = -m g l sin th of the first ball; from the bottom on it is the last ball's motion."""
     angle, stiff = 0.5, G / 1.004
     period = 4.0 * float(ellipk(math.sin(angle / 2) ** 2)) / math.sqrt(stiff)
-    run = tl.simulate(hinged_cradle(count, angle), 0.9 * period, 1e-9, samples=20)
+    run = tl.simulate(hinged_cradle(count, angle), 0.9 * period, accuracy=1e-9, samples_per_second=20)
     swing = solve_ivp(lambda _, y: [y[1], -stiff * math.sin(y[0])], (0, run.t[-1]), [-angle, 0.0], "DOP853",
                       t_eval=run.t, rtol=1e-12, atol=1e-13).y[0]  # fmt: skip
     first = (run.t < period / 4) | (run.t > 3 * period / 4)
@@ -77,7 +82,7 @@ def test_a_rod_slides_although_it_could_not_at_other_angles(monkeypatch: pytest.
     effects = [E.Gravity(), E.Contact(("ground",), mu, 0.3, shapes=ends)]
     scene = tl.Scene(planar(inertia), [0, -math.sin(start), start], [speed, 0, 0], effects)
     monkeypatch.setenv("TWOLINK_REPRODUCIBLE", "1")  # so that whole steps are compiled from the first run on
-    run = tl.simulate(scene, 0.32, 1e-9, samples=50)
+    run = tl.simulate(scene, 0.32, accuracy=1e-9, samples_per_second=50)
 
     def rate(_: float, y: np.ndarray) -> list[float]:
         """z = -sin th, z'' = N - g, I th'' = N (cos th + mu sin th)."""
@@ -105,7 +110,7 @@ def two_balls(far: float, speed: float) -> tl.Scene:
 @pytest.mark.parametrize("far", [105.0, 175.0, 200.0, 230.0])
 def test_fast_bodies_do_not_pass_through_each_other(far: float) -> None:
     """At 400 m/s they pass within half a millisecond, in which no step ends."""
-    run = tl.simulate(two_balls(far, 400.0), 1.0, 1e-6, samples=20)
+    run = tl.simulate(two_balls(far, 400.0), 1.0, accuracy=1e-6, samples_per_second=20)
     assert times(run, "impact") == pytest.approx([(far - 0.2) / 400.0], abs=1e-9)
     assert run.v[-1] == pytest.approx([-0.2 / 3 * 400.0, 1.6 / 3 * 400.0], rel=1e-9)
 
@@ -114,7 +119,9 @@ def test_sensitivities_of_two_balls_that_collide_are_those_of_the_closed_form() 
     """x_0 = (1 - a) (d - 2 r) + a v t and x_1 = d + b (v t - d + 2 r), with a = (1 - 2 e) / 3 and b = (1 + e) / 3."""
     d, v, e, t = 0.5, 1.0, 0.6, 1.0
     a, b, way = (1 - 2 * e) / 3, (1 + e) / 3, v * t - d + 0.2
-    s = tl.sensitivities(two_balls(d, v), ["v.j0", "q.j1", "effects.0.restitution"], t, 1e-9, samples=4)
+    s = tl.sensitivities(
+        two_balls(d, v), wrt=["v.j0", "q.j1", "effects.0.restitution"], duration=t, accuracy=1e-9, samples_per_second=4
+    )
     truths = {"v.j0": [a * t, b * t], "q.j1": [1 - a, 1 - b], "effects.0.restitution": [-2 / 3 * way, way / 3]}
     for name, truth in truths.items():
         assert s.q[name][-1].ravel() == pytest.approx(truth, abs=max(1e-8, float(s.error[name][-1])))
@@ -128,7 +135,7 @@ def test_a_cylinder_that_meets_a_wall_with_its_end(tilt: float) -> None:
     contact = E.Contact((("x_link", wall),), restitution=0.5, shapes={"x_link": (shape,)})
     scene = tl.Scene(slider(), [0.3], [-1.0], [contact])
     if not tilt:
-        run = tl.simulate(scene, 0.5, 1e-9)
+        run = tl.simulate(scene, 0.5, accuracy=1e-9)
         assert times(run, "impact") == pytest.approx([0.2], abs=1e-9)
         assert run.q[-1, 0] == pytest.approx(0.1 + 0.5 * 0.3, abs=1e-9)
         return
@@ -143,7 +150,7 @@ def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     shapes = {"body": (E.Cylinder(radius, 2 * half),)}
     push = E.FrameWrench("body", (E.Polynomial((0.0, k)), 0.0, 0.0), point=(0.0, 0.0, high - half))
     scene = tl.Scene(planar(), [0, half, 0], [v0, 0, 0], [E.Gravity(), E.Contact("ground", mu, shapes=shapes)])
-    run = tl.simulate(scene, 0.5, 1e-9, samples=20)
+    run = tl.simulate(scene, 0.5, accuracy=1e-9, samples_per_second=20)
     t = np.fmin(run.t, v0 / (mu * G))
     assert np.abs(run.q - np.column_stack([v0 * t - mu * G * t**2 / 2, half + 0 * t, 0 * t])).max() < 1e-9
     force = run.contact_forces["body - ground"]
@@ -151,7 +158,7 @@ def test_a_cylinder_stands_and_slides_until_its_load_tips_it() -> None:
     tips = G * radius / (k * high)
     assert k * tips < mu * G
     with pytest.raises(AccuracyError, match="along a line, a flat side or an edge") as caught:
-        tl.simulate(tl.Scene(planar(), [0, half, 0], effects=[*scene.effects, push]), 2 * tips, 1e-9)
+        tl.simulate(tl.Scene(planar(), [0, half, 0], effects=[*scene.effects, push]), 2 * tips, accuracy=1e-9)
     assert caught.value.data["t"] == pytest.approx(tips, abs=1e-3)
 
 
@@ -188,10 +195,10 @@ def test_a_block_that_turns_on_its_corners_has_a_determined_motion_only_about_it
             assert 'or contact="stepped" and step=1e-3' in str(caught.value)
         assert tl.simulate(scene, 0.01, contact="stepped", step=1e-3).bound == "estimated"
         return
-    run = tl.simulate(scene, 0.5, 1e-9)
+    run = tl.simulate(scene, 0.5, accuracy=1e-9)
     assert run.v[-1, 1] == pytest.approx(w0 - mu * 2 * G * arm / 0.5 * 0.5, abs=1e-9)
     speed = math.sqrt(2 * G * fall)
-    bounced = tl.simulate(falling, 1.5 * speed / G, 1e-9)
+    bounced = tl.simulate(falling, 1.5 * speed / G, accuracy=1e-9)
     assert bounced.v[-1, 1] == pytest.approx(w0 - mu * 2 * (1 + e) * speed * arm / 0.5, abs=1e-9)
 
 
@@ -206,7 +213,12 @@ def test_a_ball_slides_down_a_wedge_and_flies_off_its_edge() -> None:
     contact = E.Contact((("ball", "base"),), shapes={"base": (E.Convex(corners),)})
     way, t_edge = 0.4, math.sqrt(2 * 0.4 / (G * math.sin(angle)))
     start = [*(-way * down + r * n), 0, 0, 0, 1]
-    run = tl.simulate(tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact]), t_edge + 0.1, 1e-8, samples=40)
+    run = tl.simulate(
+        tl.Scene(ball_over_ball(), start, effects=[E.Gravity(), contact]),
+        t_edge + 0.1,
+        accuracy=1e-8,
+        samples_per_second=40,
+    )
     assert times(run, "leave") == pytest.approx([t_edge], abs=1e-9)
     on, late = np.fmin(run.t, t_edge), np.fmax(run.t - t_edge, 0.0)
     along = G * math.sin(angle) * (on**2 / 2 + t_edge * late)
@@ -239,7 +251,9 @@ def test_forces_that_are_not_determined_obey_the_laws_all_the_same() -> None:
     """A slider is pressed along x onto a steep wall: N n_x + T t_x is determined, and N and T are not."""
     mu, n = 0.3, np.array([-0.5, 0.0, math.sqrt(0.75)])
     contact = E.Contact((("x_link", E.Plane(tuple(map(float, n)))),), mu, shapes={"x_link": (E.Sphere(0.1),)})
-    run = tl.simulate(tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact]), 0.5, samples=10)
+    run = tl.simulate(
+        tl.Scene(slider(), [-0.2], effects=[E.Gravity((G, 0.0, 0.0)), contact]), 0.5, samples_per_second=10
+    )
     (force,) = run.contact_forces.values()
     normal = force @ n
     across = np.linalg.norm(force - np.outer(normal, n), axis=1)
@@ -267,7 +281,7 @@ def test_a_body_that_slides_across_a_slope_turns_downhill_as_it_stops() -> None:
     v = [-v0 * math.cos(turn) * math.cos(angle), v0 * math.sin(turn), -v0 * math.cos(turn) * math.sin(angle)]
     stops = v0 * (rough + steep * math.cos(turn)) / (G * (rough**2 - steep**2))
     scene = tl.Scene(robot, [0.1 * n[0], 0, 0.1 * n[2]], v, [E.Gravity(), contact])
-    run = tl.simulate(scene, 1.2 * stops, 1e-9, samples=10)
+    run = tl.simulate(scene, 1.2 * stops, accuracy=1e-9, samples_per_second=10)
     assert [(event.kind, event.t) for event in run.events] == [("roll", pytest.approx(stops, abs=1e-7))]
     assert np.abs(run.v[-1]).max() < 1e-9
 
@@ -282,7 +296,7 @@ def test_a_peg_slips_when_its_fingers_press_at_the_edge_of_the_cone() -> None:
     contact = E.Contact((("left", "peg"), ("right", "peg")), mu, shapes=shapes)
     scene = tl.Scene(robot, [0, 0, -0.07, 0.07], effects=[E.Gravity(), squeeze, contact])
     slips = (first - mass * G / (2 * mu)) / k
-    run = tl.simulate(scene, slips + 0.2, 1e-9, samples=50)
+    run = tl.simulate(scene, slips + 0.2, accuracy=1e-9, samples_per_second=50)
     assert times(run, "slide") == pytest.approx([slips] * len(times(run, "slide")), abs=1e-9)
     late = np.fmax(run.t - slips, 0.0)
     assert np.abs(run.q[:, 1] + 2 * mu * k / mass * late**3 / 6).max() < 1e-9
@@ -296,8 +310,13 @@ def test_a_block_that_is_set_on_a_moving_cart_is_taken_along() -> None:
     robot = bodies_on_sliders(acart=(mass, "hand", "1 0 0"), bx=(1e-6, "hand", "1 0 0"), bz=(own, "bx", "0 0 1"))
     shapes = {"acart": (E.Box((2.0, 0.5, 0.2)),), "bz": (E.Box((0.4, 0.3, 0.2)),)}
     contact = E.Contact((("acart", "bz"),), mu, shapes=shapes)
-    run = tl.simulate(tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact]), 0.5, 1e-9, samples=20,
-                      contact="located")  # fmt: skip
+    run = tl.simulate(
+        tl.Scene(robot, [0, 0, 0.2], [v0, 0, 0], [E.Gravity(), contact]),
+        0.5,
+        accuracy=1e-9,
+        samples_per_second=20,
+        contact="located",
+    )
     own += 1e-6  # with its cart, which friction takes along
     end = v0 / (mu * G / own + mu * G / mass)
     t, late = np.fmin(run.t, end), np.fmax(run.t - end, 0.0)
@@ -313,8 +332,13 @@ def test_boxes_whose_edges_meet_bounce() -> None:
     shapes = {"b0": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, math.pi / 4, 0.0)),),
               "b1": (E.Box((0.2, 0.2, 0.2), rpy=(0.0, 0.0, math.pi / 4)),)}  # fmt: skip
     contact, d = E.Contact((("b0", "b1"),), restitution=0.5, shapes=shapes), 0.2 * math.sqrt(2.0)
-    run = tl.simulate(tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact]), 1.0, 1e-9, samples=20,
-                      contact="located")  # fmt: skip
+    run = tl.simulate(
+        tl.Scene(sliders_in_a_row(1.0, 2.0), [0.0, 0.5], [1.0, 0.0], [contact]),
+        1.0,
+        accuracy=1e-9,
+        samples_per_second=20,
+        contact="located",
+    )
     assert times(run, "impact") == pytest.approx([0.5 - d], abs=1e-12)
     after = np.fmax(run.t - 0.5 + d, 0.0)  # momentum, and half the speed back: 0 and 1/2 m/s
     assert np.abs(run.q - np.stack([np.fmin(run.t, 0.5 - d), 0.5 + 0.5 * after], axis=1)).max() < 1e-9
@@ -327,8 +351,13 @@ def test_a_stack_of_boxes_stays_at_rest() -> None:
     sizes = {"a": 0.4, "b": 0.3, "c": 0.2}
     shapes = {name: (E.Box((size, size, 0.2)),) for name, size in sizes.items()}
     contact = E.Contact((("a", "ground"), ("a", "b"), ("b", "c")), 0.5, shapes=shapes)
-    run = tl.simulate(tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact]), 100.0, 1e-9, samples=0.1,
-                      contact="located")  # fmt: skip
+    run = tl.simulate(
+        tl.Scene(robot, [0.1, 0.3, 0.5], effects=[E.Gravity(), contact]),
+        100.0,
+        accuracy=1e-9,
+        samples_per_second=0.1,
+        contact="located",
+    )
     assert np.abs(run.q - [0.1, 0.3, 0.5]).max() < 1e-12
     forces = run.contact_forces
     assert [forces[pair][-1, 2] for pair in ("a - ground", "a - b", "b - c")] == pytest.approx([6 * G, -3 * G, -G])
@@ -339,7 +368,9 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
     robot, e, height = tl.load_robot("two_link"), 0.8, -0.6
     contact = E.Contact((("forearm", E.Plane(height=height)),), restitution=e,
                         shapes={"forearm": (E.Sphere(0.0, (1.0, 0.0, 0.0)),)})  # fmt: skip
-    run = tl.simulate(tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact]), 1.0, 1e-9, samples=40)
+    run = tl.simulate(
+        tl.Scene(robot, [0.3, -0.5], effects=[E.Gravity(), contact]), 1.0, accuracy=1e-9, samples_per_second=40
+    )
     model = run.robot.model
     data = model.createData()
 
@@ -366,7 +397,7 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
 def test_a_coin_spins_as_its_equations_of_rolling_say() -> None:
     """The hard case at one accuracy: a thin cylinder rolls on its rim."""
     scene = coin()
-    run = tl.simulate(scene, 1.0, 1e-9, samples=20)
+    run = tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=20)
     assert ERRORS["coin"](scene.robot, run).max() < 2e-9
     assert not run.events
 

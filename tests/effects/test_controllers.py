@@ -67,7 +67,9 @@ def test_computed_torque_errors_fall_as_in_theory(path: str) -> None:
     begin = [derivatives_at(one, 0.0, Numbers) for one in PATHS[path].values()]
     q0, v0 = np.array([x[0] for x in begin], dtype=float) - e0, np.array([x[1] for x in begin], dtype=float) - de0
     control = E.ComputedTorque(PATHS[path], w * w, 2 * w)
-    run = tl.simulate(tl.Scene(robot("arm"), q0, v0, effects=[E.Gravity(), control]), 2.9, accuracy=1e-9, samples=30)
+    run = tl.simulate(
+        tl.Scene(robot("arm"), q0, v0, effects=[E.Gravity(), control]), 2.9, accuracy=1e-9, samples_per_second=30
+    )
     reference = np.stack([derivatives_at(one, run.t, np)[0] * np.ones(len(run.t)) for one in PATHS[path].values()])
     t = run.t[:, None]
     expected = (e0 + (de0 + w * e0) * t) * np.exp(-w * t)
@@ -103,7 +105,7 @@ def test_computed_torque_on_the_ur5() -> None:
     v = [0.3 * (1 + 0.2 * i) * np.cos(0.1 * i) for i in range(6)]
     effects = [E.Gravity(), E.Payload("tool0", 3.0), E.ComputedTorque(path, 25.0, 10.0)]
     run = tl.simulate(tl.Scene(robot("ur5"), q, v, effects=effects), 1.0, accuracy=1e-6, method="scipy-dop853",
-                      samples=10, verify=False)  # fmt: skip
+                      samples_per_second=10, verify=False)  # fmt: skip
     expected = [0.3 * np.sin((1 + 0.2 * i) * run.t + 0.1 * i) for i in range(6)]
     assert np.abs(run.q.T - expected).max() < 1e-7
 

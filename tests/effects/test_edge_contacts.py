@@ -68,7 +68,7 @@ def scene(base: Shapes, ball: Shapes, q: np.ndarray, v: object = None, *, law: t
 
 
 def solve(what: tl.Scene, duration: float, samples: float = 50, accuracy: float = 1e-9) -> tl.Trajectory:
-    return tl.simulate(what, duration, accuracy, samples=samples, contact="located")
+    return tl.simulate(what, duration, accuracy=accuracy, samples_per_second=samples, contact="located")
 
 
 def in_plane(run: tl.Trajectory) -> np.ndarray:

@@ -29,7 +29,7 @@ def spring_of_limited_force(t: np.ndarray, k: float, most: float) -> tuple[np.nd
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9])
 def test_a_saturated_spring(accuracy: float) -> None:
     pd = E.JointPD(target={"x": 0.0}, kp={"x": 20.0}, effort={"x": 3.0})
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[pd]), 5.0, accuracy)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[pd]), 5.0, accuracy=accuracy)
     x, ends = spring_of_limited_force(run.t, 20.0, 3.0)
     assert np.all(np.abs(run.q[:, 0] - x) <= run.error)
     assert run.error[-1] <= accuracy
@@ -38,20 +38,20 @@ def test_a_saturated_spring(accuracy: float) -> None:
 
 def test_the_urdfs_limit_is_the_same() -> None:
     drives = [E.JointPD({"x": 0.0}, {"x": 20.0}, effort=effort) for effort in ("urdf", {"x": 3.0})]
-    runs = [tl.simulate(tl.Scene(slider(), [1.0], effects=[drive]), 3.0, 1e-9) for drive in drives]
+    runs = [tl.simulate(tl.Scene(slider(), [1.0], effects=[drive]), 3.0, accuracy=1e-9) for drive in drives]
     assert np.array_equal(runs[0].q, runs[1].q)
 
 
 def test_a_limit_that_is_never_reached_is_no_event() -> None:
     effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.5})]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 5.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 5.0, accuracy=1e-9)
     assert not run.events
     assert np.abs(run.q[:, 0] - np.cos(2 * run.t)).max() < 1e-9
 
 
 def test_a_limit_that_is_just_touched_changes_nothing() -> None:
     effects = [E.JointPD({"x": 0.0}, {"x": 4.0}, effort={"x": 4.0})]
-    run = tl.simulate(tl.Scene(slider(), [0.0], [2.0], effects), 10.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [0.0], [2.0], effects), 10.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - np.sin(2 * run.t)).max() < 1e-9
 
 
@@ -59,7 +59,7 @@ def test_limits_friction_and_stops_together_lose_what_friction_and_impacts_take(
     """The drive's power less friction's and the impacts' losses is the change of energy."""
     drive = E.JointPD({"x": E.Sine(2.0, 1.5)}, {"x": 30.0}, {"x": 0.5}, effort={"x": 3.0})
     effects = [drive, E.DryFriction({"x": 0.7}), E.JointStops({"x": (-1.0, 0.8)}, restitution=0.4)]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 8.0, 1e-9, samples=2000)
+    run = tl.simulate(tl.Scene(slider(), effects=effects), 8.0, accuracy=1e-9, samples_per_second=2000)
     x, v, t = run.q[:, 0], run.v[:, 0], run.t
     tau = np.clip(30 * (2 * np.sin(1.5 * t) - x) + 0.5 * (3 * np.cos(1.5 * t) - v), -3, 3)
     work = np.concatenate([[0.0], np.cumsum((tau[1:] * v[1:] + tau[:-1] * v[:-1]) / 2 * np.diff(t))])
@@ -76,7 +76,7 @@ def test_limits_on_the_arm_against_small_steps() -> None:
     drive = E.JointPD(target, {"shoulder": 200.0, "elbow": 80.0}, {"shoulder": 20.0, "elbow": 8.0}, effort=effort)
     effects = [E.Gravity(), drive]
     scene = tl.Scene(robot("arm"), [-1.0, 0.5], effects=effects)
-    run = tl.simulate(scene, 2.0, 1e-8)
+    run = tl.simulate(scene, 2.0, accuracy=1e-8)
     other = tl.simulate(scene, 2.0, method="scipy-dop853", tolerance=1e-10)
     assert len(times(run, "limit")) >= 2
     assert np.abs(run.q - other.q).max() < 1e-6

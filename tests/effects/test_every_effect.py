@@ -83,7 +83,7 @@ def test_work_of_single_effects_along_a_run_is_the_energy_lost() -> None:
     """The work of damping and of a table of torques, computed from their loads at all samples at once."""
     effects = [E.JointDamping({"elbow": 0.4}), E.Torque({"shoulder": E.Sampled((0.0, 1.0, 2.0), (3.0, -1.0, 2.0))})]
     scene = tl.Scene(robot("arm"), [0.3, -0.5], effects=[GRAVITY, *effects])
-    run = tl.simulate(scene, 2.0, accuracy=1e-9, samples=2000)
+    run = tl.simulate(scene, 2.0, accuracy=1e-9, samples_per_second=2000)
     equations = equations_of(scene)
     work = 0.0
     for effect in effects:

@@ -123,7 +123,7 @@ def test_what_depends_on_time_is_simulated() -> None:
     """q'' = 6 t under a torque of 6 t I: q = t^3."""
     joint = tl.load_robot(WHEEL)
     scene = tl.Scene(joint, effects=[of_shoulder(lambda m: 6.0 * m.t)])
-    run = tl.simulate(scene, 1.0, 1e-8)
+    run = tl.simulate(scene, 1.0, accuracy=1e-8)
     np.testing.assert_allclose(run.q[:, 0], run.t**3, rtol=0, atol=1e-8)
 
 

@@ -36,7 +36,7 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
     swing = dofs["swing"]
     v[[swing, dofs["flight"] + 2, dofs["flight"] + 4]] = 4.0, 4.0, -4.0
     scene = tl.Scene(body, q, v, [E.Gravity(), E.Release(held, **trigger)])
-    run = tl.simulate(scene, 1.0, 1e-11)
+    run = tl.simulate(scene, 1.0, accuracy=1e-11)
     angle = run.q[:, at["swing"]]
     # Energy till then: one body of I = 0.2 + 2 / 4 + 0.5 + 0.001, moment of weight (1 + 0.5) g.
     t = times(run, "release")[0]
@@ -54,7 +54,7 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
     if how == "time":
         assert t == 0.25
     else:
-        reached = tl.simulate(scene, t, 1e-11).q[-1, at["swing"]]
+        reached = tl.simulate(scene, t, accuracy=1e-11).q[-1, at["swing"]]
         assert reached == pytest.approx(0.4, abs=1e-10)
 
 
@@ -62,7 +62,7 @@ def test_a_welded_ball_flies_on_when_it_is_let_go(how: str) -> None:
 def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> None:
     """1 + 3 kg on 16 N/m: w = 2; then 1 kg: w = 4, from the place and the velocity it had."""
     load = E.Release(E.Payload("x_link", 3.0), **when)
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 16.0}), load]), 3.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 16.0}), load]), 3.0, accuracy=1e-9)
     t1 = when.get("at", math.pi / 4)
     late = run.t - t1
     x1, v1 = math.cos(2 * t1), -2 * math.sin(2 * t1)
@@ -74,7 +74,7 @@ def test_a_payload_that_is_let_go_makes_the_oscillator_faster(when: dict) -> Non
 
 def test_a_release_at_the_beginning_never_held() -> None:
     effects = [E.Release(E.JointSpring({"x": 16.0}), at=0.0)]
-    run = tl.simulate(tl.Scene(slider(), [1.0], [1.0], effects), 1.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [1.0], [1.0], effects), 1.0, accuracy=1e-9)
     assert np.abs(run.q[:, 0] - 1 - run.t).max() < 1e-12
 
 
@@ -82,7 +82,7 @@ def test_a_release_at_the_beginning_never_held() -> None:
 def test_a_second_spring_that_engages_makes_the_oscillator_faster(when: dict) -> None:
     """1 kg on 4 N/m passes 0 at pi / 4 with v = -2; then 16 N/m in all: w = 4."""
     spring = E.Engage(E.JointSpring({"x": 12.0}), **when)
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 4.0}), spring]), 3.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.JointSpring({"x": 4.0}), spring]), 3.0, accuracy=1e-9)
     late = run.t - math.pi / 4
     expected = np.where(late < 0, np.cos(2 * run.t), -0.5 * np.sin(4 * late))
     assert np.abs(run.q[:, 0] - expected).max() < 1e-9
@@ -97,7 +97,7 @@ def test_limits_of_effort_begin_and_cease_with_their_effects() -> None:
         return E.JointPD({"x": target}, {"x": 100.0}, effort={"x": limit})
 
     effects = [E.Release(held(9.0, 2.0), at=0.5), E.Engage(held(-9.0, 1.0), at=0.5)]
-    run = tl.simulate(tl.Scene(slider(), effects=effects), 1.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), effects=effects), 1.0, accuracy=1e-9)
     late = np.maximum(run.t - 0.5, 0.0)
     early = np.minimum(run.t, 0.5)
     assert np.abs(run.q[:, 0] - (early**2 + late - late**2 / 2)).max() < 1e-9
@@ -123,7 +123,7 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
         E.Watch("right", when=E.FrameReaches("x_link", 0.5, direction=(2.0, 0.0, 0.0))),
         E.Watch("energy", function=kinetic),
     ]
-    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=effects), 3.0, accuracy=1e-9)
     found = {
         name: [e.t for e in run.events if e.what == name] for name in ("noon", "middle", "turn", "right", "energy")
     }
@@ -139,7 +139,7 @@ def test_watching_a_time_a_condition_and_a_function() -> None:
 
 @pytest.mark.parametrize("trigger", [{"at": 0.333}, {"when": E.JointReaches("x", 0.333)}])
 def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
-    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **trigger)]), 5.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Watch("end", stop=True, **trigger)]), 5.0, accuracy=1e-9)
     assert run.t[-1] == pytest.approx(0.333, abs=1e-12)
     assert run.q[-1, 0] == pytest.approx(0.333, abs=1e-12)
     assert len(run.t) == len(run.q) == len(run.v) == len(run.error)
@@ -150,7 +150,7 @@ def test_a_watch_that_stops_ends_the_run_there(trigger: dict) -> None:
 def test_then_gives_a_kick(at: float) -> None:
     """A block at rest in friction is given 2 m/s: it slides 2/3 m."""
     kick = E.Watch("kick", at=at, then=lambda q, v: (q, v + 2.0))
-    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), kick]), 3.0, 1e-9)
+    run = tl.simulate(tl.Scene(slider(), effects=[E.DryFriction({"x": 3.0}), kick]), 3.0, accuracy=1e-9)
     late = np.clip(run.t - at, 0, 2 / 3)
     assert np.abs(run.q[:, 0] - 2 * late + 1.5 * late**2).max() < 1e-9
 
@@ -210,6 +210,8 @@ def test_releases_and_watches_that_are_refused(effect: object, where: str, part:
 def test_a_release_and_an_impact() -> None:
     """Held up by a force until t = 0.5; then it falls 1 m and stays down."""
     up = E.Release(E.FrameWrench("body", (0.0, 0.0, G)), at=0.5)
-    run = tl.simulate(tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), up, E.PlaneContact("body")]), 2.0, 1e-9)
+    run = tl.simulate(
+        tl.Scene(planar(), [0, 1.0, 0], effects=[E.Gravity(), up, E.PlaneContact("body")]), 2.0, accuracy=1e-9
+    )
     assert kinds(run) == ["release", "impact", "rest"]
     assert times(run, "impact") == pytest.approx([0.5 + math.sqrt(2 / G)], abs=1e-10)

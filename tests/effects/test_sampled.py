@@ -81,7 +81,7 @@ def test_a_wheel_driven_by_a_table(interpolation: str, method: str) -> None:
     """Between knots the motion is a polynomial of degree 5 at most: a step across a jump would be off by 1e-4."""
     drive = E.Torque({"axle": E.Sampled(KNOTS, VALUES, interpolation=interpolation)})
     step = {"step": 0.02} if not METHODS[method].adaptive else {"tolerance": 1e-9}
-    run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.6, method=method, samples=13, **step)
+    run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.6, method=method, samples_per_second=13, **step)
     assert len(run.t) == 22
     assert run.t[-1] == 1.6
     error = np.abs(run.q[:, 0] - exact(interpolation, run.t))
@@ -92,9 +92,9 @@ def test_a_wheel_driven_by_a_table(interpolation: str, method: str) -> None:
 def test_samples_at_and_beside_breaks_and_quadruple_precision() -> None:
     drive = E.Torque({"axle": E.Sampled((0.0, 0.5, 1.0), (1.0, -1.0, 1.0), interpolation="hold")})
     scene = tl.Scene(wheel(), effects=[drive])
-    run = tl.simulate(scene, 1.5, 1e-10, samples=4)
+    run = tl.simulate(scene, 1.5, accuracy=1e-10, samples_per_second=4)
     np.testing.assert_allclose(run.q[:, 0], [0, 0.0625, 0.25, 0.4375, 0.5, 0.5625, 0.75], rtol=0, atol=1e-10)
-    precise = tl.simulate(scene, 1.5, 1e-25, precision="quad", samples=4)
+    precise = tl.simulate(scene, 1.5, accuracy=1e-25, precision="quad", samples_per_second=4)
     assert abs(float(precise.precise[-1][0] - precise.precise[0][0]) - 0.75) < 1e-15
     assert precise.error[-1] <= 1e-25
 
@@ -104,11 +104,13 @@ def test_long_tables_share_one_compiled_step_and_their_bars_hold() -> None:
     knots = np.linspace(0, 1, 501)
     table = E.Sampled(knots, 3 * np.sin(5 * knots), interpolation="cubic")
     scene = tl.Scene(robot("arm"), [0.2, 0.4], effects=[E.Gravity(), E.Torque({"elbow": table})])
-    truth = tl.simulate(scene, 1.0, method="taylor", tolerance=1e-17, samples=10).q
+    truth = tl.simulate(scene, 1.0, method="taylor", tolerance=1e-17, samples_per_second=10).q
     smooth = tl.Scene(scene.robot, scene.q, effects=[E.Gravity(), E.Torque({"elbow": E.Sine(3.0, 5.0)})])
-    assert np.abs(tl.simulate(smooth, 1.0, 1e-11, samples=10).q - truth).max() < 1e-9  # what the spline leaves
+    assert (
+        np.abs(tl.simulate(smooth, 1.0, accuracy=1e-11, samples_per_second=10).q - truth).max() < 1e-9
+    )  # what the spline leaves
     for method in ("dop853", "rk23"):
-        run = tl.simulate(scene, 1.0, 1e-6, method=method, samples=10)
+        run = tl.simulate(scene, 1.0, accuracy=1e-6, method=method, samples_per_second=10)
         assert run.cost.steps >= 1000
         assert np.all(np.abs(run.q - truth).max(axis=1) <= run.error + 1e-13)
 
@@ -182,5 +184,5 @@ def test_tables_that_are_refused(table: E.Sampled, where: str, part: str) -> Non
 @pytest.mark.parametrize("interpolation", ["linear", "cubic", "hold"])
 def test_one_sample_is_a_constant(interpolation: str) -> None:
     drive = E.Torque({"axle": E.Sampled((0.5,), (1.0,), interpolation=interpolation)})
-    run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.0, 1e-10)
+    run = tl.simulate(tl.Scene(wheel(), effects=[drive]), 1.0, accuracy=1e-10)
     assert abs(run.q[-1, 0] - 1.0) < 1e-10

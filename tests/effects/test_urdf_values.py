@@ -35,6 +35,10 @@ def test_values_of_the_urdf_act_as_those_given_by_joint(case: str) -> None:
     from_urdf, by_joint = CASES[case]
     for friction, effort in ((0.5, 5.0), (3.0, 2.0)):
         robot = arm(friction, effort)
-        runs = [tl.simulate(tl.Scene(robot, [0.5, 0.2], effects=[fx.Gravity(), effect]), 0.5, 1e-8, method="dop853")
-                for effect in (from_urdf, by_joint(friction, effort))]  # fmt: skip
+        runs = [
+            tl.simulate(
+                tl.Scene(robot, [0.5, 0.2], effects=[fx.Gravity(), effect]), 0.5, accuracy=1e-8, method="dop853"
+            )
+            for effect in (from_urdf, by_joint(friction, effort))
+        ]
         assert abs(runs[0].q - runs[1].q).max() <= runs[0].error.max() + runs[1].error.max()

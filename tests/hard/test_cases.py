@@ -81,7 +81,7 @@ def test_the_truths_own_uncertainty_is_named_where_the_verdict_rests_on_it() -> 
 def test_an_error_above_the_bar_anywhere_is_named_not_only_at_its_largest() -> None:
     """The bar differs from sample to sample: an error above it may be below its largest value."""
     case = swinging(uncertainty=1e-8)
-    run = tl.simulate(case.load(), 1.0, accuracy=1e-6, samples=case.samples)
+    run = tl.simulate(case.load(), 1.0, accuracy=1e-6, samples_per_second=case.samples)
     assert run.error is not None
     between, least = (run.error.min() + run.error.max()) / 2, int(run.error.argmin())
     error = np.where(np.arange(len(run.t)) == least, between, 0.0)

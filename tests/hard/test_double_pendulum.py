@@ -32,7 +32,7 @@ def test_double_precision_agrees_with_published_values() -> None:
 def test_quadruple_precision_agrees_with_the_hand_derived_equations_in_200_bits() -> None:
     """The run goes from the URDF through Pinocchio's constants and our recursions; the reference knows none of them."""
     pytest.importorskip("heyoka")
-    run = tl.simulate(rods(), SECONDS, accuracy=1e-20, precision="quad", samples=1)
+    run = tl.simulate(rods(), SECONDS, accuracy=1e-20, precision="quad", samples_per_second=1)
     (reference,) = two_rods((3, 3), (0, 0), [SECONDS])
     assert run.error is not None
     assert run.precise is not None

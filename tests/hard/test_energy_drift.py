@@ -79,7 +79,7 @@ def test_a_million_steps_without_drift(method: str) -> None:
 
 def ours(scene: tl.Scene, method: str, h: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """The samples' times and relative energy errors (n,) of twolink's method."""
-    run = tl.simulate(scene, steps * h, method=method, step=h, verify=False, samples=SAMPLES / (steps * h))
+    run = tl.simulate(scene, steps * h, method=method, step=h, verify=False, samples_per_second=SAMPLES / (steps * h))
     return run.t, (run.energy - run.energy[0]) / np.ptp(scene.robot.energy(run.q, run.v)[1])
 
 

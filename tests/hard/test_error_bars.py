@@ -24,7 +24,7 @@ def test_the_error_bar_holds_at_every_sample(seed: int) -> None:
     scene, name = random_scene(random, {2: 0.87, 3: 0.13}, floating=0.0)
     accuracy = float(10 ** random.uniform(-10, -3))
     try:
-        run = tl.simulate(scene, float(random.uniform(1, 4)), accuracy, samples=20)
+        run = tl.simulate(scene, float(random.uniform(1, 4)), accuracy=accuracy, samples_per_second=20)
     except AccuracyError as error:
         run = error.run
     else:

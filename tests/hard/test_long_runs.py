@@ -26,7 +26,9 @@ def pendulum_angle(start: float, t: float) -> mp.mpf:
 
 @pytest.mark.slow
 def test_a_verified_day_of_a_pendulum() -> None:
-    run = tl.simulate(tl.Scene(one_joint("revolute"), q=[0.3], effects=GRAVITY), DAY, 1e-9, samples=20 / DAY)
+    run = tl.simulate(
+        tl.Scene(one_joint("revolute"), q=[0.3], effects=GRAVITY), DAY, accuracy=1e-9, samples_per_second=20 / DAY
+    )
     error = [abs(float(pendulum_angle(0.3, t) - mp.mpf(float(q)))) for t, q in zip(run.t, run.q[:, 0], strict=True)]
     assert run.error is not None
     assert (error <= run.error).all()

@@ -63,7 +63,7 @@ def test_every_peer_moves_a_floating_tree_as_twolink_does(name: str) -> None:
         module = peer_module(name)
     except ImportError as error:
         pytest.skip(str(error))
-    ours = tl.simulate(scene, TIMES[-1], accuracy=1e-9, samples=10)
+    ours = tl.simulate(scene, TIMES[-1], accuracy=1e-9, samples_per_second=10)
     track = module.prepare(task_of(scene, TIMES), TIGHT[name])().track
     np.testing.assert_allclose(track.q, ours.q, atol=1e-6)
     np.testing.assert_allclose(track.v, ours.v, atol=1e-5)

@@ -90,7 +90,7 @@ def simulated(scene: tl.Scene, accuracy: float, method: str, samples: float) -> 
     """The run; None where twolink refuses it by an error that says why."""
     start, run, places = time.monotonic(), None, []
     try:
-        run = tl.simulate(scene, accuracy=accuracy, method=method, samples=samples)
+        run = tl.simulate(scene, accuracy=accuracy, method=method, samples_per_second=samples)
     except (AccuracyError, SceneError) as error:
         places = [error.where, error.code]
     assert time.monotonic() - start < HANG

@@ -24,7 +24,7 @@ NOISE = 2e-3
 
 
 def motion_of(scene: tl.Scene, times: np.ndarray = TIMES) -> tuple[np.ndarray, np.ndarray]:
-    return tl.simulate(scene, float(times[-1]), 1e-9).at(times)
+    return tl.simulate(scene, float(times[-1]), accuracy=1e-9).at(times)
 
 
 Q, V = motion_of(scene_with(SCENE, TRUE))

@@ -15,13 +15,13 @@ BALL_G, BALL_HEIGHT = 9.81, 1.0
 
 def finely(scene: tl.Scene, end: float) -> tl.Trajectory:
     """A more accurate run with many samples, to compare with."""
-    return tl.simulate(scene, end, accuracy=1e-11, samples=1000)
+    return tl.simulate(scene, end, accuracy=1e-11, samples_per_second=1000)
 
 
 @pytest.mark.parametrize("method", ["dop853", "rk45", "taylor", "esdirk43", "rk4", "scipy-dop853"])
 def test_states_between_samples_are_as_exact_as_at_samples(method: str) -> None:
     scene = tl.load_scene("arm-swing")
-    run, truth = tl.simulate(scene, 1.0, 1e-6, method=method, samples=7), finely(scene, 1.0)
+    run, truth = tl.simulate(scene, 1.0, accuracy=1e-6, method=method, samples_per_second=7), finely(scene, 1.0)
     times = truth.t[[3, 501, 999, 250, 1]]
     q, v = run.at(times)
     assert run.error is not None
@@ -31,7 +31,7 @@ def test_states_between_samples_are_as_exact_as_at_samples(method: str) -> None:
 
 
 def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
-    run = tl.simulate(tl.load_scene("spinning-top"), 0.5, samples=20)
+    run = tl.simulate(tl.load_scene("spinning-top"), 0.5, samples_per_second=20)
     q, v = run.at(0.2)
     assert q.shape == (run.robot.nq,)
     assert v.shape == (run.robot.nv,)
@@ -44,7 +44,7 @@ def test_shapes_follow_the_times_and_samples_come_back_exactly() -> None:
 
 @pytest.mark.parametrize("method", ["dop853", "rk4", "esdirk43", "taylor", "scipy-rk45"])
 def test_times_a_rounding_after_samples_have_their_states(method: str) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, 1e-4, method=method, samples=20)
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.5, accuracy=1e-4, method=method, samples_per_second=20)
     later = np.nextafter(run.t[:-1], np.inf)
     np.testing.assert_allclose(run.at(later)[0], run.q[:-1], rtol=0, atol=1e-14)
     assert np.isfinite(run.at(np.linspace(0, 0.5, 301))[0]).all()
@@ -53,7 +53,7 @@ def test_times_a_rounding_after_samples_have_their_states(method: str) -> None:
 @pytest.mark.parametrize("t", [-1e-9, 0.5 + 1e-9, np.nan])
 def test_times_outside_the_run_are_refused(t: float) -> None:
     with pytest.raises(SceneError, match="is not within 0 and") as caught:
-        tl.simulate(tl.load_scene("arm-swing"), 0.5, samples=10).at([0.1, t])
+        tl.simulate(tl.load_scene("arm-swing"), 0.5, samples_per_second=10).at([0.1, t])
     assert (caught.value.code, caught.value.argument) == ("outside-run", "t")
     assert caught.value.data == {"start": 0, "end": 0.5}
 
@@ -61,7 +61,10 @@ def test_times_outside_the_run_are_refused(t: float) -> None:
 def test_a_time_between_samples_and_after_an_event_uses_the_piece_after_it() -> None:
     """The ball of the bundled scene, sampled so rarely that impacts lie between samples: against a dense run."""
     scene = tl.load_scene("bouncing-ball")
-    sparse, dense = tl.simulate(scene, 1.0, 1e-9, samples=2), tl.simulate(scene, 1.0, 1e-9, samples=1000)
+    sparse, dense = (
+        tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=2),
+        tl.simulate(scene, 1.0, accuracy=1e-9, samples_per_second=1000),
+    )
     impacts = [event.t for event in sparse.events if event.kind == "impact"]
     assert impacts
     q, v = sparse.at(dense.t)
@@ -74,7 +77,7 @@ def test_a_time_between_samples_and_after_an_event_uses_the_piece_after_it() -> 
 def test_torques_and_accelerations_are_those_of_inverse_dynamics() -> None:
     effects = [tl.effects.Gravity(), tl.effects.JointDamping({"elbow": 0.3}), tl.effects.DryFriction({"shoulder": 2.0})]
     scene = tl.Scene(tl.load_robot("two_link"), [0.5, 0.3], effects=effects)
-    run = tl.simulate(scene, 1.0, samples=50)
+    run = tl.simulate(scene, 1.0, samples_per_second=50)
     model, data = run.robot.model, run.robot.model.createData()
     for q, v, a, tau in zip(run.q, run.v, run.acceleration, run.tau, strict=True):
         np.testing.assert_allclose(pin.rnea(model, data, q, v, a), tau, atol=1e-9)
@@ -112,7 +115,7 @@ def test_a_missing_library_is_named_with_its_installation(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("name", ["arm-swing", "bouncing-ball", "four-bar", "pitch"])
 def test_runs_survive_pickling(name: str) -> None:
-    run = tl.simulate(tl.load_scene(name), 0.3, 1e-5)
+    run = tl.simulate(tl.load_scene(name), 0.3, accuracy=1e-5)
     again = pickle.loads(pickle.dumps(run))
     np.testing.assert_array_equal(again.q, run.q)
     assert again.events == run.events
@@ -124,7 +127,7 @@ def test_runs_survive_pickling(name: str) -> None:
 def test_an_accuracy_limit_has_a_code_and_its_run_and_survives_pickling() -> None:
     scene = tl.Scene(tl.load_scene("arm-swing").robot, [2.0, 1.0], effects=[tl.effects.Gravity()])
     with pytest.raises(AccuracyError) as caught:
-        tl.simulate(scene, 60.0, 1e-9, samples=5, precision="double")
+        tl.simulate(scene, 60.0, accuracy=1e-9, samples_per_second=5, precision="double")
     error = pickle.loads(pickle.dumps(caught.value))
     assert error.code == "accuracy-limit"
     assert error.data["precision"] == "quad"

@@ -96,7 +96,7 @@ def test_a_drive_at_its_limit_of_effort_is_not_refused_as_events_without_end() -
     """A fast target drives a pendulum from one limit to the other. The limit is left where the demand says so."""
     robot = tl.load_robot("friction_pendulum")
     drive = E.JointPD({"axle": E.Sine(1.0, 20.0)}, {"axle": 100.0}, {"axle": 4.0}, {}, {"axle": 10.0})
-    run = tl.simulate(tl.Scene(robot, effects=[E.Gravity(), drive]), 1.0, 1e-3, samples=2000)
+    run = tl.simulate(tl.Scene(robot, effects=[E.Gravity(), drive]), 1.0, accuracy=1e-3, samples_per_second=2000)
     demand = 100 * (np.sin(20 * run.t) - run.q[:, 0]) - 4 * run.v[:, 0]
     inside = np.abs(demand) < 10
     changes = np.flatnonzero(np.diff(inside.astype(int)))
@@ -111,6 +111,6 @@ def test_a_watch_on_a_velocity_beside_a_stiff_spring_is_noted_once_a_crossing(st
     w, robot = math.sqrt(stiffness), slider()
     watch = E.Watch("turn", when=E.JointReaches("x", 0.0, of="velocity"))
     scene = tl.Scene(robot, [1e-3], [-1e-3 * w], [E.JointSpring({"x": stiffness}), watch])
-    run = tl.simulate(scene, 20.0 / w, 1e-9)
+    run = tl.simulate(scene, 20.0 / w, accuracy=1e-9)
     expected = math.pi * np.arange(1, 7) / w - math.pi / 4 / w
     np.testing.assert_allclose([e.t for e in run.events], expected, rtol=0, atol=1e-5 / w)

@@ -98,7 +98,7 @@ def test_energy_of_an_arm_in_its_stops_with_friction_balances(restitution: float
     effects = [E.Gravity(), E.JointDamping(dict.fromkeys(names, 0.05)), E.DryFriction(dict.fromkeys(names, 0.1)),
                E.JointStops(dict.fromkeys(names, (-0.3, 0.25)), restitution=restitution)]  # fmt: skip
     scene = tl.Scene(chain(), [0.1, 0.2, -0.2], [2.0, -1.0, 3.0], effects)
-    run = tl.simulate(scene, 1.5, 1e-8)
+    run = tl.simulate(scene, 1.5, accuracy=1e-8)
     assert len(run.events) > 10
     book = tl.energy_book(scene, run)
     assert np.abs(book.residual).max() < 1e-6

@@ -60,12 +60,12 @@ def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callab
     """Neither the variational equations by a number nor the steps, where each scene is solved a few times only."""
     names = ["effects.1.stiffness.elbow", "forearm.mass"]
     with taylor_code.solved_rarely():
-        tl.sensitivities(arm(), names, 0.5)
+        tl.sensitivities(arm(), wrt=names, duration=0.5)
         assert compilations() > 0
         for values in ({names[1]: 2.5}, {names[0]: 8.0}):
-            found = tl.sensitivities(scene_with(arm(), values), names, 0.5)
+            found = tl.sensitivities(scene_with(arm(), values), wrt=names, duration=0.5)
             assert compilations() == 0
-    exact = tl.sensitivities(arm(stiffness=8.0), names, 0.5)
+    exact = tl.sensitivities(arm(stiffness=8.0), wrt=names, duration=0.5)
     for name in names:
         assert np.abs(found.q[name] - exact.q[name]).max() <= found.error[name][-1] + exact.error[name][-1]
 

@@ -134,7 +134,7 @@ def test_quadruple_precision_against_an_independent_integration() -> None:
 
 def test_quadruple_precision_of_the_chaotic_rods_at_ten_seconds() -> None:
     """The reference has 1/12 and 9.81 themselves, our model their doubles, and the motion multiplies that by 1e4."""
-    run = tl.simulate(rods(), 10.0, 1e-12, precision="quad", samples=1)
+    run = tl.simulate(rods(), 10.0, accuracy=1e-12, precision="quad", samples_per_second=1)
     q1, q2, v1, v2 = run.precise[-1].astype(float)
     truth = [-0.74440708850904112, -14.345719734713967, -4.0351713204933709, 4.8968140781735982]
     found = [q1 + np.pi / 2, q1 + q2 + np.pi / 2, v1, v1 + v2]
@@ -145,7 +145,7 @@ def test_quadruple_precision_of_the_chaotic_rods_at_ten_seconds() -> None:
 
 def test_verification_at_1e_13() -> None:
     """Close to the end of a double's digits the bar comes from more of them: the independent end is within it."""
-    run = tl.simulate(tl.load_scene("arm-swing"), 10.0, 1e-13, samples=5)
+    run = tl.simulate(tl.load_scene("arm-swing"), 10.0, accuracy=1e-13, samples_per_second=5)
     assert run.error is not None
     assert run.error[-1] <= 1e-13
     assert np.abs(run.q[-1] - ARM_END[:2]).max() <= run.error[-1]
@@ -160,7 +160,7 @@ def test_a_table_that_does_not_move_the_robot_changes_nothing(acting: bool) -> N
         effects.append(tl.effects.Torque({"shoulder": tl.effects.Sampled((0.0, 0.5), (2.0, 1.0))}))
     idle = tl.effects.FrameWrench("forearm", moment=(across, 0.0, 0.0))
     robot = tl.load_robot("two_link")
-    run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, 1e-10, method="taylor")
+    run, without = (tl.simulate(Scene(robot, [0.3, 0.2], effects=e), 0.4, accuracy=1e-10, method="taylor")
                     for e in ([*effects, idle], effects))  # fmt: skip
     np.testing.assert_allclose(run.q, without.q, rtol=0, atol=2e-10)
 

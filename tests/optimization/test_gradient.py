@@ -18,13 +18,15 @@ def bent(run: tl.Trajectory) -> float:
 
 @pytest.fixture(scope="module")
 def swing() -> tl.Gradient:
-    return tl.gradient(tl.load_scene("arm-swing"), bent, ["q", "v", *CONSTANTS], 2.0, 1e-9)
+    return tl.gradient(
+        tl.load_scene("arm-swing"), objective=bent, wrt=["q", "v", *CONSTANTS], duration=2.0, accuracy=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_constants_agree_with_worlds_that_have_others(swing: tl.Gradient, name: str) -> None:
     scene, step = tl.load_scene("arm-swing"), 0.01
-    value = tl.sensitivities(scene, [name], 0.01).values[name]
+    value = tl.sensitivities(scene, wrt=[name], duration=0.01).values[name]
     worlds = tl.simulate_many(scene, parameters={name: [value + k * step for k in EIGHT]}, duration=2.0,
                               accuracy=1e-12, verify=False)  # fmt: skip
     ends = worlds.q[:, 0] * worlds.v[:, 1] + np.sin(worlds.q[:, 1])
@@ -34,7 +36,7 @@ def test_constants_agree_with_worlds_that_have_others(swing: tl.Gradient, name: 
 
 
 def test_the_start_agrees_with_sensitivities(swing: tl.Gradient) -> None:
-    s = tl.sensitivities(tl.load_scene("arm-swing"), ["q", "v"], 2.0, 1e-9)
+    s = tl.sensitivities(tl.load_scene("arm-swing"), wrt=["q", "v"], duration=2.0, accuracy=1e-9)
     q, v = s.run.q[-1], s.run.v[-1]
     for name in ("q", "v"):
         truth = s.q[name][-1, 0] * v[1] + q[0] * s.v[name][-1, 1] + np.cos(q[1]) * s.q[name][-1, 1]
@@ -48,13 +50,13 @@ def test_the_start_agrees_with_sensitivities(swing: tl.Gradient) -> None:
 def test_it_goes_back_through_events(case: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [GRAVITY, EVENTS[case]])
     weights = np.array([0.6, -0.8, 0.3, 0.5])
-    found = tl.gradient(scene, lambda run: float(weights @ np.concatenate([run.q[-1], run.v[-1]])),
-                        ["q", "v.elbow", "gravity.z"], 1.3, 1e-7)  # fmt: skip
+    found = tl.gradient(scene, objective=lambda run: float(weights @ np.concatenate([run.q[-1], run.v[-1]])),
+                        wrt=["q", "v.elbow", "gravity.z"], duration=1.3, accuracy=1e-7)  # fmt: skip
     assert found.run.events
     for name, column, entry in (("q", 0, 0), ("q", 1, 1), ("v.elbow", 0, 3)):
         truth = differences(scene, lambda shift, k=entry: moved(scene, k, shift), 1e-4, 1.3, 20)[-1] @ weights
         assert abs(found.by[name][column] - truth) <= found.error[name][column] + 1e-8 * (1.0 + abs(truth))
-    forward = tl.sensitivities(scene, ["gravity.z"], 1.3, 1e-7)
+    forward = tl.sensitivities(scene, wrt=["gravity.z"], duration=1.3, accuracy=1e-7)
     truth = weights @ np.concatenate([forward.q["gravity.z"][-1], forward.v["gravity.z"][-1]])
     doubt = np.abs(weights).sum() * forward.error["gravity.z"][-1]
     assert abs(found.by["gravity.z"] - truth) <= found.error["gravity.z"] + doubt
@@ -62,8 +64,10 @@ def test_it_goes_back_through_events(case: str) -> None:
 
 def test_loops_are_followed() -> None:
     scene = tl.load_scene("crank-spring")
-    found = tl.gradient(scene, lambda run: float(run.q[-1].sum() + run.v[-1, 0]), ["v"], 1.0, 1e-8)
-    s = tl.sensitivities(scene, ["v"], 1.0, 1e-8, samples=20)
+    found = tl.gradient(
+        scene, objective=lambda run: float(run.q[-1].sum() + run.v[-1, 0]), wrt=["v"], duration=1.0, accuracy=1e-8
+    )
+    s = tl.sensitivities(scene, wrt=["v"], duration=1.0, accuracy=1e-8, samples_per_second=20)
     truth = s.q["v"][-1].sum(axis=0) + s.v["v"][-1, 0]
     assert np.abs(truth).max() > 0.1
     assert (np.abs(found.by["v"] - truth) <= found.error["v"] + (len(s.q["v"][-1]) + 1) * s.error["v"][-1]).all()
@@ -75,10 +79,12 @@ def test_all_samples_count_with_slopes_or_without() -> None:
     def spread(run: tl.Trajectory) -> float:
         return float((run.q**2).sum())
 
-    options = {"duration": 0.5, "accuracy": 1e-8, "samples": 40}
-    plain = tl.gradient(scene, spread, ["v", "forearm.mass"], **options)
-    given = tl.gradient(scene, spread, ["v", "forearm.mass"], **options, slopes=lambda run: (2 * run.q, 0 * run.v))
-    s = tl.sensitivities(scene, ["v", "forearm.mass"], 0.5, 1e-9, samples=40)
+    options = {"duration": 0.5, "accuracy": 1e-8, "samples_per_second": 40}
+    plain = tl.gradient(scene, objective=spread, wrt=["v", "forearm.mass"], **options)
+    given = tl.gradient(
+        scene, objective=spread, wrt=["v", "forearm.mass"], **options, slopes=lambda run: (2 * run.q, 0 * run.v)
+    )
+    s = tl.sensitivities(scene, wrt=["v", "forearm.mass"], duration=0.5, accuracy=1e-9, samples_per_second=40)
     for name in ("v", "forearm.mass"):
         truth = 2.0 * np.einsum("nk,nkp->p", s.run.q, s.q[name])
         for found in (plain, given):
@@ -88,7 +94,7 @@ def test_all_samples_count_with_slopes_or_without() -> None:
 def test_what_the_objective_itself_takes_from_constants_counts() -> None:
     """The energy at the end is that at the start: its derivative by a mass is known."""
     scene = tl.load_scene("arm-swing")
-    found = tl.gradient(scene, "energy", ["forearm.mass", "upper_arm.mass"], 0.5, 1e-8)
+    found = tl.gradient(scene, objective="energy", wrt=["forearm.mass", "upper_arm.mass"], duration=0.5, accuracy=1e-8)
     for name in found.by:
         ends = [tl.simulate(scene_with(scene, {name: v}), 0.01).energy[0] for v in (1.1, 0.9)]
         assert found.by[name][0] == pytest.approx((ends[0] - ends[1]) / 0.2, abs=1e-7)
@@ -98,16 +104,16 @@ def test_what_is_not_followed_is_named() -> None:
     landed = tl.effects.Watch("landed", when=tl.effects.FrameReaches("ball", 0.2), stop=True)
     ball = tl.Scene(tl.load_scene("bouncing-ball").base, [1.0], [0.5], [GRAVITY, landed])
     with pytest.raises(SceneError) as caught:
-        tl.gradient(ball, "time", ["v"], 2.0)
+        tl.gradient(ball, objective="time", wrt=["v"], duration=2.0)
     assert caught.value.code == "gradient-end"
     loaded = tl.load_scene("arm-swing")
     loaded = loaded.with_effects([*loaded.effects, tl.effects.Payload("forearm", 1.0, (0.0, 0.0, 0.3))])
     with pytest.raises(SceneError) as caught:
-        tl.gradient(loaded, "energy", ["effects.1.mass"], 0.1)
+        tl.gradient(loaded, objective="energy", wrt=["effects.1.mass"], duration=0.1)
     assert caught.value.code == "gradient-objective"
     sliders = tl.Scene(tl.load_robot("two_link"), effects=[GRAVITY, tl.effects.DryFriction({"elbow": 100.0})])
     with pytest.raises(AccuracyError) as undefined:
-        tl.gradient(sliders, bent, ["v"], 0.3)
+        tl.gradient(sliders, objective=bent, wrt=["v"], duration=0.3)
     assert undefined.value.code == "sensitivity-undefined"
     with pytest.raises(SceneError, match="finite number"):
-        tl.gradient(tl.load_scene("arm-swing"), lambda run: run.q, ["v"], 0.1)
+        tl.gradient(tl.load_scene("arm-swing"), objective=lambda run: run.q, wrt=["v"], duration=0.1)

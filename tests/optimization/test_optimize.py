@@ -32,7 +32,9 @@ def test_the_farthest_throw_with_a_limited_speed_is_the_textbook_one() -> None:
     """From a height h: range V sqrt(V^2 + 2 g h) / g, at tan of the elevation V / sqrt(V^2 + 2 g h)."""
     limit = {"speed": lambda run: SPEED**2 - float(run.v[0] @ run.v[0])}
     wrt = {"v.x": (0.5, 8.0), "v.z": (0.5, 8.0)}
-    found = tl.optimize(thrown(), wrt, "x:ball", maximize=True, constraints=limit, starts=2, accuracy=1e-9)
+    found = tl.optimize(
+        thrown(), wrt=wrt, objective="x:ball", maximize=True, constraints=limit, starts=2, accuracy=1e-9
+    )
     scene, run, history = found
     root = np.sqrt(SPEED**2 + 2 * G * HEIGHT)
     assert found.objective == pytest.approx(SPEED * root / G, abs=1e-8)
@@ -53,7 +55,9 @@ def test_the_least_effort_from_rest_to_rest_is_the_textbook_one() -> None:
     wrt = {f"effects.0.inputs.x.coefficients.{k}": (-100.0, 100.0) for k in (0, 1)}
     limits = {"there": lambda run: run.q[-1, 0] - 1.0, "slow": lambda run: -run.v[-1, 0],
               "forward": lambda run: run.v[-1, 0]}  # fmt: skip
-    found = tl.optimize(scene, wrt, "effort", constraints=limits, starts=1, accuracy=1e-9, curvature=False)
+    found = tl.optimize(
+        scene, wrt=wrt, objective="effort", constraints=limits, starts=1, accuracy=1e-9, curvature=False
+    )
     assert found.objective == pytest.approx(12 * mass**2, rel=1e-6)
     assert list(found.values.values()) == pytest.approx([6 * mass, -12 * mass], rel=1e-5)
     assert np.isnan(found.hessian).all()
@@ -67,7 +71,9 @@ def test_the_path_of_least_jerk_from_rest_to_rest_is_the_textbook_one() -> None:
     track = tl.effects.ComputedTorque(path, 100.0, 20.0, following={"wrist": level})
     scene = tl.Scene(tl.load_robot("feeding_arm"), [*a, -a.sum()], effects=[tl.effects.Gravity(), track])
     wrt = {f"effects.1.path.{joint}.points.{k}": (-3.0, 3.0) for joint in names for k in (3, 4)}
-    found = tl.optimize(scene, wrt, "jerk", starts=1, duration=duration, samples=50, curvature=False)
+    found = tl.optimize(
+        scene, wrt=wrt, objective="jerk", starts=1, duration=duration, samples_per_second=50, curvature=False
+    )
     change = np.append(b - a, -(b - a).sum())
     assert found.objective == pytest.approx(720 * (change**2).sum() / duration**5, rel=1e-5)
     share = np.array([2 / 7, 5 / 7])  # of the quintic in control points of degree 7
@@ -105,7 +111,7 @@ def test_derivatives_along_a_run_agree_with_differences_of_runs(case: str) -> No
     make, wrt, objective = CASES[case]
     scene, length = make(), 5.0 if "landing" in case or "ground" in case else 0.7
     variables = variables_of(scene, wrt)
-    evaluate = Evaluator(variables, {"objective": objective}, length, 1e-9, 100.0)
+    evaluate = Evaluator(variables, {"objective": objective}, np.linspace(0.0, length, round(100 * length) + 1), 1e-9)
     found = evaluate(variables.own)
     assert found.by == "sensitivities"
     assert found.simulations == 1
@@ -125,7 +131,7 @@ def test_what_sensitivities_do_not_follow_is_a_difference_of_runs_and_said() -> 
     table = tl.effects.Sampled((0.0, 0.5, 1.0), (0.5, 0.5, 0.5), interpolation="linear")
     scene = tl.Scene(tl.load_robot(PLANE), effects=[tl.effects.Torque({"x": table})], duration=1.0)
     wrt = {f"effects.0.inputs.x.values.{k}": (-4.0, 4.0) for k in (0, 1)}
-    found = tl.optimize(scene, wrt, lambda run: run.at(0.77)[0][0], maximize=True, starts=1)
+    found = tl.optimize(scene, wrt=wrt, objective=lambda run: run.at(0.77)[0][0], maximize=True, starts=1)
     assert list(found.values.values()) == [4.0, 4.0]
     assert found.on_bound == dict.fromkeys(wrt, "high")
     assert all(record["derivatives"].startswith("differences of runs: ") for record in found.history)
@@ -137,7 +143,9 @@ def test_a_function_of_what_a_variable_moves_unseen_is_found_out() -> None:
     scene = thrown()
     watch = tl.effects.Watch("high", when=tl.effects.FrameReaches("ball", HEIGHT + 0.1))
     scene = scene.with_effects([*scene.effects, watch])
-    found = tl.optimize(scene, {"v.z": (1.9, 6.0)}, lambda run: (run.events[0].t - 0.03) ** 2, starts=1, accuracy=1e-9)
+    found = tl.optimize(
+        scene, wrt={"v.z": (1.9, 6.0)}, objective=lambda run: (run.events[0].t - 0.03) ** 2, starts=1, accuracy=1e-9
+    )
     assert found.history.to_records()[-1]["derivatives"].startswith("differences of runs: ")
     vz = found.values["v.z"]
     assert (vz - np.sqrt(vz**2 - 2 * G * 0.1)) / G == pytest.approx(0.03, abs=1e-4)
@@ -149,7 +157,7 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     def objective(run: tl.Trajectory) -> float:
         return (run.q[-1, 0] - 1.0) ** 2 + 0.1 * float(run.v[0] @ run.v[0])
 
-    whole = tl.optimize(scene, wrt, objective, starts=1)
+    whole = tl.optimize(scene, wrt=wrt, objective=objective, starts=1)
     seen: list[int] = []
 
     def press(done: int, _most: int, _label: str) -> None:
@@ -157,22 +165,24 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
         if done == 3 and len(seen) < 6:
             raise KeyboardInterrupt
 
-    part = tl.optimize(scene, wrt, objective, starts=1, out=out, progress=press)
+    part = tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, progress=press)
     assert part.interrupted
     assert len(part.history) == 3
     assert part.objective == min(record["objective"] for record in part.history)
     assert "interrupted" in str(part)
     first = len(seen)
-    rest = tl.optimize(scene, wrt, objective, starts=1, out=out, progress=lambda done, *_: seen.append(done))
+    rest = tl.optimize(
+        scene, wrt=wrt, objective=objective, starts=1, out=out, progress=lambda done, *_: seen.append(done)
+    )
     assert seen[first] == 3  # the first three are not computed again
     assert rest.values == whole.values
     assert [r["objective"] for r in rest.history] == [r["objective"] for r in whole.history]
     with pytest.raises(SceneError, match="its maximize is False, not True") as caught:
-        tl.optimize(scene, wrt, objective, starts=1, out=out, maximize=True)
+        tl.optimize(scene, wrt=wrt, objective=objective, starts=1, out=out, maximize=True)
     assert caught.value.code == "another-search"
     out.write_text("{}")
     with pytest.raises(SceneError) as caught:
-        tl.optimize(scene, wrt, objective, out=out)
+        tl.optimize(scene, wrt=wrt, objective=objective, out=out)
     assert caught.value.code == "not-a-search"
     assert json.loads(json.dumps(rest.to_dict(), allow_nan=False))["simulations"] >= len(rest.history)
 
@@ -197,7 +207,7 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
 )
 def test_errors_name_parameter_value_and_expectation(wrt, objective, code: str, part: str) -> None:
     with pytest.raises(tl.errors.TwolinkError) as caught:
-        tl.optimize(tl.load_scene("arm-swing"), wrt, objective, duration=0.1)
+        tl.optimize(tl.load_scene("arm-swing"), wrt=wrt, objective=objective, duration=0.1)
     assert part in str(caught.value)
     assert not code or caught.value.code == code
 

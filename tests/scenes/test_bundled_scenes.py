@@ -24,7 +24,7 @@ ACCURACY = {"crankshaft": 1e-8, "crank-spring": 1e-9, "squeezer": 1e-9}
 def run_of(name: str) -> tuple[tl.Scene, tl.Trajectory]:
     scene = tl.load_scene(name)
     samples = 1e4 if name == "squeezer" else 200.0
-    return scene, tl.simulate(scene, accuracy=ACCURACY.get(name, 1e-9), samples=samples)
+    return scene, tl.simulate(scene, accuracy=ACCURACY.get(name, 1e-9), samples_per_second=samples)
 
 
 def residual(scene: tl.Scene, run: tl.Trajectory) -> float:
@@ -173,7 +173,7 @@ def test_bricard_moves_with_a_redundant_constraint() -> None:
 def test_human_arm_loses_the_energy_that_its_damping_dissipates() -> None:
     """E(0) - E(T) is the integral of sum d v^2, by Simpson's rule, which halving its step checks."""
     scene = tl.load_scene("arm-human")
-    run = tl.simulate(scene, accuracy=1e-10, samples=800.0)
+    run = tl.simulate(scene, accuracy=1e-10, samples_per_second=800.0)
     motion = Motion(scene.robot.model, equations_of(scene).mechanism, list(run.q.T), list(run.v.T), run.t, Numbers)
     loads = Loads(motion)
     scene.effects[1].act(motion, loads)

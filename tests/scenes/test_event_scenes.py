@@ -41,7 +41,7 @@ def test_the_ball_bounces_for_a_finite_time() -> None:
 def test_friction_takes_its_moment_times_the_way() -> None:
     """m g l (cos b - cos a) = c (a + b) in each half swing; it ends where |m g l sin| <= s, and not before."""
     scene = tl.load_scene("pendulum-friction")
-    run = tl.simulate(scene, accuracy=1e-9, samples=1000)
+    run = tl.simulate(scene, accuracy=1e-9, samples_per_second=1000)
     moment, c, s = 1.0 * G * 0.5, 0.4, 0.7
     (stuck,) = (event.t for event in run.events if event.kind == "stick")
     ends = [1.2]

@@ -233,12 +233,12 @@ def test_many_loops_are_compiled_in_parts_with_a_word_beforehand(
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     number, angle = 4, -1.1
     scene = row_of_four_bars(number, angle, 0.5)
-    run = tl.simulate(scene, 1.0, 1e-8)
+    run = tl.simulate(scene, 1.0, accuracy=1e-8)
     assert any(r.levelname == "WARNING" and "compiling the motion of row_of_four_bars, about" in r.message
                for r in caplog.records)  # fmt: skip
     assert run.cost.compiled
     assert "the rate alone takes about 0 s, once" in run.cost.why
-    exact = tl.simulate(pendulum_of_row(number, angle, 0.5), 1.0, 1e-11)
+    exact = tl.simulate(pendulum_of_row(number, angle, 0.5), 1.0, accuracy=1e-11)
     signs = np.array([1.0 if name.startswith("j") else -1.0 for name in scene.robot.joint_names])
     assert run.error is not None
     assert np.all(np.abs(run.q - exact.q * signs).max(axis=1) <= run.error + 1e-11)
@@ -249,11 +249,11 @@ def test_a_four_bar_of_ones_own_passes_its_singular_position_again_and_again(mon
     """20 s at 1e-6, exact by an elliptic function; and what cannot be reached is said with its cause."""
     monkeypatch.setattr(compile_time, "MAX_COMPILING", 0.0)  # in parts: a whole step compiles for longer than this
     scene = row_of_four_bars(1)
-    run = tl.simulate(scene, 20.0, 1e-6, samples=50)
+    run = tl.simulate(scene, 20.0, accuracy=1e-6, samples_per_second=50)
     assert run.error is not None
     assert run.error[-1] <= 1e-6
     assert np.all(four_bars(1)(scene.robot, Track(run.t, run.q, run.v)) <= run.error)
     with pytest.raises(AccuracyError) as caught:
-        tl.simulate(scene, 20.0, 1e-10, samples=50)
+        tl.simulate(scene, 20.0, accuracy=1e-10, samples_per_second=50)
     assert caught.value.code in ("loops-singular", "accuracy-limit")
     assert "esdirk43" not in caught.value.remedy

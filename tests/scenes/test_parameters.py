@@ -15,11 +15,11 @@ ARM = tl.load_scene("arm-human")
 TIMES = np.linspace(0.0, 1.0, 20)
 MEASURED = {"t": TIMES, "q": np.cos(TIMES)[:, None] * [1.0, 0.5]}
 TAKES_NAMES: dict[str, Callable[[str], object]] = {
-    "sensitivities": lambda name: tl.sensitivities(ARM, [name], 0.1),
-    "gradient": lambda name: tl.gradient(ARM, "energy", [name], 0.1),
+    "sensitivities": lambda name: tl.sensitivities(ARM, wrt=[name], duration=0.1),
+    "gradient": lambda name: tl.gradient(ARM, objective="energy", wrt=[name], duration=0.1),
     "simulate_many": lambda name: tl.simulate_many(ARM, parameters={name: 1.0}, duration=0.1),
-    "optimize": lambda name: tl.optimize(ARM, {name: (0.5, 1.0)}, "energy", duration=0.1),
-    "sweep": lambda name: tl.sweep(ARM, {name: [1.0]}, out="never.zarr"),
+    "optimize": lambda name: tl.optimize(ARM, wrt={name: (0.5, 1.0)}, objective="energy", duration=0.1),
+    "sweep": lambda name: tl.sweep(ARM, vary={name: [1.0]}, out="never.zarr"),
     "fit": lambda name: tl.fit(ARM, MEASURED, [name]),
     "scene_with": lambda name: scene_with(ARM, {name: 1.0}),
 }
@@ -50,7 +50,7 @@ def test_values_of_tables_can_be_changed_and_have_no_derivatives() -> None:
     assert named_parameters(scene_with(scene, {name: 3.0}), [name], "wrt")[0].nominal == 3.0
     worlds = tl.simulate_many(scene, parameters={name: [1.0, 3.0]}, duration=0.2)
     assert np.abs(worlds.q[0] - tl.simulate(scene, 0.2).q[-1]).max() < 2e-6 < np.ptp(worlds.q, axis=0).max()
-    for call in (lambda: tl.sensitivities(scene, [name], 0.1), lambda: tl.fit(scene, MEASURED, [name])):
+    for call in (lambda: tl.sensitivities(scene, wrt=[name], duration=0.1), lambda: tl.fit(scene, MEASURED, [name])):
         with pytest.raises(SceneError, match="value of a table") as caught:
             call()
         assert caught.value.code == "sensitivity-undefined"
@@ -81,7 +81,7 @@ def test_a_payload_that_is_released_is_kept_beside_other_constants() -> None:
 
 
 def test_derivatives_are_by_the_links_own_mass_where_a_payload_is_released() -> None:
-    s, step = tl.sensitivities(forearm_of(1.0), ["forearm.mass"], accuracy=1e-7), 1e-3
+    s, step = tl.sensitivities(forearm_of(1.0), wrt=["forearm.mass"], accuracy=1e-7), 1e-3
     weights = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
     ends = [weight * tl.simulate(forearm_of(1.0 + k * step), accuracy=1e-11).q[-1] for k, weight in weights.items()]
     assert np.abs(s.q["forearm.mass"][-1, :, 0] - sum(ends) / step).max() <= s.error["forearm.mass"][-1] + 1e-7
@@ -97,7 +97,7 @@ def test_moments_of_a_link_are_parameters(name: str) -> None:
     shifts = np.array([1, -1, 2, -2]) * step
     worlds = tl.simulate_many(ARM, parameters={name: value + shifts}, duration=0.5, accuracy=1e-11)
     truth = np.array([2 / 3, -2 / 3, -1 / 12, 1 / 12]) @ worlds.q / step
-    s = tl.sensitivities(ARM, [name], 0.5, 1e-8)
+    s = tl.sensitivities(ARM, wrt=[name], duration=0.5, accuracy=1e-8)
     assert np.abs(truth).max() > 0.01
     assert np.abs(s.q[name][-1, :, 0] - truth).max() <= s.error[name][-1] + 1e-6 * np.abs(truth).max()
 

@@ -115,7 +115,7 @@ def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -
 
         async def submit(client: str, number: int) -> None:
             HOLD.set(Hold(Shares(1), client))
-            body = b'{"scene": "arm-swing", "wait": 0, "samples": %d}' % (1000 * ord(client) + number)
+            body = b'{"scene": "arm-swing", "wait": 0, "samples_per_second": %d}' % (1000 * ord(client) + number)
             await jobs.submit("simulation", prepare(kind="simulation", body=body))
 
         for number in range(4):

@@ -41,14 +41,14 @@ def test_linearize_is_that_of_python(client: Client) -> None:
 
 def test_sensitivities_are_those_of_python(client: Client) -> None:
     scene, names = tl.load_scene("arm-swing"), ["q.elbow", "forearm.mass"]
-    answer = client.sensitivities(scene, names, duration=1.0, samples=20)
-    here = tl.sensitivities(scene, names, 1.0, samples=20)
+    answer = client.sensitivities(scene, 1.0, wrt=names, samples_per_second=20)
+    here = tl.sensitivities(scene, wrt=names, duration=1.0, samples_per_second=20)
     np.testing.assert_array_equal(answer["t"], here.run.t)
     for name in names:
         both = here.error[name][-1] + answer["sensitivities"][name]["error"][-1]
         assert np.abs(np.array(answer["sensitivities"][name]["q"]) - here.q[name]).max() <= both
     with pytest.raises(SceneError, match="forearm"):
-        client.sensitivities(scene, ["forarm.mass"])
+        client.sensitivities(scene, wrt=["forarm.mass"])
 
 
 def test_identification_finds_the_masses_of_a_csv(client: Client) -> None:

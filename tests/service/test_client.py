@@ -77,8 +77,8 @@ def test_errors_are_those_of_a_local_robot(client: Client) -> None:
 
 def test_a_simulation_is_that_of_a_local_one(client: Client) -> None:
     run, local = (
-        client.simulate("arm-swing", np.float64(1.0), np.float64(1e-8)),
-        tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8),
+        client.simulate("arm-swing", np.float64(1.0), accuracy=np.float64(1e-8)),
+        tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8),
     )
     np.testing.assert_allclose(run.q, local.q, atol=2e-8)
     scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)

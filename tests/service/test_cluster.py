@@ -53,8 +53,8 @@ def test_sweeps_are_sent_to_a_cluster_and_go_on_after_it_was_lost(tmp_path: Path
     with first, serving(tmp_path / "data", "--dask", address) as served, served.client() as http:
         scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], effects=[tl.effects.Gravity()], duration=0.5)
         vary = {"q.hinge": [0.1, 0.2, 0.3]}
-        there = tl.connect(served.url).sweep(scene, vary, tmp_path / "there.zarr")
-        here = tl.sweep(scene, vary, tmp_path / "here.zarr", executor=ThreadPoolExecutor(1))
+        there = tl.connect(served.url).sweep(scene, vary=vary, out=tmp_path / "there.zarr")
+        here = tl.sweep(scene, vary=vary, out=tmp_path / "here.zarr", executor=ThreadPoolExecutor(1))
         for name in ("q", "v", "error", "status"):
             assert np.array_equal(there[name], here[name]), name
         path = begun(http)

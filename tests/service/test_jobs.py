@@ -18,7 +18,7 @@ from tests.service.urdfs import pendulum
 
 SWING = {"scene": "arm-swing", "duration": 1.0, "accuracy": 1e-8, "wait": 30}
 # Slow, as it has very many steps of a fixed size.
-SLOW = {"scene": "arm-swing", "duration": 1000.0, "samples": 1, "method": "rk4", "step": 1e-4, "wait": 0}
+SLOW = {"scene": "arm-swing", "duration": 1000.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
 
 
 def events(http: httpx.Client, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -53,7 +53,7 @@ def swing(served: Any) -> dict[str, Any]:
 
 
 def test_a_short_simulation_is_answered_at_once(swing: dict[str, Any]) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8)
+    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8)
     assert swing["state"] == "done"
     assert swing["result"]["error"] <= 1e-8
     np.testing.assert_allclose(swing["result"]["q"], run.q[-1], atol=2e-8)
@@ -71,7 +71,7 @@ def test_the_same_request_is_answered_from_the_store(http: httpx.Client, swing: 
 
 def test_results_in_every_format(http: httpx.Client, swing: dict[str, Any], tmp_path: Path) -> None:
     path = f"/v1/simulations/{swing['id']}"
-    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, 1e-8)
+    run = tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-8)
     table = http.get(f"{path}/result").json()
     assert list(table["columns"]) == ["t", "q.shoulder", "q.elbow", "v.shoulder", "v.elbow", "energy", "error"]
     np.testing.assert_allclose(table["columns"]["q.elbow"], run.q[:, 1], atol=2e-8)
@@ -111,7 +111,7 @@ def test_uploaded_robots_in_scenes(http: httpx.Client) -> None:
 
 def test_explain_counts_operations_and_seconds(http: httpx.Client) -> None:
     explained = http.post("/v1/scenes/explain", json={"scene": "arm-swing", "accuracy": 1e-9}).json()
-    assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), 1e-9).operations
+    assert explained["operations"] == tl.explain(tl.load_scene("arm-swing"), accuracy=1e-9).operations
     assert explained["expected_seconds"] > 0
 
 
@@ -144,7 +144,7 @@ def test_deleting_a_job_ends_its_streams(served: Served, http: httpx.Client) -> 
 
 
 def test_the_progress_of_a_job_rises_to_its_end(http: httpx.Client) -> None:
-    asked = {"scene": "arm-swing", "duration": 40.0, "samples": 1, "method": "rk4", "step": 1e-4, "wait": 0}
+    asked = {"scene": "arm-swing", "duration": 40.0, "samples_per_second": 1, "method": "rk4", "step": 1e-4, "wait": 0}
     path = http.post("/v1/simulations", json=asked).headers["location"]
     seen = list(events(http, path))
     fractions = [job["progress"]["fraction"] for _, job in seen if job["progress"]]
@@ -180,7 +180,7 @@ def test_a_study_has_rows_tables_and_a_figure(http: httpx.Client) -> None:
         ({"scene": "arm-swing", "accuracy": -1}, 400, "accuracy"),
         ({"scene": "arm-swing", "accuracy": 1e-30, "precision": "double"}, 422, "t = "),
         ({"scene": "arm-swing", "duration": 1e9}, 422, "duration"),
-        ({"scene": "arm-swing", "samples": 1e9}, 422, "samples"),
+        ({"scene": "arm-swing", "samples_per_second": 1e9}, 422, "samples_per_second"),
         ({"scene": "arm-swing", "method": "magic"}, 422, "method"),
         ({"scene": "arm-swing", "wait": 1e9}, 400, "wait"),
     ],
@@ -207,7 +207,7 @@ def test_quotas_limit_results_queue_and_time(tmp_path: Path) -> None:
         assert all(http.get(f"{last}/motion?frames={count}").status_code == 200 for count in (2, 3, 4))
         kept = {path.name for path in (tmp_path / "data").rglob("*") if path.is_file()}
         assert {name for name in kept if not name.startswith("twolink.sqlite")} == {"result.npz", "robot.pickle"}
-        large = http.post("/v1/simulations", json={**SWING, "samples": 5000})
+        large = http.post("/v1/simulations", json={**SWING, "samples_per_second": 5000})
         assert large.status_code == 422
         assert "0.03 MB" in large.json()["detail"]
         slow = [http.post("/v1/simulations", json={**SLOW, "duration": 3000.0 + k}) for k in range(3)]

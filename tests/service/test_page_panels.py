@@ -31,7 +31,7 @@ def test_a_tube_shows_what_one_per_cent_of_a_mass_does(page: Page) -> None:
     page.wait_for("document.querySelector('#sense-result table')")
     names = page.evaluate("[...document.getElementById('sense-name').options].map(x => x.value)")
     scene = tl.load_scene("arm-swing")
-    found = tl.sensitivities(scene, names, 0.5)
+    found = tl.sensitivities(scene, wrt=names, duration=0.5)
     shown = page.evaluate("[...document.querySelectorAll('#sense-result tbody tr')].map(x => x.children[3].innerText)")
     for name, text in zip(names, shown, strict=True):
         assert float(text.replace("−", "-")) == pytest.approx(np.abs(found.q[name]).max(), rel=2e-3)

@@ -75,7 +75,7 @@ def test_the_next_process_knows_of_what_the_last_one_died(tmp_path: Path, monkey
     while True:
         try:
             with SweepThreads(tmp_path, died=deaths > 0) as threads:
-                tl.sweep(scene, {"q.elbow": ELBOWS}, out, duration=0.01, executor=threads)
+                tl.sweep(scene, vary={"q.elbow": ELBOWS}, out=out, duration=0.01, executor=threads)
             break
         except Death:
             deaths += 1

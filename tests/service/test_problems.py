@@ -53,7 +53,7 @@ def test_an_accuracy_out_of_reach_has_the_trusted_time(served: Served, http: htt
     assert 0 <= problem["data"]["trusted_until"] < 1.0
     client = tl.connect(served.url)
     with contextlib.closing(client), pytest.raises(AccuracyError) as caught:
-        client.simulate("arm-swing", 1.0, 1e-15, precision="double")
+        client.simulate("arm-swing", 1.0, accuracy=1e-15, precision="double")
     assert (caught.value.code, caught.value.data["tried"]) == ("accuracy-limit", problem["data"]["tried"])
     # Optimized code, which follows a scene's first code, rounds differently.
     assert caught.value.data["trusted_until"] == pytest.approx(problem["data"]["trusted_until"], rel=0.3)

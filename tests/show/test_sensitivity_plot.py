@@ -12,7 +12,7 @@ from twolink.show.motion_plots import tube
 
 @pytest.fixture(scope="module")
 def found() -> tl.Sensitivities:
-    return tl.sensitivities(tl.load_scene("arm-swing"), ["forearm.mass", "q"], 1.0)
+    return tl.sensitivities(tl.load_scene("arm-swing"), wrt=["forearm.mass", "q"], duration=1.0)
 
 
 def test_the_tube_is_where_other_parameters_bring_the_motion(found: tl.Sensitivities) -> None:

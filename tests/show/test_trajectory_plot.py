@@ -46,7 +46,7 @@ def test_the_samples_are_drawn_in_a_colour_a_joint() -> None:
 
 
 def test_few_samples_are_drawn_as_the_solution_between_them() -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), 3, samples=2)
+    run = tl.simulate(tl.load_scene("arm-swing"), 3, samples_per_second=2)
     figure = run.plot()
     line, energy = curves(figure.axes[0])["elbow"], figure.axes[-2].lines[0]
     assert len(run.t) == 7

@@ -24,7 +24,7 @@ G = 9.81
 
 @pytest.fixture(scope="module")
 def run() -> Trajectory:
-    return tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-3, samples=50)
+    return tl.simulate(tl.load_scene("arm-swing"), 1.0, accuracy=1e-3, samples_per_second=50)
 
 
 def test_a_ball_fills_the_circle_that_perspective_gives() -> None:
@@ -50,10 +50,10 @@ def test_a_ball_fills_the_circle_that_perspective_gives() -> None:
 def test_a_film_has_the_pictures_of_its_length(run: Trajectory, tmp_path: Path, kind: str) -> None:
     import imageio_ffmpeg
 
-    done: list[tuple[int, int]] = []
+    done: list[tuple[int, int, str]] = []
     path = run.video(tmp_path / f"a{kind}", size=SIZE, rate=10, curves=["q.elbow", "energy"], speed=2.0,
                      progress=lambda *numbers: done.append(numbers))  # fmt: skip
-    assert done == [(k + 1, 6) for k in range(6)]
+    assert done == [(k + 1, 6, f"picture {k + 1} of 6") for k in range(6)]
     wide = SIZE[0] + 90
     if kind == ".gif":
         with Image.open(path) as film:

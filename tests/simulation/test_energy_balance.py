@@ -57,7 +57,7 @@ def test_damping_alone_takes_what_is_lost() -> None:
     from scipy.integrate import simpson
 
     scene = arm(fx.JointDamping({"elbow": 0.3}))
-    run = tl.simulate(scene, accuracy=1e-10, samples=4000)
+    run = tl.simulate(scene, accuracy=1e-10, samples_per_second=4000)
     work = tl.energy_book(scene, run).work["joint-damping"]
     assert work[-1] == pytest.approx(-simpson(0.3 * run.v[:, 1] ** 2, x=run.t), rel=1e-8)
     assert run.energy[-1] - run.energy[0] == pytest.approx(work[-1], abs=1e-8)
@@ -66,7 +66,7 @@ def test_damping_alone_takes_what_is_lost() -> None:
 def test_dry_friction_takes_the_path_times_its_level() -> None:
     scene = arm(fx.DryFriction({"elbow": 1.5}))
     book = tl.energy_book(scene)
-    fine = tl.simulate(scene, accuracy=1e-9, samples=20_000)
+    fine = tl.simulate(scene, accuracy=1e-9, samples_per_second=20_000)
     assert book.work["dry-friction"][-1] == pytest.approx(-1.5 * np.abs(np.diff(fine.q[:, 1])).sum(), rel=1e-6)
 
 
@@ -74,7 +74,7 @@ def test_dry_friction_takes_the_path_times_its_level() -> None:
 def test_loop_forces_explain_the_motion(name: str) -> None:
     """M a + h = J^T lambda, with a by differences of the samples' velocities and J by Pinocchio."""
     scene = hanging_four_bars(2, right_length=0.6) if name == "on a bar that turns" else tl.load_scene(name)
-    run = tl.simulate(scene, 0.2, 1e-9, samples=5000)
+    run = tl.simulate(scene, 0.2, accuracy=1e-9, samples_per_second=5000)
     forces = tl.loop_forces(scene, run)
     loops = [e for e in scene.effects if isinstance(e, fx.PointLoop | fx.HingeLoop)]
     model, data = scene.robot.model, scene.robot.model.createData()

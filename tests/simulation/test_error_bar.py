@@ -47,7 +47,7 @@ def test_no_motion_has_the_same_phase_at_all_looks(period: float) -> None:
 def test_bars_hold_between_the_looks(method: str) -> None:
     """A swing of 20 s at 16,001 samples, of which 402 are looked at."""
     scene = tl.load_scene("arm-swing")
-    run = tl.simulate(scene, 20.0, 1e-7, method=method, samples=800)
+    run = tl.simulate(scene, 20.0, accuracy=1e-7, method=method, samples_per_second=800)
     reference, doubt = extended_reference(scene, run.t)
     true = truths.distance(scene.robot, run.q.astype(np.longdouble), reference)
     assert run.error is not None

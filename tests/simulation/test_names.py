@@ -50,8 +50,8 @@ def test_runs_and_their_derivatives(names: dict[str, str]) -> None:
     plain, scene = scene_of(PLAIN), scene_of(names)
     assert np.array_equal(tl.simulate(scene).q, tl.simulate(plain).q)
     wrt = [name for name in NUMBERS if ".origin." not in name]
-    expected = tl.sensitivities(plain, wrt)
-    found = tl.sensitivities(scene, [renamed(name, names) for name in wrt])
+    expected = tl.sensitivities(plain, wrt=wrt)
+    found = tl.sensitivities(scene, wrt=[renamed(name, names) for name in wrt])
     for name in wrt:
         assert np.array_equal(found.q[renamed(name, names)], expected.q[name]), name
 
@@ -77,9 +77,9 @@ def speed(run: tl.Trajectory) -> float:
 def test_searches() -> None:
     names = HARD[1]
     wrt = {"v.elbow": (-3.0, 3.0), "effects.2.inputs.shoulder.values.2": (-1.0, 1.0), "forearm.mass": (1.0, 2.0)}
-    best = tl.optimize(scene_of(PLAIN), wrt, speed, starts=1, evaluations=2, curvature=False)
+    best = tl.optimize(scene_of(PLAIN), wrt=wrt, objective=speed, starts=1, evaluations=2, curvature=False)
     other = {renamed(name, names): bounds for name, bounds in wrt.items()}
-    found = tl.optimize(scene_of(names), other, speed, starts=1, evaluations=2, curvature=False)
+    found = tl.optimize(scene_of(names), wrt=other, objective=speed, starts=1, evaluations=2, curvature=False)
     assert found.objective == best.objective
     run = tl.simulate(scene_of(PLAIN))
     wanted = ["effects.1.damping.elbow", "forearm.mass", "q.shoulder"]

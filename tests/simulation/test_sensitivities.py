@@ -30,10 +30,12 @@ def differences(base: tl.Scene, make, step: float, duration: float, samples: flo
     robot = base.robot
 
     def state(shift: float) -> np.ndarray:
-        run = tl.simulate(make(shift), duration, 1e-12, method=method, samples=samples, verify=False)
+        run = tl.simulate(
+            make(shift), duration, accuracy=1e-12, method=method, samples_per_second=samples, verify=False
+        )
         return np.concatenate([robot.difference(start, run.q), run.v], axis=1)
 
-    start = tl.simulate(base, duration, 1e-12, method=method, samples=samples, verify=False).q
+    start = tl.simulate(base, duration, accuracy=1e-12, method=method, samples_per_second=samples, verify=False).q
     return sum(weight * (state(k * step) - state(-k * step)) for k, weight in weights) / step
 
 
@@ -56,7 +58,7 @@ def test_an_oscillator_has_the_closed_form() -> None:
     """q = q0 cos wt + v0 / w sin wt with w^2 = k / m: its derivatives by q0, v0 and m are known."""
     q0, v0, mass, k = 0.3, -0.4, 2.0, 18.0
     scene = tl.Scene(tl.load_robot(CART), [q0], [v0], [tl.effects.JointSpring({"slide": k})])
-    s = tl.sensitivities(scene, ["q", "v.slide", "cart.mass"], 5.0, 1e-10)
+    s = tl.sensitivities(scene, wrt=["q", "v.slide", "cart.mass"], duration=5.0, accuracy=1e-10)
     t, w = s.run.t, np.sqrt(k / mass)
     cos, sin = np.cos(w * t), np.sin(w * t)
     by_w = np.array([-q0 * t * sin + v0 * (t * cos / w - sin / w**2),
@@ -76,7 +78,7 @@ def test_bars_hold_where_a_motion_is_smaller_than_the_roundings_that_it_amplifie
     robot = tl.load_robot(CART.replace("prismatic", "revolute").replace("1 0 0", "0 1 0").replace(
         '<mass value="2"/>', '<mass value="2"/><origin xyz="0 0 1"/>'))  # fmt: skip
     scene = tl.Scene(robot, [q0], effects=[tl.effects.Gravity()])
-    s = tl.sensitivities(scene, ["gravity.z"], 6.0, 1e-7)
+    s = tl.sensitivities(scene, wrt=["gravity.z"], duration=6.0, accuracy=1e-7)
     t, w = s.run.t, np.sqrt(mass * g / inertia)
     by_w = q0 * np.array([t * np.sinh(w * t), np.sinh(w * t) + w * t * np.cosh(w * t)])
     require_within_bars(s, "gravity.z", -(by_w * w / (2 * g)).T, 1e-13)
@@ -85,7 +87,7 @@ def test_bars_hold_where_a_motion_is_smaller_than_the_roundings_that_it_amplifie
 def test_a_motion_at_rest_has_sensitivities_that_grow() -> None:
     """The upright pendulum stands still, so that its own steps are long, while d q/d q0 = cosh(w t)."""
     scene = tl.Scene(tl.load_robot("two_link"), [np.pi / 2, 0.0], effects=[tl.effects.Gravity()])
-    s = tl.sensitivities(scene, "q", 2.0, 1e-8, samples=20)
+    s = tl.sensitivities(scene, wrt="q", duration=2.0, accuracy=1e-8, samples_per_second=20)
     a = scene.robot.forward_dynamics_derivatives(scene.q, scene.v, np.zeros(2))[0]
     squares, vectors = np.linalg.eig(a)
     assert (squares > 0).all()
@@ -98,11 +100,13 @@ def test_a_motion_at_rest_has_sensitivities_that_grow() -> None:
 
 def test_the_arm_agrees_with_quadruple_precision_to_nine_digits() -> None:
     scene, step = tl.load_scene("arm-swing"), 1e-6
-    s = tl.sensitivities(scene, ["q", "v"], 3.0, 1e-9, samples=10)
+    s = tl.sensitivities(scene, wrt=["q", "v"], duration=3.0, accuracy=1e-9, samples_per_second=10)
     for column in range(4):
         name, k = ("q", "v")[column // 2], column % 2
         ahead, behind = (
-            tl.simulate(moved(scene, column, shift), 3.0, 1e-20, samples=10, verify=False, precision="quad").precise
+            tl.simulate(
+                moved(scene, column, shift), 3.0, accuracy=1e-20, samples_per_second=10, verify=False, precision="quad"
+            ).precise
             for shift in (step, -step)
         )
         truth = (ahead - behind).astype(float) / (2 * step)
@@ -118,7 +122,7 @@ def test_free_bodies_are_differentiated_in_the_tangent_space() -> None:
     v = [0.3, -0.2, 1.0, 1.0, -2.0, 0.5, 1.5]
     q = robot.random_state(1, seed=4)[0][0]
     scene = tl.Scene(robot, q, v, [tl.effects.Gravity(), tl.effects.JointDamping({"hinge": 0.1})])
-    s = tl.sensitivities(scene, ["q", "v"], 1.0, 1e-8, samples=20)
+    s = tl.sensitivities(scene, wrt=["q", "v"], duration=1.0, accuracy=1e-8, samples_per_second=20)
     assert s.q["q"].shape == (21, 7, 7)
     for column in (1, 4, 6, 9, 13):
         truth = differences(scene, lambda shift, c=column: moved(scene, c, shift), 0.02, 1.0, 20)
@@ -131,7 +135,7 @@ CONSTANTS = ["forearm.mass", "forearm.com.x", "upper_arm.inertia.yy", "gravity.z
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_physical_constants_agree_with_worlds_that_have_others(name: str) -> None:
     scene = tl.load_scene("arm-swing")
-    s = tl.sensitivities(scene, [name], 2.0, 1e-8, samples=10)
+    s = tl.sensitivities(scene, wrt=[name], duration=2.0, accuracy=1e-8, samples_per_second=10)
     shifts, weights = zip(*[(k * sign, weight * sign) for k, weight in EIGHT for sign in (1, -1)], strict=True)
     step = 0.01
     values = nominal(scene.robot.model, name) + step * np.array(shifts)
@@ -158,7 +162,10 @@ def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> Non
     effect, path = EFFECTS[case]
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [tl.effects.Gravity(), effect])
     name = f"effects.1.{path}"
-    s, value = tl.sensitivities(scene, [name], 0.5, 1e-8, samples=20), effect_numbers(scene)[name]
+    s, value = (
+        tl.sensitivities(scene, wrt=[name], duration=0.5, accuracy=1e-8, samples_per_second=20),
+        effect_numbers(scene)[name],
+    )
 
     def changed(shift: float) -> tl.Scene:
         return scene.with_effects([tl.effects.Gravity(), with_number(effect, path.split("."), value + shift)])
@@ -170,7 +177,7 @@ def test_numbers_of_effects_agree_with_scenes_that_have_others(case: str) -> Non
 
 def test_loops_are_differentiated_along_what_they_allow() -> None:
     scene = tl.load_scene("crank-spring")
-    s = tl.sensitivities(scene, ["q", "v"], 1.0, 1e-8, samples=20)
+    s = tl.sensitivities(scene, wrt=["q", "v"], duration=1.0, accuracy=1e-8, samples_per_second=20)
     for column in (0, 1, 3):
         truth = differences(scene, lambda shift, c=column: moved(scene, c, shift), 1e-3, 1.0, 20)
         require_within_bars(s, ("q", "v")[column // 3], truth, 1e-7, column % 3)
@@ -191,7 +198,7 @@ EVENTS = {
 @pytest.mark.parametrize("case", EVENTS)
 def test_they_go_on_through_events(case: str) -> None:
     scene = tl.Scene(tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0], [GRAVITY, EVENTS[case]])
-    s = tl.sensitivities(scene, ["q", "v.elbow"], 1.3, 1e-7, samples=20)
+    s = tl.sensitivities(scene, wrt=["q", "v.elbow"], duration=1.3, accuracy=1e-7, samples_per_second=20)
     assert s.run.events
     for name, column, entry in (("q", 0, 0), ("q", 1, 1), ("v.elbow", 0, 3)):
         truth = differences(scene, lambda shift, k=entry: moved(scene, k, shift), 1e-4, 1.3, 20)
@@ -202,7 +209,7 @@ def test_constants_change_events_too() -> None:
     """Gravity changes when a joint sticks and slips, and a mass what an impact does to the other joint."""
     start = (tl.load_robot("two_link"), [0.2, 0.4], [0.3, -1.0])
     scene = tl.Scene(*start, [GRAVITY, EVENTS["stops"]])
-    s = tl.sensitivities(scene, ["upper_arm.mass"], 0.6, 1e-7, samples=20)
+    s = tl.sensitivities(scene, wrt=["upper_arm.mass"], duration=0.6, accuracy=1e-7, samples_per_second=20)
     mass = nominal(scene.base.model, "upper_arm.mass")
 
     def heavier(shift: float) -> tl.Scene:
@@ -211,7 +218,7 @@ def test_constants_change_events_too() -> None:
 
     require_within_bars(s, "upper_arm.mass", differences(scene, heavier, 1e-4, 0.6, 20, TWO), 1e-6)
     scene = tl.Scene(*start, [GRAVITY, EVENTS["stick and slip"]])
-    s = tl.sensitivities(scene, ["gravity.z"], 0.6, 1e-7, samples=20)
+    s = tl.sensitivities(scene, wrt=["gravity.z"], duration=0.6, accuracy=1e-7, samples_per_second=20)
 
     def falling(shift: float) -> tl.Scene:
         return scene.with_effects([tl.effects.Gravity((0.0, 0.0, -9.81 + shift)), EVENTS["stick and slip"]])
@@ -222,7 +229,7 @@ def test_constants_change_events_too() -> None:
 def test_a_bouncing_ball_has_the_closed_form() -> None:
     """After n impacts from height h: v = e^n sqrt(2 g h) - g (t - t_n), which gives dv/dh with dt_n/dh."""
     scene, e, g, h = tl.load_scene("bouncing-ball"), 0.6, 9.81, 1.0
-    s = tl.sensitivities(scene, "q", 1.2, 1e-9)
+    s = tl.sensitivities(scene, wrt="q", duration=1.2, accuracy=1e-9)
     fall = np.sqrt(2 * h / g)
     impacts = np.cumsum([fall, 2 * e * fall, 2 * e**2 * fall])
     count = np.searchsorted(impacts, s.run.t, side="right")
@@ -241,7 +248,9 @@ def test_differences_through_impacts_are_within_the_bar() -> None:
     h, v, g, e, duration = 0.8125, -0.4375, 9.75, 0.6875, 1.684
     effects = [tl.effects.Gravity((0.0, 0.0, -g)), tl.effects.PlaneContact("ball", restitution=e)]
     scene = tl.Scene(tl.load_scene("bouncing-ball").base, [h], [v], effects)
-    found = tl.sensitivities(scene, ["gravity.z"], duration, 1.29e-9, samples=40 / duration)
+    found = tl.sensitivities(
+        scene, wrt=["gravity.z"], duration=duration, accuracy=1.29e-9, samples_per_second=40 / duration
+    )
     w, t = np.sqrt(v * v + 2 * g * h), found.run.t
     dw = h / w
     for n in range(5):
@@ -262,13 +271,13 @@ def test_events_without_derivatives_are_named() -> None:
     """Two joints that hit their stops in one instant; a joint that is held at the start."""
     sliders = tl.load_scene(Path(tl.__file__).parent / "hard" / "scenes" / "two-stops.toml")
     with pytest.raises(AccuracyError) as caught:
-        tl.sensitivities(sliders, "q", 2.0)
+        tl.sensitivities(sliders, wrt="q", duration=2.0)
     assert caught.value.code == "sensitivity-undefined"
     arm = tl.Scene(tl.load_robot("two_link"), effects=[GRAVITY, tl.effects.DryFriction({"elbow": 100.0})])
     with pytest.raises(AccuracyError, match="elbow") as caught:
-        tl.sensitivities(arm, "v", 0.5)
+        tl.sensitivities(arm, wrt="v", duration=0.5)
     assert caught.value.code == "sensitivity-undefined"
-    assert tl.sensitivities(arm, ["q", "v.shoulder"], 0.5).q["q"].shape[1:] == (2, 2)
+    assert tl.sensitivities(arm, wrt=["q", "v.shoulder"], duration=0.5).q["q"].shape[1:] == (2, 2)
 
 
 def test_they_reach_an_event_that_ends_the_run() -> None:
@@ -276,14 +285,17 @@ def test_they_reach_an_event_that_ends_the_run() -> None:
     ball = tl.load_scene("bouncing-ball").base
     landed = tl.effects.Watch("landed", when=tl.effects.FrameReaches("ball", 0.2), stop=True)
     for speed in np.linspace(0.1, 1.4, 14):
-        s = tl.sensitivities(tl.Scene(ball, [1.0], [speed], [GRAVITY, landed]), "v", 2.0, 1e-9)
+        s = tl.sensitivities(tl.Scene(ball, [1.0], [speed], [GRAVITY, landed]), wrt="v", duration=2.0, accuracy=1e-9)
         assert s.run.events[-1].t == s.run.t[-1]
         assert s.q["v"][-1, 0, 0] == pytest.approx(s.run.t[-1], abs=1e-9)
 
 
 def test_the_bar_is_not_far_above_the_error() -> None:
     scene = tl.load_scene("arm-swing")
-    rough, exact = (tl.sensitivities(scene, "q", 5.0, accuracy, samples=20) for accuracy in (1e-5, 1e-10))
+    rough, exact = (
+        tl.sensitivities(scene, wrt="q", duration=5.0, accuracy=accuracy, samples_per_second=20)
+        for accuracy in (1e-5, 1e-10)
+    )
     error = np.abs(np.concatenate([rough.q["q"] - exact.q["q"], rough.v["q"] - exact.v["q"]], axis=1)).max(axis=(1, 2))
     assert (error <= rough.error["q"] + exact.error["q"]).all()
     assert rough.error["q"][-1] <= 1e3 * error.max()
@@ -292,7 +304,7 @@ def test_the_bar_is_not_far_above_the_error() -> None:
 def test_names_that_mean_nothing_are_named() -> None:
     scene = tl.load_scene("arm-swing")
     with pytest.raises(SceneError, match=r"forearm\.mass") as caught:
-        tl.sensitivities(scene, ["forearm.mas"], 1.0)
+        tl.sensitivities(scene, wrt=["forearm.mas"], duration=1.0)
     assert caught.value.code == "unknown-parameter"
     with pytest.raises(SceneError, match="names nothing"):
-        tl.sensitivities(scene, [], 1.0)
+        tl.sensitivities(scene, wrt=[], duration=1.0)

@@ -80,7 +80,7 @@ SLOW = ("rolls", "capsule on plane", "sphere on box")
 def test_what_decides_events(case: str) -> None:
     scene, duration, names = CASES[case]
     names = [f"effects.{name}" for name in names]
-    s = tl.sensitivities(scene, names, duration, 1e-6, samples=20)
+    s = tl.sensitivities(scene, wrt=names, duration=duration, accuracy=1e-6, samples_per_second=20)
     assert s.run.events
     for name in names:
         truth = differences(scene, lambda shift, n=name: changed(scene, n, shift), 2e-5, duration, 20, TWO, "rk45")
@@ -92,7 +92,9 @@ def test_limits_of_effort_are_reached_and_left() -> None:
     """Torques have corners there, no jumps; where a piece ends, rounding does not decide on which side it is."""
     drive = fx.JointPD({"elbow": fx.Sine(1.0, 4.0)}, {"elbow": 30.0}, {"elbow": 2.0}, effort={"elbow": 1.5})
     scene, duration = arm(drive), 0.6
-    s = tl.sensitivities(scene, ["effects.1.effort.elbow", "v.elbow"], duration, 1e-7, samples=10)
+    s = tl.sensitivities(
+        scene, wrt=["effects.1.effort.elbow", "v.elbow"], duration=duration, accuracy=1e-7, samples_per_second=10
+    )
     assert {event.detail for event in s.run.events} == {"reached", "left"}
     for name in s.q:
 
@@ -111,7 +113,7 @@ def test_what_effects_change_of_the_robot() -> None:
                fx.JointPD({"elbow": 1.5}, {"elbow": 9.0}, effort={"elbow": 4.0})]  # fmt: skip
     scene = arm(*effects)
     names = [f"effects.{name}" for name in ("0.field.2", "1.mass", "1.com.2", "2.ratio.elbow", "3.effort.elbow")]
-    s = tl.sensitivities(scene, names, 0.4, 1e-7, samples=10)
+    s = tl.sensitivities(scene, wrt=names, duration=0.4, accuracy=1e-7, samples_per_second=10)
     for name in names:
         truth = differences(scene, lambda shift, n=name: changed(scene, n, shift), 1e-3, 0.4, 10, TWO, "scipy-dop853")
         assert np.abs(truth).max() > 1e-3
@@ -123,7 +125,7 @@ def test_a_joint_that_friction_holds_keeps_its_derivatives_when_another_is_hit()
     effects = [fx.DryFriction({"elbow": 3.0}, {"elbow": 500.0}), fx.Torque({"shoulder": 2.0}),
                fx.JointStops({"shoulder": (-9.0, 0.3)}, 0.5)]  # fmt: skip
     scene = tl.Scene(ARM, [0.2, 0.4], [0.0, 1.0], effects)
-    s = tl.sensitivities(scene, ["v.elbow"], 0.39, 1e-7, samples=10)
+    s = tl.sensitivities(scene, wrt=["v.elbow"], duration=0.39, accuracy=1e-7, samples_per_second=10)
     assert [event.kind for event in s.run.events][:2] == ["stick", "impact"]
     truth = differences(scene, lambda shift: moved(scene, 3, shift), 1e-4, 0.39, 10, TWO)
     assert abs(truth[-1, 1]) > 0.1
@@ -134,9 +136,12 @@ def test_a_start_at_rest_with_friction_has_no_derivative_by_its_velocity() -> No
     """Pushed up, the arm is braked by gravity and friction before it falls; pushed down, friction keeps its side."""
     scene = tl.Scene(ARM, [0.2, 0.4], [0.0, -1.0], [GRAVITY, fx.DryFriction({"shoulder": 0.5})])
     with pytest.raises(AccuracyError, match=r"by a start that would move shoulder, .*at rest with friction") as caught:
-        tl.sensitivities(scene, ["v.shoulder"], 0.3, 1e-6)
+        tl.sensitivities(scene, wrt=["v.shoulder"], duration=0.3, accuracy=1e-6)
     assert caught.value.code == "sensitivity-undefined"
-    assert tl.sensitivities(scene, ["q.shoulder", "v.elbow"], 0.3, 1e-6).error["q.shoulder"].max() < 1e-5
+    assert (
+        tl.sensitivities(scene, wrt=["q.shoulder", "v.elbow"], duration=0.3, accuracy=1e-6).error["q.shoulder"].max()
+        < 1e-5
+    )
 
 
 def test_what_has_no_derivative_is_named() -> None:
@@ -145,8 +150,8 @@ def test_what_has_no_derivative_is_named() -> None:
     rests = tl.Scene(ARM, [-1.57, -0.3], effects=[fx.JointStops({"elbow": (-0.3, 0.8)}), fx.Torque({"elbow": -9.0})])
     for scene, name in ((both, "effects.1.at"), (rests, "effects.0.limits.elbow.0")):
         with pytest.raises(AccuracyError) as caught:
-            tl.sensitivities(scene, [name], 0.2)
+            tl.sensitivities(scene, wrt=[name], duration=0.2)
         assert caught.value.code == "sensitivity-undefined"
     with pytest.raises(SceneError) as refused:
-        tl.sensitivities(tl.load_scene("crank-spring"), ["effects.0.point_a.0"], 0.1)
+        tl.sensitivities(tl.load_scene("crank-spring"), wrt=["effects.0.point_a.0"], duration=0.1)
     assert refused.value.code == "sensitivities-lengths"

@@ -96,7 +96,7 @@ def test_energy_is_kept_and_counts_potential_only_where_there_is_gravity() -> No
     ("duration", "samples", "n"), [(1.0, 200, 201), (0.0125, 200, 4), (0.3, 10, 4), (1e-12, 200, 2)]
 )
 def test_samples(duration: float, samples: float, n: int) -> None:
-    run = tl.simulate(tl.load_scene("arm-swing"), duration, samples=samples)
+    run = tl.simulate(tl.load_scene("arm-swing"), duration, samples_per_second=samples)
     assert len(run.t) == len(run.q) == len(run.v) == len(run.energy) == n
     assert run.t[0] == 0
     assert run.t[-1] == duration
@@ -107,8 +107,8 @@ def test_samples(duration: float, samples: float, n: int) -> None:
 def test_numbers_of_numpy_are_numbers(setting: dict) -> None:
     scene = tl.load_scene("arm-swing")
     single = {name: x if isinstance(x, str) else np.float32(x) for name, x in setting.items()}
-    run = tl.simulate(scene, np.int64(1), np.float32(0.5), samples=np.int64(8), **single)
-    assert np.array_equal(run.q, tl.simulate(scene, 1.0, 0.5, samples=8, **setting).q)
+    run = tl.simulate(scene, np.int64(1), accuracy=np.float32(0.5), samples_per_second=np.int64(8), **single)
+    assert np.array_equal(run.q, tl.simulate(scene, 1.0, accuracy=0.5, samples_per_second=8, **setting).q)
 
 
 def test_not_verified_is_none_and_cheaper() -> None:
@@ -134,18 +134,18 @@ def test_what_cannot_be_kept_is_refused_with_the_time_it_is_kept_to() -> None:
     """Equal rods are chaotic from there: errors grow about 1.2-fold a second in the exponent."""
     scene = tl.Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=GRAVITY)
     with pytest.raises(AccuracyError, match="cannot be kept in double precision") as caught:
-        tl.simulate(scene, 30.0, accuracy=1e-9, samples=20, precision="double")
+        tl.simulate(scene, 30.0, accuracy=1e-9, samples_per_second=20, precision="double")
     until = float(caught.value.where.split()[2])
     assert 3 < until < 30
     assert f"duration={until:.6g}" in caught.value.remedy
-    assert tl.simulate(scene, until, accuracy=1e-9, samples=20).t[-1] == until
+    assert tl.simulate(scene, until, accuracy=1e-9, samples_per_second=20).t[-1] == until
 
 
 def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
     """The exact answer is to stay at rest upright; rounding alone moves the arm away within some 8 s."""
     scene = tl.Scene(tl.load_robot("two_link"), q=[np.pi / 2, 0.0], effects=GRAVITY)
     with pytest.raises(AccuracyError, match="cannot be kept in double precision"):
-        tl.simulate(scene, 20.0, accuracy=1e-3, samples=1, precision="double")
+        tl.simulate(scene, 20.0, accuracy=1e-3, samples_per_second=1, precision="double")
     worlds = tl.simulate_many(scene, duration=20.0, accuracy=0.1)
     assert worlds.within_accuracy is not None
     assert not worlds.within_accuracy.any()
@@ -163,11 +163,11 @@ def test_rest_at_an_unstable_equilibrium_is_refused() -> None:
         ({"accuracy": float("inf")}, AccuracyError, "got inf"),
         ({"accuracy": "high"}, AccuracyError, "got 'high'"),
         ({"accuracy": 10**400}, AccuracyError, "accuracy: expected a number above 0"),
-        ({"samples": 0}, SceneError, "samples"),
+        ({"samples_per_second": 0}, SceneError, "samples_per_second"),
         ({"accuracy": 1e-17, "precision": "double"}, AccuracyError, "cannot be kept in double precision"),
         ({"accuracy": 1e-20, "precision": "double"}, AccuracyError, "cannot be kept in double precision"),
-        ({"samples": "many"}, SceneError, "samples"),
-        ({"samples": 10**400}, SceneError, "samples: expected a number above 0"),
+        ({"samples_per_second": "many"}, SceneError, "samples_per_second"),
+        ({"samples_per_second": 10**400}, SceneError, "samples_per_second: expected a number above 0"),
         ({"tolerance": "low"}, AccuracyError, "tolerance: expected a number above 0, got 'low'"),
         ({"method": "rk4", "step": float("nan")}, AccuracyError, "step: expected a number above 0, got nan"),
         ({"duration": 1.0, "method": "rk4", "step": 1e-12}, AccuracyError, "the limit is"),
@@ -223,7 +223,7 @@ def test_a_series_that_ends_at_once_says_when() -> None:
 
 
 def test_interrupt_keeps_what_is_done() -> None:
-    def stop(t: float) -> None:
+    def stop(t: float, *_: object) -> None:
         if t > 1.0:
             raise KeyboardInterrupt
 
@@ -254,7 +254,7 @@ def test_chaos_is_refused_whatever_is_asked() -> None:
     scene = tl.Scene(tl.load_robot("two_link"), q=[1.5, 0.3], effects=GRAVITY)
     for accuracy in (1e-6, 1e-11, 1e-12, 1e-13, 1e-14):
         with pytest.raises(AccuracyError):
-            tl.simulate(scene, 40.0, accuracy=accuracy, samples=10, precision="double")
+            tl.simulate(scene, 40.0, accuracy=accuracy, samples_per_second=10, precision="double")
 
 
 def test_speeds_that_overflow_end_in_an_error_not_in_a_loop() -> None:
@@ -266,7 +266,7 @@ def test_speeds_that_overflow_end_in_an_error_not_in_a_loop() -> None:
 def test_interrupting_the_second_solution_says_so() -> None:
     seen: list[float] = []
 
-    def stop(t: float) -> None:
+    def stop(t: float, *_: object) -> None:
         if seen and t <= seen[-1]:
             raise KeyboardInterrupt
         seen.append(t)

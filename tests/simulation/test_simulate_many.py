@@ -70,12 +70,16 @@ def test_parameters_differ_by_world() -> None:
 
 
 def test_samples_on_the_way() -> None:
-    scene = tl.load_scene("arm-swing")
-    worlds = tl.simulate_many(scene, q=starts(9), duration=2.0, accuracy=1e-8, samples=7)
-    assert worlds.samples_t.shape == (8,)
-    assert worlds.samples_q.shape == (8, 9, 2)
-    assert worlds.samples_v.shape == (8, 9, 2)
-    assert worlds.samples_t[-1] < worlds.t == 2.0
+    scene, q = tl.load_scene("arm-swing"), starts(9)
+    worlds = tl.simulate_many(scene, q=q, duration=2.0, accuracy=1e-8, samples_per_second=4)
+    np.testing.assert_array_equal(worlds.samples_t, np.linspace(0.0, 2.0, 9))
+    assert worlds.samples_q.shape == (9, 9, 2)
+    assert worlds.samples_v.shape == (9, 9, 2)
+    np.testing.assert_array_equal(worlds.samples_q[-1], worlds.q)
+    np.testing.assert_array_equal(worlds[3].t, worlds.samples_t)
+    some = tl.simulate_many(scene, 2.0, q=q, accuracy=1e-8, t_eval=[0.5, 1.25])
+    np.testing.assert_allclose(some.samples_q, worlds.samples_q[[2, 5]], rtol=0, atol=2e-8)
+    np.testing.assert_array_equal(some[3].t, [0.5, 1.25, 2.0])
 
 
 def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
@@ -104,8 +108,9 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
         ({"parameters": {"upper_arm.mass": -0.2}}, SceneError, "expected at least 0, got -0.2"),
         ({"parameters": {"forearm.mass": "x"}}, SceneError, "expected numbers, got 'x'"),
         ({"parameters": [1.0]}, SceneError, "expected values by name, got list"),
-        ({"samples": -1}, SceneError, "samples: expected a whole number from 0"),
-        ({"samples": 10**9}, SceneError, "too many"),
+        ({"samples_per_second": -1}, SceneError, "samples_per_second: expected a number above 0"),
+        ({"samples_per_second": 1e9}, SceneError, "samples, the limit is"),
+        ({"t_eval": [0.5, 0.2]}, SceneError, "t_eval: expected times that increase"),
         ({"accuracy": 1e-16}, AccuracyError, "below what can be verified in batches"),
     ],
 )
@@ -170,11 +175,11 @@ def test_worlds_out_of_reach_are_not_solved_again() -> None:
 def test_progress_goes_on_to_the_end_and_may_stop_it(count: int) -> None:
     """200 worlds are shared by threads, where there is more than one."""
     scene, seen = tl.load_scene("arm-swing"), list[float]()
-    tl.simulate_many(scene, q=starts(count), duration=2.0, verify=False, progress=seen.append)
+    tl.simulate_many(scene, q=starts(count), duration=2.0, verify=False, progress=lambda t, *_: seen.append(t))
     assert seen[-1] == 2.0
     assert seen == sorted(seen)
 
-    def stop(_: float) -> None:
+    def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -185,8 +190,8 @@ def test_progress_goes_on_to_the_end_and_may_stop_it(count: int) -> None:
 def swings() -> tl.Worlds:
     """Three worlds that differ in a mass and a start."""
     scene = tl.load_scene("arm-swing")
-    return tl.simulate_many(scene, [[0.0, 0.1 * k] for k in range(3)], parameters={"forearm.mass": [1.0, 1.5, 2.0]},
-                            duration=1.0, accuracy=1e-6, samples=20)  # fmt: skip
+    return tl.simulate_many(scene, q=[[0.0, 0.1 * k] for k in range(3)], parameters={"forearm.mass": [1.0, 1.5, 2.0]},
+                            duration=1.0, accuracy=1e-6, samples_per_second=21)  # fmt: skip
 
 
 def test_a_world_is_a_run_and_has_a_scene_that_gives_it_again(swings: tl.Worlds, tmp_path: Path) -> None:
@@ -195,7 +200,7 @@ def test_a_world_is_a_run_and_has_a_scene_that_gives_it_again(swings: tl.Worlds,
     one, scene = swings[-1], swings.scene_of(-1)
     np.testing.assert_array_equal(scene.q, [0.0, 0.2])
     assert scene.robot.model.inertias[2].mass == pytest.approx(2.0)
-    alone = tl.simulate(scene, accuracy=1e-10, samples=21)
+    alone = tl.simulate(scene, accuracy=1e-10, samples_per_second=21)
     np.testing.assert_allclose(one.t, alone.t)
     assert np.abs(one.q - alone.q).max() <= one.error.max() <= 1e-6
     np.testing.assert_allclose(one.energy, alone.energy, atol=1e-4)  # of a forearm of 2 kg
@@ -203,8 +208,8 @@ def test_a_world_is_a_run_and_has_a_scene_that_gives_it_again(swings: tl.Worlds,
     np.testing.assert_array_equal(again.q, one.q)
     with pytest.raises(IndexError):
         swings[3]
-    bare = tl.simulate_many(tl.load_scene("arm-swing"), [[0.0, 0.1]], duration=1.0, accuracy=1e-6)
-    with pytest.raises(SceneError, match=r"samples=100\) keeps them; tl.simulate\(worlds.scene_of\(0\)\)"):
+    bare = tl.simulate_many(tl.load_scene("arm-swing"), q=[[0.0, 0.1]], duration=1.0, accuracy=1e-6)
+    with pytest.raises(SceneError, match=r"samples_per_second=100\) keeps them; tl.simulate\(worlds.scene_of\(0\)\)"):
         bare[0]
 
 
@@ -227,7 +232,7 @@ def test_worlds_that_events_end_are_drawn_up_to_there() -> None:
     ball = tl.load_scene("bouncing-ball")
     stop = tl.effects.Watch("low", when=tl.effects.JointReaches("height", 0.5), stop=True)
     scene = tl.Scene(ball.base, ball.q, ball.v, [*ball.effects, stop], 1.0)
-    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], accuracy=1e-6, samples=50)
+    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], accuracy=1e-6, samples_per_second=50)
     one = worlds[1]
     assert one.t[-1] == worlds.ends[1] == pytest.approx((0.4 / 9.81) ** 0.5, abs=1e-9)
     assert np.isfinite(one.q).all()

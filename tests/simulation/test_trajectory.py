@@ -230,7 +230,7 @@ def test_forces_on_links_act_where_and_when_effects_say(tmp_path: Path) -> None:
     wrench = tl.effects.FrameWrench("forearm", force=(3.0, 0.0, -4.0), point=(0.0, 0.0, 0.1))
     spring = tl.effects.SpringBetween("forearm", "universe", stiffness=20.0, second_point=(1.0, 0.0, 1.0))
     effects = [wrench, tl.effects.Release(spring, at=0.25), tl.effects.Gravity()]
-    run = tl.simulate(tl.Scene(robot, q=[0.3, 0.4], effects=effects, duration=0.5), samples=40)
+    run = tl.simulate(tl.Scene(robot, q=[0.3, 0.4], effects=effects, duration=0.5), samples_per_second=40)
     found = run.forces_on_links
     loaded = tl.Trajectory.load(run.save(tmp_path / "a.npz"), robot).forces_on_links
     assert all(np.array_equal(loaded[name], both, equal_nan=True) for name, both in found.items())

@@ -27,7 +27,9 @@ LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 def best(scene: tl.Scene, duration: float, accuracy: float, method: str, samples: float) -> tl.Trajectory:
     """The run, or the best one of a refusal."""
     try:
-        return tl.simulate(scene, duration, accuracy, method=method, samples=samples, precision="double")
+        return tl.simulate(
+            scene, duration, accuracy=accuracy, method=method, samples_per_second=samples, precision="double"
+        )
     except AccuracyError as error:
         return error.run
 
@@ -84,7 +86,7 @@ def test_the_bar_of_a_pendulum_that_turns_freely(many: bool) -> None:
         worlds = tl.simulate_many(scene, duration=duration, accuracy=1e-9)
         q, bar = worlds.q, worlds.error
     else:
-        run = tl.simulate(scene, duration, 1e-9, samples=1 / duration)
+        run = tl.simulate(scene, duration, accuracy=1e-9, samples_per_second=1 / duration)
         q, bar = run.q[-1:], None if run.error is None else run.error[-1:]
     reference, doubt = extended_reference(scene, np.array([0.0, duration]))
     true = truths.distance(robot, q.astype(np.longdouble), reference[-1:])
@@ -98,7 +100,7 @@ def test_bars_of_many_worlds_hold_near_the_limit() -> None:
     random = np.random.default_rng(3)
     q, v = random.uniform(-3, 3, (60, 2))[:30], random.uniform(-3, 3, (60, 2))[:30]
     scene = tl.load_scene("arm-swing")
-    worlds = tl.simulate_many(scene, q, v, duration=20.0, accuracy=1e-12)
+    worlds = tl.simulate_many(scene, q=q, v=v, duration=20.0, accuracy=1e-12)
     assert worlds.error is not None
     sure = 0
     for i in range(len(q)):
@@ -120,7 +122,7 @@ def test_the_bar_of_an_elastic_ball(height: float, duration: float, accuracy: fl
         <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>""")
     scene = tl.Scene(robot, [height], effects=[tl.effects.Gravity((0.0, 0.0, -9.75)),
                                                tl.effects.PlaneContact("ball", restitution=1.0)])  # fmt: skip
-    run = tl.simulate(scene, duration, accuracy, samples=10)
+    run = tl.simulate(scene, duration, accuracy=accuracy, samples_per_second=10)
     fall = np.sqrt(2 * np.longdouble(height) / 9.75)
     since_top = np.mod(run.t.astype(np.longdouble) + fall, 2 * fall) - fall
     true = np.abs(run.q[:, 0] - (height - 9.75 * since_top**2 / 2)).astype(float)
@@ -149,7 +151,13 @@ def test_steps_whose_rounding_has_a_mean_are_in_the_bar() -> None:
     """46,000 steps of a small swing round one way, which no random disturbance shows: the bar was 0.94 of the error."""
     scene, w0 = upright(0.213, 2.6875, 0.75, 0.28125, 10.0)
     run = tl.simulate(
-        scene, 1279.099, 2e-12, method="dop853", precision="double", tolerance=1e-14, samples=60 / 1279.099
+        scene,
+        1279.099,
+        accuracy=2e-12,
+        method="dop853",
+        precision="double",
+        tolerance=1e-14,
+        samples_per_second=60 / 1279.099,
     )
     error = truths.configuration_error(truths.swing(0.213, w0))(scene.robot, Track(run.t, run.q, run.v))
     assert run.error is not None
@@ -190,7 +198,7 @@ def test_taylors_orders_are_far_enough_apart(seed: int) -> None:
 def test_states_between_few_samples_are_within_the_next_bar(method: str, seed: int) -> None:
     scene, _ = double_pendulum(seed)
     accuracy = 1e-4 if method == "esdirk43" else 1e-8
-    run = tl.simulate(scene, 4.0, accuracy, method=method, samples=5)
+    run = tl.simulate(scene, 4.0, accuracy=accuracy, method=method, samples_per_second=5)
     times = np.unique(np.append(0.0, np.random.default_rng(seed).uniform(0.0, 4.0, 200)))
     reference, doubt = extended_reference(scene, times)
     true = truths.distance(scene.robot, run.at(times)[0].astype(np.longdouble), reference)
@@ -230,14 +238,14 @@ def test_rounding_of_more_digits_is_apart_from_truncation() -> None:
 
 def test_more_digits_come_by_themselves() -> None:
     scene = tl.load_scene("arm-swing")
-    run = tl.simulate(scene, 1.0, 1e-20)
-    exact = tl.simulate(scene, 1.0, 1e-28, precision="quad")
+    run = tl.simulate(scene, 1.0, accuracy=1e-20)
+    exact = tl.simulate(scene, 1.0, accuracy=1e-28, precision="quad")
     assert run.cost is not None
     assert run.cost.precision == "quad"
     assert run.error is not None
     assert run.error[-1] <= 1e-20
     assert (np.abs(run.precise - exact.precise)[:, :2].max(axis=1).astype(float) <= run.error)[1:].all()
-    between = tl.simulate(scene, 3.0, 3e-15)
+    between = tl.simulate(scene, 3.0, accuracy=3e-15)
     assert between.cost is not None
     assert between.cost.precision == "extended"
     assert "16 digits" in between.cost.why
@@ -246,18 +254,18 @@ def test_more_digits_come_by_themselves() -> None:
 def test_what_a_double_cannot_keep_is_refused_only_where_doubles_are_asked_for() -> None:
     scene, duration = double_pendulum(2)
     with pytest.raises(AccuracyError, match="cannot be kept") as refused:
-        tl.simulate(scene, duration, 1e-14, precision="double")
+        tl.simulate(scene, duration, accuracy=1e-14, precision="double")
     assert refused.value.code == "accuracy-limit"
     assert len(refused.value.data["tried"]) >= 1
     run = refused.value.run
     assert run.error[-1] > 1e-14
-    assert tl.simulate(scene, duration, 0.5 * float(run.error[-1])).error[-1] <= 0.5 * run.error[-1]
+    assert tl.simulate(scene, duration, accuracy=0.5 * float(run.error[-1])).error[-1] <= 0.5 * run.error[-1]
 
 
 def test_patience_ends_a_search_with_the_best_run() -> None:
     scene, _ = double_pendulum(0)
     with pytest.raises(AccuracyError) as late:
-        tl.simulate(scene, 1e6, 1e-6, samples=0.01, patience=0.5)
+        tl.simulate(scene, 1e6, accuracy=1e-6, samples_per_second=0.01, patience=0.5)
     assert late.value.code == "out-of-time"
     assert "patience=" in late.value.remedy
 

@@ -21,7 +21,7 @@ RUBBING = tl.Scene(ARM, effects=[*DAMPED, TABLE, effects.DryFriction(kinetic={"s
 
 def check(worlds: tl.Worlds, i: int, scene: tl.Scene, duration: float) -> tl.Trajectory:
     """World i is the scene's own run, as far as their error bars tell."""
-    alone = tl.simulate(scene, duration, 1e-8, samples=1 / duration)
+    alone = tl.simulate(scene, duration, accuracy=1e-8, samples_per_second=1 / duration)
     assert worlds.error is not None
     assert alone.error is not None
     assert np.abs(scene.robot.difference(worlds.q[i], alone.q[-1])).max() <= worlds.error[i] + alone.error[-1]
@@ -30,7 +30,7 @@ def check(worlds: tl.Worlds, i: int, scene: tl.Scene, duration: float) -> tl.Tra
 
 def test_each_world_has_events_of_its_own() -> None:
     q = np.random.default_rng(1).uniform(-1, 1, (4, 2))
-    worlds = tl.simulate_many(RUBBING, q=q, duration=2.0, samples=3)
+    worlds = tl.simulate_many(RUBBING, q=q, duration=2.0, samples_per_second=2)
     assert worlds.within_accuracy is not None
     assert worlds.within_accuracy.all()
     assert len({tuple(event.t for event in events) for events in worlds.events}) == 4
@@ -78,7 +78,7 @@ def test_an_event_ends_a_world_and_the_others_go_on() -> None:
     watch = effects.Watch("level", when=effects.JointReaches("height", 0.8), stop=True)
     scene = tl.load_scene("bouncing-ball")
     scene = scene.with_effects([*scene.effects, watch])
-    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], duration=0.3, samples=5)
+    worlds = tl.simulate_many(scene, q=[[1.0], [0.7]], duration=0.3, samples_per_second=20)
     fallen = math.sqrt(2 * 0.2 / 9.81)
     assert worlds.events[0][-1].t == pytest.approx(fallen, abs=1e-6)
     np.testing.assert_allclose(worlds.q[:, 0], [0.8, 0.7 - 9.81 * 0.3**2 / 2], rtol=0, atol=1e-6)
@@ -139,8 +139,8 @@ def test_a_scene_of_a_world_is_what_run_time_parameters_say() -> None:
     check(worlds, 0, scene_with(scene, values), 0.5)
     for name in values:
         some = {other: value for other, value in values.items() if other != name}
-        other = tl.simulate(scene_with(scene, some), 0.1, 1e-6, method="scipy-dop853", samples=10)
-        whole = tl.simulate(scene_with(scene, values), 0.1, 1e-6, method="scipy-dop853", samples=10)
+        other = tl.simulate(scene_with(scene, some), 0.1, accuracy=1e-6, method="scipy-dop853", samples_per_second=10)
+        whole = tl.simulate(scene_with(scene, values), 0.1, accuracy=1e-6, method="scipy-dop853", samples_per_second=10)
         assert np.abs(other.q[-1] - whole.q[-1]).max() > 1e-4, name
 
 

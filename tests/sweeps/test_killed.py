@@ -32,7 +32,7 @@ tl.sweep(tl.load_scene("arm-swing"), {{"q.elbow": {elbows}}}, {out!r}, duration=
 
 def swept(out: Path, function: str, **options):
     options = {"duration": 0.01, "chunk": 1, "workers": 2, **options}
-    return tl.sweep(ARM, {"q.elbow": ELBOWS}, out, outputs=["final", f"{FUNCTIONS}:{function}"], **options)
+    return tl.sweep(ARM, vary={"q.elbow": ELBOWS}, out=out, outputs=["final", f"{FUNCTIONS}:{function}"], **options)
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ VARY = {"q.elbow": [-0.4, 0.1, 0.5], "forearm.mass": [1.0, 1.5, -1.0], "accuracy
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep over three quantities, of which a third failed."""
     out = tmp_path_factory.mktemp("sweep") / "x.zarr"
-    tl.sweep(ARM, VARY, out, duration=0.5, executor=HERE, outputs=["final", "cost"])
+    tl.sweep(ARM, vary=VARY, out=out, duration=0.5, executor=HERE, outputs=["final", "cost"])
     return out
 
 
@@ -38,7 +38,7 @@ def test_status_counts_runs_and_tells_the_rate(store: Path, tmp_path: Path) -> N
         if done == 4:
             raise KeyboardInterrupt
 
-    tl.sweep(ARM, {"q.elbow": np.linspace(0, 1, 8)}, tmp_path / "y.zarr", duration=0.1, chunk=2, executor=HERE,
+    tl.sweep(ARM, vary={"q.elbow": np.linspace(0, 1, 8)}, out=tmp_path / "y.zarr", duration=0.1, chunk=2, executor=HERE,
              progress=stop)  # fmt: skip
     for i, file in enumerate(sorted((tmp_path / "y.zarr/status/c").iterdir())):
         os.utime(file, (100.0 + 4 * i, 100.0 + 4 * i))
@@ -73,7 +73,7 @@ def test_figures_of_one_and_two_quantities(store: Path, tmp_path: Path) -> None:
 
 def test_names_and_decades_keep_their_places_on_the_axes(tmp_path: Path) -> None:
     vary = {"robot": ["two_link", "double_pendulum"], "accuracy": [1e-2, 1e-4, 1e-6]}
-    data = tl.sweep(ARM, vary, tmp_path / "r.zarr", duration=0.1, executor=HERE, outputs=["cost"])
+    data = tl.sweep(ARM, vary=vary, out=tmp_path / "r.zarr", duration=0.1, executor=HERE, outputs=["cost"])
     page = plot_sweep(data, tmp_path / "map.svg", "seconds").read_text()
     assert "two_link" in page
     assert "double_pendulum" in page

@@ -25,7 +25,7 @@ HERE = ThreadPoolExecutor(1)  # computes in this process
 
 
 def swept(out: Path, vary: dict = GRID, scene: tl.Scene = ARM, **options):
-    return tl.sweep(scene, vary, out, **{"duration": 1.0, "executor": HERE, **options})
+    return tl.sweep(scene, vary=vary, out=out, **{"duration": 1.0, "executor": HERE, **options})
 
 
 def test_a_grid_in_worker_processes_is_what_simulate_gives(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_a_grid_in_worker_processes_is_what_simulate_gives(tmp_path: Path) -> No
     assert (data.error <= 1e-6).all()
     assert data["q.elbow"].attrs["units"] == "rad"
     for elbow in ELBOWS:
-        worlds = tl.simulate_many(ARM, [0.0, elbow], parameters={"forearm.mass": MASSES}, duration=1.0)
+        worlds = tl.simulate_many(ARM, q=[0.0, elbow], parameters={"forearm.mass": MASSES}, duration=1.0)
         found = data.sel({"q.elbow": elbow})
         assert np.array_equal(found.q, worlds.q)
         assert np.array_equal(found.error, worlds.error)
@@ -47,7 +47,14 @@ def test_bits_do_not_depend_on_the_engine_the_workers_or_the_chunks(tmp_path: Pa
     vary = {"effects.1": [True, False], "accuracy": [1e-4, 1e-6], "q.elbow": [0.1, 0.2, 0.3]}
     ways = [{"chunk": 1}, {"chunk": 5}, {}, {"executor": None, "workers": 1, "chunk": 4}]
     first, *others = (
-        swept(tmp_path / f"{i}.zarr", vary, rubbing, outputs=["final", "samples", "energy"], samples=3, **options)
+        swept(
+            tmp_path / f"{i}.zarr",
+            vary,
+            rubbing,
+            outputs=["final", "samples", "energy"],
+            samples_per_second=3,
+            **options,
+        )
         for i, options in enumerate(ways)
     )
     assert (first.status == 1).all()

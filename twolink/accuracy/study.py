@@ -7,13 +7,14 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
 from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, study_text, with_front
@@ -23,20 +24,21 @@ from twolink.integrate import calibration
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.files import write_atomic
+from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
-from twolink.simulation.sampling import duration_for, sample_times
+from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SAVED = (".json", *SUFFIXES)
 MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
-StudyProgress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData):
+class Study(StudyData, Result):
     """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -136,16 +138,18 @@ class Study(StudyData):
         return f"<pre>{html.escape(self.text())}</pre>{picture}"
 
 
+@formerly("scene", "duration")
 def accuracy_study(
     scene: Scene,
     duration: float | None = None,
     *,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 50.0,
     methods: Sequence[str] | None = None,
     tolerances: Sequence[float] | None = None,
     repeats: int = 7,
-    samples: float = 50.0,
     budget: float = 1.0,
-    progress: StudyProgress | None = None,
+    progress: Report | None = None,
 ) -> Study:
     """Measure what accuracy costs on a scene: the error and the seconds of each method at several settings.
 
@@ -154,18 +158,18 @@ def accuracy_study(
     scene : Scene
     duration : float, optional
         Simulated time, s; by default the scene's own.
+    t_eval, samples_per_second : optional
+        The samples that the runs deliver, as in `simulate`; at them, at 0 and at the end errors are taken.
     methods : sequence of str, optional
         Names of `twolink methods`; by default all that run here.
     tolerances : sequence of float, optional
         Of adaptive methods; the steps of the others aim at them. By default from rough to rounding.
     repeats : int
         Timed runs after the first, fewer of slow ones; a row has their median.
-    samples : float
-        Samples a second that the runs deliver, and at which errors are taken.
     budget : float
         Seconds that a run may take; a method's settings end there.
     progress : callable, optional
-        Called with the number of rows done, that of all rows, and the label of the next one.
+        Called now and then with what is done, the total and a label; here rows.
 
     Returns
     -------
@@ -184,7 +188,7 @@ def accuracy_study(
     """
     began, end = time.perf_counter(), duration_for(scene, duration)
     chosen, aims = _methods(methods), _tolerances(tolerances)
-    times = sample_times(end, samples, MAX_SAMPLES)
+    times = with_ends(sample_times(end, t_eval, samples_per_second, MAX_SAMPLES), end)
     equations = equations_of(scene)
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
@@ -217,7 +221,7 @@ def _measure_all(
     measurements: StudyRun,
     methods: Iterable[Method],
     tolerances: tuple[float, ...] | None,
-    report: StudyProgress,
+    report: Report,
     total: int,
 ) -> None:
     done = 0
@@ -288,5 +292,5 @@ def _repeats(value: int) -> int:
     return value
 
 
-def _no_progress(_done: int, _total: int, _label: str) -> None:
+def _no_progress(_done: float, _total: float, _label: str) -> None:
     return

@@ -177,6 +177,10 @@ SceneName = Annotated[
 ]
 Duration = Annotated[float | None, Option(help="Simulated time, s.", show_default="the scene's")]
 Accuracy = Annotated[float, Option(help="Bound on the global error of q, rad or m.")]
+SampleTimes = Annotated[
+    str | None,
+    Option("--t-eval", metavar="TIMES", help="Times of the samples, s, such as 0.1,0.5,2.", show_default="regular"),
+]
 ContactWay = Annotated[
     str | None,
     Option("--contact", metavar="WAY", help="located (verified) or stepped (estimated).", show_default="by the scene"),
@@ -196,6 +200,11 @@ Unphysical = Annotated[str, Option(help="refuse or report physically impossible 
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
+
+
+def sample_times_of(text: SampleTimes) -> list[float] | None:
+    """The times that the option names."""
+    return None if text is None else parse_numbers("t_eval", text)
 
 
 def robot_from(

@@ -206,9 +206,9 @@ def optimize(
     sides = ((at_least, 1.0, "at_least"), (at_most, -1.0, "at_most"))
     limits = {text: named_limit(text, loaded.robot, sign, name) for texts, sign, name in sides for text in texts or []}
     with progress_bar() as report:
-        found = find(loaded, dict(map(_bounds, wrt)), function, maximize=maximize, constraints=limits, starts=starts,
-                     seed=seed, duration=duration, accuracy=accuracy, evaluations=evaluations, out=keep,
-                     progress=report)  # fmt: skip
+        found = find(loaded, duration, objective=function, wrt=dict(map(_bounds, wrt)), accuracy=accuracy,
+                     maximize=maximize, constraints=limits, starts=starts, seed=seed, evaluations=evaluations,
+                     out=keep, progress=report)  # fmt: skip
     written, failures = write(out or [], partial(_write, found))
     files = "".join(f"\nwrote {path}" for path in written)
     show(found.to_dict() | {"files": written}, f"{found}{files}", as_json)

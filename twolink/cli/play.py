@@ -93,7 +93,7 @@ def video(
         written = run.video(
             out, size=_size(size), rate=rate, speed=speed, at=at, direction=towards, forces=forces,
             curves=[] if curves is None else curves.split(","),
-            progress=lambda done, total: report(done, total, f"picture {done} of {total}"), on_skipped=print_not_drawn,
+            progress=report, on_skipped=print_not_drawn,
         )  # fmt: skip
     typer.echo(f"wrote {written}")
 

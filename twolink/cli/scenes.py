@@ -25,12 +25,14 @@ from twolink.cli.common import (
     Misuse,
     RobotName,
     Root,
+    SampleTimes,
     SceneName,
     completion,
     finish,
     locks_of,
     require_writable,
     robot_from,
+    sample_times_of,
     scene_from,
     show,
     write,
@@ -46,7 +48,6 @@ from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry, scene_template
 from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar
-from twolink.simulation.records import balance_record, run_record
 from twolink.simulation.trajectory import Trajectory
 
 SHOWN_EVENTS = 20
@@ -119,7 +120,7 @@ def explain(
     """
     from twolink.simulation.explanation import explain as explain_scene
 
-    explanation = explain_scene(scene_from(scene), accuracy, duration, method=method, contact=contact)
+    explanation = explain_scene(scene_from(scene), duration, accuracy=accuracy, method=method, contact=contact)
     show(dataclasses.asdict(explanation), explanation, as_json)
 
 
@@ -133,7 +134,8 @@ def run(
     precision: Annotated[str, Option(help="double (16 digits), extended (19) or quad (33); auto: as needed.")] = "auto",
     patience: Annotated[float | None, Option(help="Seconds that solving may take, 600 unless given.")] = None,
     contact: ContactWay = None,
-    samples: Annotated[float, Option(help="Samples a second.")] = 200.0,
+    t_eval: SampleTimes = None,
+    samples_per_second: Annotated[float, Option(help="Samples a second, without --t-eval.")] = 200.0,
     no_verify: Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")] = False,
     out: Files = None,
     book: Annotated[bool, Option("--book", help="Print the energy balance: work of each effect, impacts.")] = False,
@@ -156,18 +158,18 @@ def run(
     length = loaded.duration if duration is None else duration
     with progress_bar() as report:
         result = simulate(
-            loaded, length, accuracy, method=method, samples=samples, verify=not no_verify,
-            precision=cast(Any, precision), tolerance=tolerance, step=step, contact=contact,
-            patience=patience, progress=lambda t: report(t, length, f"t = {t:.4g} s"),
+            loaded, length, accuracy=accuracy, t_eval=sample_times_of(t_eval), samples_per_second=samples_per_second,
+            method=method, verify=not no_verify, precision=cast(Any, precision), tolerance=tolerance, step=step,
+            contact=contact, patience=patience, progress=report,
         )  # fmt: skip
     written, failures = write(paths, partial(write_by_ending, result))
-    record = {"scene": scene} | run_record(result) | {"written": written}
+    record = result.to_dict() | {"scene": scene} | {"written": written}
     lines = [_text(scene, result, record), *(f"  wrote    {path}" for path in written)]
     if book:
         from twolink.simulation.energy_balance import energy_book
 
         balance = energy_book(loaded, result)
-        record["book"] = balance_record(balance)
+        record["book"] = balance.to_dict()
         lines.append(f"energy balance\n{balance}")
     show(record, "\n".join(lines), as_json)
     finish(failures, result.interrupted)
@@ -192,7 +194,8 @@ def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:
         lines.append(f"  contacts overlap by at most {found['overlap']:.1e} m at samples; laws of the steps kept to "
                      f"{found['feasibility']:.1e} m/s and {found['complementarity']:.1e} J")  # fmt: skip
     end = f"[{' '.join(digits)}]" if digits else np.array2string(run.q[-1], precision=15)
-    return "\n".join([*lines, f"  q(end) = {end}"])
+    time = "end" if run.t[-1] == run.end else f"{run.t[-1]:g} s"
+    return "\n".join([*lines, f"  q({time}) = {end}"])
 
 
 def accuracy(
@@ -202,7 +205,10 @@ def accuracy(
     tolerances: Annotated[
         str | None, Option(help="Tolerances, such as 1e-3,1e-6.", show_default="1e-1 to rounding")
     ] = None,
-    samples: Annotated[float, Option(help="Samples a second, at which errors are measured.")] = 50.0,
+    t_eval: SampleTimes = None,
+    samples_per_second: Annotated[
+        float, Option(help="Samples a second, without --t-eval; there errors are measured.")
+    ] = 50.0,
     repeats: Annotated[int, Option(min=1, metavar="COUNT", help="Timed runs an entry, which has their median.")] = 7,
     budget: Annotated[float, Option(help="Limit of a run's time, s; a method ends at it.")] = 1.0,
     out: Files = None,
@@ -222,10 +228,11 @@ def accuracy(
     require_writable(paths, STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
     values = None if tolerances is None else parse_numbers("tolerances", tolerances)
-    settings: dict[str, Any] = {"samples": samples, "repeats": repeats, "budget": budget}
+    settings: dict[str, Any] = {"samples_per_second": samples_per_second, "repeats": repeats, "budget": budget}
     with progress_bar() as report:
         loaded = scene_from(scene)
-        study = accuracy_study(loaded, duration, methods=names, tolerances=values, progress=report, **settings)
+        study = accuracy_study(loaded, duration, methods=names, tolerances=values, t_eval=sample_times_of(t_eval),
+                               progress=report, **settings)  # fmt: skip
     written, failures = write(paths, partial(write_by_ending, study))
     text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])
     show({"scene": scene, **study.to_dict(), "written": written}, text, as_json)

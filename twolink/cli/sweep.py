@@ -10,7 +10,18 @@ from typing import Annotated, Any
 import msgspec
 from typer import Argument, Option
 
-from twolink.cli.common import Duration, Files, Json, Misuse, finish, require_writable, show, write
+from twolink.cli.common import (
+    Duration,
+    Files,
+    Json,
+    Misuse,
+    SampleTimes,
+    finish,
+    require_writable,
+    sample_times_of,
+    show,
+    write,
+)
 from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
 from twolink.show.progress import progress_bar
@@ -36,7 +47,7 @@ Count = Annotated[int | None, Option(metavar="COUNT", help="Number of samples.")
 Seed = Annotated[int | None, Option(metavar="COUNT", help="Of samples.", show_default="0")]
 KEPT_HELP = "What is kept, with commas: final, samples, events, energy, cost, module:function."
 Outputs = Annotated[str | None, Option(metavar="NAMES", help=KEPT_HELP, show_default="final")]
-Samples = Annotated[int | None, Option(metavar="COUNT", help="Times between start and end, of the output samples.")]
+SamplesPerSecond = Annotated[float | None, Option(help="Of the output samples, without --t-eval.", show_default="200")]
 NoVerify = Annotated[bool, Option("--no-verify", help="Skip the solutions behind the error bar.")]
 Executor = Annotated[str | None, Option(metavar="ADDRESS", help="A Dask scheduler.", show_default="local processes")]
 Workers = Annotated[int | None, Option(min=1, metavar="COUNT", help="Processes.", show_default="one a core")]
@@ -54,7 +65,8 @@ def sweep(
     count: Count = None,
     seed: Seed = None,
     outputs: Outputs = None,
-    samples: Samples = None,
+    t_eval: SampleTimes = None,
+    samples_per_second: SamplesPerSecond = None,
     no_verify: NoVerify = False,
     executor: Executor = None,
     workers: Workers = None,
@@ -82,8 +94,7 @@ def sweep(
 
     paths = out or []
     require_writable(paths, (STORE, *FORMATS, *TABLES))
-    stores = [path for path in paths if path.suffix == STORE]
-    files = [path for path in paths if path.suffix != STORE]
+    stores, files = ([path for path in paths if (path.suffix == STORE) == is_store] for is_store in (True, False))
     if len(stores) != 1:
         raise Misuse(f"expected one store, got {len(stores)}", where="out", remedy="give one --out NAME.zarr")
     store = stores[0]
@@ -92,7 +103,8 @@ def sweep(
         show({"store": store, **found.to_dict()}, found, as_json)
         return
     given = {"accuracy": accuracy, "duration": duration, "design": design, "count": count, "seed": seed,
-             "samples": samples, "outputs": None if outputs is None else tuple(outputs.split(","))}  # fmt: skip
+             "t_eval": sample_times_of(t_eval), "samples_per_second": samples_per_second,
+             "outputs": None if outputs is None else tuple(outputs.split(","))}  # fmt: skip
     study = study_of(source)
     changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     changes["vary"] = study.vary | dict(map(_varied, vary or []))

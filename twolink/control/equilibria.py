@@ -3,8 +3,12 @@
 Newton's method acts on the forces M a = tau - h: a itself has the mass matrix in it, which bends what springs give.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +23,10 @@ from twolink.integrate.formulas import accelerations, unbalanced_forces
 from twolink.integrate.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROUNDS, HALVINGS = 50, 6  # of Newton's method, and of a step that does not help
 SMALL = 1e-13  # rad or m: a step below it is rounding
@@ -29,7 +36,7 @@ SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibria(ShownAsText, Sequence[Linearization]):
+class Equilibria(Result, Sequence[Linearization]):
     """Equilibria, each as its linearization with the configuration `q` and its `stability`.
 
     Parameters
@@ -61,6 +68,15 @@ class Equilibria(ShownAsText, Sequence[Linearization]):
                       float(each.eigenvalue_errors[0]), float(np.abs(each.a).max(initial=0.0)))
                      for each in self.found)  # fmt: skip
         return Table(("q", "stability", "largest real part 1/s", "error", "|a|"), rows)
+
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw the eigenvalues of all into a .png, .svg or .pdf; without a path the figure."""
+        from twolink.show.figure import plot_eigenvalues
+
+        values, errors = (np.concatenate([getattr(each, name) for each in self.found])
+                          for name in ("eigenvalues", "eigenvalue_errors"))  # fmt: skip
+        title = f"{self.found[0].robot.name}: eigenvalues at {len(self)} equilibria"
+        return plot_eigenvalues(None if path is None else Path(path), title, values, errors)
 
     def __str__(self) -> str:
         head = f"{len(self.found)} equilibria from {self.starts} starts, {self.failed} of which led to none"

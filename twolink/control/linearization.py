@@ -22,7 +22,7 @@ from twolink.integrate.formulas import accelerations
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.text import Table
 from twolink.scenes import Scene
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization(ShownAsText):
+class Linearization(Result):
     """Linear equations of small motions: x' = A x + B u, with x = (dq, dv) in the tangent space.
 
     With closed loops, dq and dv are those of d independent degrees of freedom, which the others follow; else d = nv.

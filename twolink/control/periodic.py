@@ -29,7 +29,7 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import Sensitivities, sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class Shooting:
         return Shots(starts, period, motions, gaps)
 
     def _shoot(self, start: Array, duration: float) -> Sensitivities:
-        return sensitivities(self.scene_from(start, duration), ["q", "v"], duration, self.accuracy)
+        return sensitivities(self.scene_from(start, duration), duration, accuracy=self.accuracy)
 
     def scene_from(self, start: Array, duration: float) -> Scene:
         """The scene with another start and duration."""
@@ -168,7 +168,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion(ShownAsText):
+class PeriodicMotion(Result):
     """A motion with x(T) = x(0), and how small deviations from it grow in a period: dx(T) = M dx(0).
 
     Parameters
@@ -348,7 +348,7 @@ def periodic_motion(
 def _result(shooting: Shooting, shots: Shots, change: float) -> PeriodicMotion:
     """The motion, with what its errors may be."""
     scene = shooting.scene_from(shots.starts[0], shots.period)
-    run = simulate(scene, shots.period, shooting.accuracy) if shooting.segments > 1 else shots.motions[0].run
+    run = simulate(scene, shots.period, accuracy=shooting.accuracy) if shooting.segments > 1 else shots.motions[0].run
     bar = max(float(s.run.error.max()) for s in shots.motions if s.run.error is not None)
     moved = np.abs(shooting.inverse(shots)) @ np.full(shots.gaps.size, shots.size + bar)
     start = np.abs(shooting.directions) @ moved[: shooting.directions.shape[1]]

@@ -133,7 +133,8 @@ class Trigger:
 
     kind, name: of the event. at: s. condition: of the motion, compiled. function: of the motion, for NumPy alone.
     drops: its effect ceases to act; begins: it begins to. catch: see there; a joint that is too fast passes without an
-    event. state: (q, v) -> (q, v) after it. ends: the run ends.
+    event. state: (q, v) -> (q, v) after it. ends: the run ends. direction: 1 where the
+    value rises only, -1 where it falls, 0 both.
     """
 
     kind: str
@@ -146,6 +147,7 @@ class Trigger:
     catch: Catch | None = None
     state: Callable[[np.ndarray, np.ndarray], State] | None = None
     ends: bool = False
+    direction: int = 0
 
     @property
     def changes(self) -> bool:

@@ -1,6 +1,6 @@
 """What happens at a time or a condition: events of the user, effects that end, and effects that begin."""
 
-from typing import Any
+from typing import Any, Literal
 
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_effect
@@ -13,7 +13,7 @@ from twolink.io.text import kebab_case
 
 
 class Watch(SwitchingEffect, frozen=True):
-    """An event in run.events where a condition is reached, from either side, or at a time.
+    """An event in run.events where a condition is reached, or at a time.
 
     Parameters
     ----------
@@ -30,6 +30,8 @@ class Watch(SwitchingEffect, frozen=True):
         Whether the run ends there.
     then : callable, optional
         From Python only: (q, v) -> (q, v) after the event.
+    direction : {0, 1, -1}
+        1: only where the value (q - value of a joint, the function) rises through 0; -1: only where it falls; 0: both.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Watch(SwitchingEffect, frozen=True):
     function: Any = None
     stop: bool = False
     then: Any = None
+    direction: Literal[-1, 0, 1] = 0
 
     def check(self, robot: Robot) -> None:
         """One of a time, a condition and a function is given, and fits."""
@@ -47,13 +50,17 @@ class Watch(SwitchingEffect, frozen=True):
             raise SceneError("a function is given beside a time or a condition", where="function", remedy="give one")
         elif not callable(self.function):
             raise SceneError(f"expected a function, got {self.function!r}", where="function", remedy="f(motion)")
+        if self.direction not in (-1, 0, 1) or (self.direction and self.at is not None):
+            raise SceneError(f"expected 1, -1 or 0, and 0 of a time, got {self.direction!r}", where="direction",
+                             remedy="leave it out, or give when= or function=")  # fmt: skip
         if self.then is not None and not callable(self.then):
             raise SceneError(f"expected a function, got {self.then!r}", where="then", remedy="(q, v) -> (q, v)")
 
     def modes(self, robot: Robot) -> list[Trigger]:
         """The event."""
         del robot
-        return [Trigger("watch", self.name, self.at, self.when, self.function, state=self.then, ends=self.stop)]
+        return [Trigger("watch", self.name, self.at, self.when, self.function, state=self.then, ends=self.stop,
+                        direction=self.direction)]  # fmt: skip
 
 
 class Release(SwitchingEffect, frozen=True):

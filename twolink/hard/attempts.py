@@ -134,7 +134,7 @@ def _attempt(case: SimulationCase, load: Callable[[], Scene], setting: Mapping[s
     run, message, verdict = None, "", MISSED
     try:
         limit = TimeLimit(patience, time.process_time)
-        run = simulate(scene, case.duration, samples=case.samples, progress=limit, **setting)
+        run = simulate(scene, case.duration, samples_per_second=case.samples, progress=limit, **setting)
     except OutOfTime as late:
         message = f"given up after {late.data['seconds']:g} s of computing, at {late.where}"
     except TwolinkError as error:

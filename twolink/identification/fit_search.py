@@ -1,7 +1,6 @@
 """The search for parameters by simulation: least squares over z and the starts of later segments."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -16,6 +15,7 @@ from twolink.identification.base_parameters import BaseParameters, independent
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.shooting import MultipleShooting, Shot, State, later_starts, segment_ends
 from twolink.identification.unknowns import Unknowns
+from twolink.io.progress import Report
 
 METHODS = ("weighted", "robust")
 STANDS_OUT = 3.0  # times its own error bound, from which a derivative counts
@@ -26,7 +26,6 @@ CLOSING = 3  # steps that close the gaps
 STILL = 0.7  # of the spread: changes from sample to sample that are noise alone
 GUESS = 0.1  # of what is measured: the noise at first
 SIMULATIONS = 60  # of each solve, at most
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class LeastSquaresSearch:
 
     def __init__(
         self, unknowns: Unknowns, data: MeasuredMotion, known: np.ndarray | None, method: str, accuracy: float, *,
-        in_segments: bool = True, progress: Progress | None = None,
+        in_segments: bool = True, progress: Report | None = None,
     ) -> None:  # fmt: skip
         values, count = len(data.t) * len(data.channels), len(unknowns.names)
         if values <= count:

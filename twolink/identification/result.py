@@ -14,6 +14,7 @@ from twolink.dynamics import Robot
 from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
 from twolink.io.text import Table
+from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Estimate:
+class Estimate(Result):
     """What results that have an estimate share.
 
     Attributes

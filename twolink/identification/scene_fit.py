@@ -11,10 +11,11 @@ from twolink.dynamics.arguments import array, one_of, positive
 from twolink.errors import QueryError, require_known
 from twolink.identification.base_parameters import BaseParameters
 from twolink.identification.fit_result import SceneFit
-from twolink.identification.fit_search import METHODS, LeastSquaresSearch, Linearized, Point, Progress
+from twolink.identification.fit_search import METHODS, LeastSquaresSearch, Linearized, Point
 from twolink.identification.measured_motion import MeasuredMotion, measured_motion
 from twolink.identification.shooting import can_be_cut, segment_counts
 from twolink.identification.unknowns import unknowns_of
+from twolink.io.progress import Report
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 
@@ -33,7 +34,7 @@ def fit(
     segments: int | None = None,
     accuracy: float = 1e-6,
     confidence: float = 0.95,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> SceneFit:
     """Find parameters of a scene such that its motion is the measured one, with intervals; name what cannot be found.
 
@@ -63,8 +64,8 @@ def fit(
     confidence : float
         The probability of the intervals.
     progress : callable, optional
-        Called before each simulation of the motion: how many are done, the most that the present search may take, and a
-        label with what residuals are left.
+        Called now and then with what is done, the total and a label; here simulations, and the most that the present
+        search may take.
 
     Returns
     -------

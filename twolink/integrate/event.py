@@ -11,6 +11,7 @@ class Event:
     "reverse" (of slip), "slide", "roll", "catch", "breakaway" (of a catch), "release", "engage", "limit" (of effort),
     "assembled" or "watch". what: the joint, link or effect. detail: in words. energy: lost at once, J. effect: the
     place among the scene's effects of what is watched, released or engaged; None of other events.
+    direction: of a watch by a condition or a function, 1 where its value rises through 0, -1 where it falls.
     """
 
     t: float
@@ -19,6 +20,7 @@ class Event:
     detail: str = ""
     energy: float = 0.0
     effect: int | None = None
+    direction: int = 0
 
     def __str__(self) -> str:
         lost = f", {self.energy:.6g} J lost" if self.energy else ""

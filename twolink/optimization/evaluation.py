@@ -106,15 +106,15 @@ class Evaluation:
 class Evaluator:
     """Evaluates functions of the runs of a scene, by name: the objective, then the constraints.
 
-    derivatives: "auto", or "runs" for differences of runs. simulations: runs so far. failures: motions without
-    derivatives so far. by_runs: variables whose derivatives are differences of runs, with the reason.
+    times (n,): of the samples of a run, from its start to its end, s. derivatives: "auto", or "runs" for differences of
+    runs. simulations: runs so far. failures: motions without derivatives so far. by_runs: variables whose derivatives
+    are differences of runs, with the reason.
     """
 
     variables: Variables
     functions: Mapping[str, Objective]
-    duration: float | None
+    times: np.ndarray
     accuracy: float
-    samples: float
     derivatives: str = "auto"
     simulations: int = 0
     failures: int = 0
@@ -158,13 +158,13 @@ class Evaluator:
     def along(self, scene: Scene, names: Sequence[str], finer: float = 1.0) -> tuple[Trajectory, dict[str, np.ndarray]]:
         """A run, and the derivatives (1 + m,) of the functions along it by each of these variables.
 
-        finer: times as accurate, and with twice the samples above 1. Where derivatives need a more accurate run to
-        tell its events apart, that is it. Raises TwolinkError where there are none.
+        finer: times as accurate, and above 1 with a sample between each two. Where derivatives need a more accurate run
+        to tell its events apart, that is it. Raises TwolinkError where there are none.
         """
         for accuracy in (self.accuracy / finer, self.accuracy / finer * SHARPER):
             self.simulations += 1
             try:
-                s = sensitivities(scene, names, self.duration, accuracy, samples=self._samples(finer))
+                s = sensitivities(scene, self.times[-1], wrt=names, accuracy=accuracy, t_eval=self._times(finer))
                 break
             except AccuracyError as error:
                 if error.code != "sensitivity-undefined" or accuracy < self.accuracy / finer:
@@ -178,7 +178,8 @@ class Evaluator:
     def run(self, scene: Scene, finer: float = 1.0, *, verify: bool = False) -> Trajectory:
         """A run. finer: as in `along`."""
         self.simulations += 1
-        run = simulate(scene, self.duration, self.accuracy / finer, samples=self._samples(finer), verify=verify)
+        accuracy, times = self.accuracy / finer, self._times(finer)
+        run = simulate(scene, self.times[-1], accuracy=accuracy, t_eval=times, verify=verify)
         _require_whole(run)
         return run
 
@@ -186,8 +187,9 @@ class Evaluator:
         """Objective and constraints of a run, (1 + m,). Raises SceneError where one is no finite number."""
         return np.array([value_of(function, run, name) for name, function in self.functions.items()])
 
-    def _samples(self, finer: float) -> float:
-        return self.samples * (2.0 if finer > 1.0 else 1.0)
+    def _times(self, finer: float) -> np.ndarray:
+        between = (self.times[1:] + self.times[:-1]) / 2
+        return np.union1d(self.times, between) if finer > 1.0 else self.times
 
     def _difference(self, x: np.ndarray, k: int) -> np.ndarray:
         """The derivatives (1 + m,) by variable k as a difference of runs within the bounds."""

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.effect_numbers import nominal_value
 from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.solution import Progress
+from twolink.io.progress import Report, in_time
 from twolink.io.text import Table
 from twolink.optimization.objectives import Objective, named_objective, value_of
 from twolink.optimization.run_variation import STEP, NotFollowedError, RunVariation, Unknown, beside
@@ -19,13 +22,15 @@ from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import ROUNDING, SLACK
 from twolink.simulation.nominal_solutions import bound
-from twolink.simulation.sampling import duration_for, sample_times
-from twolink.simulation.scene_run import MAX_SAMPLES
+from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.sensitivities import refined
 from twolink.simulation.sensitivity_names import Wanted, wanted_of
 from twolink.simulation.sensitivity_runs import along_solutions, with_states
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Slopes = Callable[[Trajectory], tuple[np.ndarray, np.ndarray]]
 SHARE = 1e-3  # of a constant: the step of differences by it
@@ -33,7 +38,7 @@ SMALL = 1e-3  # SI units: constants below it are moved as if they were so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gradient(ShownAsText):
+class Gradient(Result):
     """The derivatives of one number of a run.
 
     Parameters
@@ -67,20 +72,29 @@ class Gradient(ShownAsText):
                 rows.append((name if len(values) == 1 else f"{name}[{k}]", float(value), float(self.error[name][k])))
         return Table(("by", "derivative", "error bar"), tuple(rows))
 
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw the derivatives and their error bars into a .png, .svg or .pdf; without a path the figure."""
+        from twolink.show.result_plot import plot_bars
+
+        names, values, errors = zip(*self.table().rows, strict=True)
+        return plot_bars(path, f"{self.run.title}: objective {self.objective:.6g}", "derivative", names, values, errors)
+
     def __repr__(self) -> str:
         return f"objective {self.objective:.9g} ± {self.objective_error:.1e}\n{self.table()}"
 
 
+@formerly("scene", "objective", "wrt", "duration", "accuracy")
 def gradient(
     scene: Scene,
+    duration: float | None = None,
+    *,
     objective: Objective | str,
     wrt: Sequence[str] = ("q", "v"),
-    duration: float | None = None,
     accuracy: float = 1e-6,
-    *,
-    samples: float = 200.0,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 200.0,
     slopes: Slopes | None = None,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> Gradient:
     """Derivatives of one number of a run by many numbers of the scene.
 
@@ -89,22 +103,22 @@ def gradient(
     Parameters
     ----------
     scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
     objective : callable, or str
         F: of a `Trajectory`, a number; or a name as `twolink optimize` has them, such as "x:ball".
     wrt : sequence of str
         By what, as in `sensitivities`.
-    duration : float, optional
-        Simulated time, s; by default the scene's own.
     accuracy : float
         Bound on the global error of q as in `simulate`, and on the error of each derivative, relative to the largest
         of its name, or to 1 (in SI units) where that is larger.
-    samples : float
-        Samples a second, which the objective sees.
+    t_eval, samples_per_second : optional
+        The samples, as in `simulate`, which the objective sees; the start and the end are among them.
     slopes : callable, optional
         (dF/dq (n, nv) in the tangent space, dF/dv (n, nv)) of a run. Without it derivatives are differences of F along
         the sensitivities, which take 4 calls of F a number.
     progress : callable, optional
-        Called with the simulated time now and then.
+        Called now and then with what is done, the total and a label; here simulated seconds.
 
     Returns
     -------
@@ -127,7 +141,8 @@ def gradient(
     """
     accuracy, wanted, equations = accuracy_of(accuracy), wanted_of(scene, wrt), equations_of(scene)
     function = named_objective(objective, scene.robot) if isinstance(objective, str) else objective
-    times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
+    end = duration_for(scene, duration)
+    times = with_ends(sample_times(end, t_eval, samples_per_second), end)
 
     def attempt(own: Equations, run: Trajectory, tolerance: float) -> tuple[Gradient, float]:
         if run.interrupted:
@@ -140,7 +155,7 @@ def gradient(
         sizes = {name: accuracy * max(1.0, float(np.abs(values).max())) for name, values in found.by.items()}
         return found, max(float(bar.max()) / sizes[name] for name, bar in found.error.items())
 
-    return refined(scene, equations, times, accuracy, attempt, progress)
+    return refined(scene, equations, times, accuracy, attempt, in_time(progress, end))
 
 
 def _along(

@@ -8,27 +8,33 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError, require_known
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.taylor_code import solved_rarely
+from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
-from twolink.optimization.search import MultiStart, Progress, starting_points
+from twolink.optimization.search import MultiStart, starting_points
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import SAFETY
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(ShownAsText):
+class Optimum(Result):
     """The best that a search found. It unpacks as scene, run, history.
 
     Attributes
@@ -45,8 +51,8 @@ class Optimum(ShownAsText):
     objective : float
         The objective there.
     error : float
-        Its numerical error: twice its distance to the value of a run that is FINER times as accurate and has twice
-        the samples. NaN: there is no such run.
+        Its numerical error: twice its distance to the value of a run that is FINER times as accurate and has a
+        sample between each two. NaN: there is no such run.
     gradient : ndarray (k,)
         The objective's derivatives there, per unit of each variable.
     gradient_error : ndarray (k,)
@@ -120,6 +126,14 @@ class Optimum(ShownAsText):
             "history": self.history.to_records(),
         }
 
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw the objective by evaluation into a .png, .svg or .pdf; without a path the figure."""
+        from twolink.show.result_plot import plot_lines
+
+        found = np.array([record["objective"] for record in self.history])
+        title = f"{self.scene.title or self.scene.robot.name}: objective {self.objective:.6g}"
+        return plot_lines(path, title, ("evaluation", "objective"), np.arange(1, len(found) + 1), {"objective": found})
+
     def __repr__(self) -> str:
         error = "error not known" if np.isnan(self.error) else f"± {self.error:.1e}"
         lines = [f"objective {self.objective:.9g} {error}, {len(self.history)} evaluations, "
@@ -141,12 +155,13 @@ FINER = 30.0  # times as accurate: the run that tells the error of the objective
 STEP = 1e-3  # of the distance of the bounds: of differences of gradients
 
 
+@formerly("scene", "wrt", "objective")
 def optimize(
-    scene: Scene, wrt: Mapping[str, Sequence[float]], objective: Objective | str, *, maximize: bool = False,
-    constraints: Mapping[str, Objective] | None = None, starts: int = 3, seed: int = 0, duration: float | None = None,
-    accuracy: float = 1e-6, samples: float = 200.0, evaluations: int = 200, curvature: bool = True,
-    derivatives: str = "auto",
-    out: str | os.PathLike[str] | None = None, progress: Progress | None = None,
+    scene: Scene, duration: float | None = None, *, objective: Objective | str, wrt: Mapping[str, Sequence[float]],
+    accuracy: float = 1e-6, t_eval: ArrayLike | None = None, samples_per_second: float = 200.0,
+    maximize: bool = False, constraints: Mapping[str, Objective] | None = None, starts: int = 3, seed: int = 0,
+    evaluations: int = 200, curvature: bool = True, derivatives: str = "auto",
+    out: str | os.PathLike[str] | None = None, progress: Report | None = None,
 ) -> Optimum:  # fmt: skip
     """Find the values of numbers of a scene, within bounds, for which a function of its run is least.
 
@@ -155,12 +170,18 @@ def optimize(
     Parameters
     ----------
     scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
+    objective : callable or str
+        F: of a `Trajectory`, a number; or a name as `twolink optimize` has them, such as "x:ball" or "effort".
     wrt : mapping of str to (low, high)
         Bounds of the variables p by name, SI units: "q.JOINT" and "v.JOINT" of the initial state; physical constants
         such as "forearm.mass"; numbers of effects by their place in the scene, such as "effects.1.damping.elbow" or
         "effects.3.inputs.elbow.values.2" (a table), "effects.4.at" (a release).
-    objective : callable or str
-        F: of a `Trajectory`, a number; or a name as `twolink optimize` has them, such as "x:ball" or "effort".
+    accuracy : float
+        Bound on the global error of q, as in `simulate`.
+    t_eval, samples_per_second : optional
+        The samples of a run, as in `simulate`; the start and the end are among them.
     maximize : bool
         Find the greatest value instead.
     constraints : mapping of str to callable, optional
@@ -169,8 +190,6 @@ def optimize(
         Local searches: the first from the scene's own values, the others from a Latin hypercube.
     seed : int
         Of that.
-    duration, accuracy, samples
-        Of the runs, as in `simulate`.
     evaluations : int
         At most, of all starts together.
     derivatives : {"auto", "runs"}
@@ -181,7 +200,7 @@ def optimize(
     out : path-like, optional
         A file for the evaluations. A search that finds its own evaluations there goes on from them.
     progress : callable, optional
-        Called with the evaluations done, the most that are allowed, and a text.
+        Called now and then with what is done, the total and a label; here evaluations, and the most that are allowed.
 
     Returns
     -------
@@ -218,12 +237,14 @@ def optimize(
     for name, count in (("starts", starts), ("evaluations", evaluations)):
         positive(count, name, SceneError, "such as 3")
     require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
-    evaluator = Evaluator(variables, functions, duration, accuracy_of(accuracy), samples, derivatives)
+    end = duration_for(scene, duration)
+    times = with_ends(sample_times(end, t_eval, samples_per_second), end)
+    evaluator = Evaluator(variables, functions, times, accuracy_of(accuracy), derivatives)
     problem = {
         "objective": _name_of(function), "maximize": maximize,
         "wrt": {name: [float(bound) for bound in pair] for name, pair in wrt.items()},
-        "constraints": {name: _name_of(one) for name, one in limits.items()}, "duration": duration,
-        "accuracy": accuracy, "samples": samples, "scene": _digest(scene),
+        "constraints": {name: _name_of(one) for name, one in limits.items()},
+        "accuracy": accuracy, "times": hashlib.sha256(times.tobytes()).hexdigest(), "scene": _digest(scene),
     }  # fmt: skip
     file = None if out is None else Path(out)
     search = MultiStart(evaluator, -1.0 if maximize else 1.0, int(evaluations), file, problem, progress)

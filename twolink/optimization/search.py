@@ -7,7 +7,7 @@ evaluation is kept; one that a file holds is not computed again, so that a searc
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from scipy.stats import qmc
 
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.files import write_atomic
+from twolink.io.progress import Report
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
 
 ON_BOUND = 1e-9  # of the distance of the bounds: what is so near to a bound is moved onto it
@@ -26,7 +27,6 @@ TOLERANCE = 1e-2  # times the accuracy: of the objective, relative to its size a
 AGREEMENT = 0.02  # relative: of derivatives with a difference of runs, at the first evaluation
 CHECKED = 1e-3  # of the distance of the bounds: the step of that difference
 PENALTY = 100.0  # of a constraint that is not obeyed, relative to the objective, both scaled by their slopes
-Progress = Callable[[int, int, str], None]
 
 
 class _Ended(Exception):
@@ -47,7 +47,7 @@ class MultiStart:
     most: int
     out: Path | None
     problem: Mapping[str, Any]
-    progress: Progress | None = None
+    progress: Report | None = None
     known: dict[bytes, Evaluation] = field(default_factory=dict)
     history: list[tuple[int, Evaluation]] = field(default_factory=list)
     ends: list[str] = field(default_factory=list)

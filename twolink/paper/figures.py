@@ -83,7 +83,7 @@ def by_urdf(length: float, seconds: float) -> ArmMotion:
     """The same release of the same arm, from a URDF through Pinocchio."""
     robot = load_robot(arm_urdf(length, length, 3.0, 1.0))
     scene = Scene(robot, effects=[Gravity()], duration=seconds)
-    run = simulate(scene, accuracy=1e-9, samples=CYCLES * SAMPLES / seconds)
+    run = simulate(scene, accuracy=1e-9, samples_per_second=CYCLES * SAMPLES / seconds)
     if run.interrupted:
         raise KeyboardInterrupt
     return ArmMotion(run.t, run.q, run.v, length)

@@ -21,9 +21,9 @@ from twolink.effects.effect import Effect
 from twolink.effects.forces import Torque
 from twolink.effects.triggers import Release, Watch
 from twolink.errors import SceneError, require_known
+from twolink.io.progress import Report
 from twolink.optimization.objectives import FramePosition, FrameSpeed, Objective
 from twolink.optimization.optimize import Optimum, optimize
-from twolink.optimization.search import Progress
 from twolink.scenes import Scene, load_scene
 from twolink.scenes.parameters import scene_with
 from twolink.scenes.scene import accuracy_of
@@ -125,7 +125,7 @@ class SearchResult:
                 for t in np.linspace(*window, SHOWN)]  # fmt: skip
 
 
-def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) -> SearchResult:
+def search(name: str, accuracy: float = 1e-6, progress: Report | None = None) -> SearchResult:
     """Find the best throw of a bundled scene.
 
     Parameters
@@ -135,7 +135,7 @@ def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) 
     accuracy : float
         Accuracy of the simulations, rad or m. The best throw has an error bar.
     progress : callable, optional
-        Called with the number of evaluations done, the most that are allowed, and a label.
+        Called now and then with what is done, the total and a label; here evaluations.
 
     Returns
     -------
@@ -152,8 +152,8 @@ def search(name: str, accuracy: float = 1e-6, progress: Progress | None = None) 
               if isinstance(effect, Release)}  # fmt: skip
     wrt = {places[what]: window for what, window in aim.windows.items()}
     middle = scene_with(scene, {place: 0.5 * (low + high) for place, (low, high) in wrt.items()})
-    found = optimize(middle, wrt, aim.objective, maximize=True, starts=1, accuracy=accuracy, evaluations=MOST,
-                     derivatives=aim.derivatives, progress=progress)  # fmt: skip
+    found = optimize(middle, objective=aim.objective, wrt=wrt, accuracy=accuracy, maximize=True, starts=1,
+                     evaluations=MOST, derivatives=aim.derivatives, progress=progress)  # fmt: skip
     times = {what: found.values[places[what]] for what in aim.windows}
     best = throw(scene, aim, times, accuracy, verify=True)
     return SearchResult(name, aim, accuracy, best, found, time.perf_counter() - began)

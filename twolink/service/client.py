@@ -20,6 +20,7 @@ from twolink.scenes import Scene, load_scene
 from twolink.service.problems import JSON, Problem, error_from
 from twolink.service.remote_robot import RemoteRobot
 from twolink.service.transport import Transport
+from twolink.simulation.sampling import formerly
 from twolink.simulation.trajectory import Trajectory
 
 T = TypeVar("T")
@@ -106,8 +107,9 @@ class Client:
         body = {"text": urdf, **options}
         return RemoteRobot(self._transport, self._json("POST", "/v1/robots", body, dict[str, Any]))
 
+    @formerly("self", "scene", "duration", "accuracy")
     def simulate(
-        self, scene: str | Scene, duration: float | None = None, accuracy: float = 1e-6, **options: Any
+        self, scene: str | Scene, duration: float | None = None, *, accuracy: float = 1e-6, **options: Any
     ) -> Trajectory:
         """As `tl.simulate`, computed by the service; waits for the end.
 
@@ -120,7 +122,7 @@ class Client:
         accuracy : float
             Bound of the global error, rad or m.
         **options
-            method, samples, verify, precision, tolerance, step, contact, as of `tl.simulate`.
+            t_eval, samples_per_second, method, verify, precision, tolerance, step, contact, as of `tl.simulate`.
 
         Raises
         ------
@@ -128,10 +130,7 @@ class Client:
             As of `tl.simulate`, without the run.
         """
         local = scene if isinstance(scene, Scene) else load_scene(scene)
-        body = {"scene": self._content(local), "accuracy": accuracy, **options}
-        if duration is not None:
-            body["duration"] = duration
-        path, _ = self._job("/v1/simulations", body)
+        path, _ = self._job("/v1/simulations", self._body(local, duration, accuracy=accuracy, **options))
         with TemporaryDirectory() as folder:
             file = Path(folder) / "result.npz"
             file.write_bytes(self.request("GET", f"{path}/result?format=npz")[1])
@@ -139,16 +138,17 @@ class Client:
 
     def linearize(self, scene: str | Scene, **state: Any) -> dict[str, Any]:
         """As `tl.linearize`: A, B, names, eigenvalues and more, as the service answers them. state: q, v."""
-        body = {"scene": self._content(scene if isinstance(scene, Scene) else load_scene(scene)), **state}
-        return self._json("POST", "/v1/scenes/linearize", body, dict[str, Any])
+        return self._json("POST", "/v1/scenes/linearize", self._body(scene, **state), dict[str, Any])
 
-    def sensitivities(self, scene: str | Scene, wrt: Sequence[str], **options: Any) -> dict[str, Any]:
+    @formerly("self", "scene", "wrt")
+    def sensitivities(
+        self, scene: str | Scene, duration: float | None = None, *, wrt: Sequence[str] = ("q", "v"), **options: Any
+    ) -> dict[str, Any]:
         """As `tl.sensitivities`: t, the run's record, and by name q (n, nv, k), v and error, as lists.
 
-        options: accuracy, duration, samples.
+        options: accuracy, t_eval, samples_per_second.
         """
-        local = scene if isinstance(scene, Scene) else load_scene(scene)
-        return self._job("/v1/sensitivities", {"scene": self._content(local), "wrt": list(wrt), **options})[1]
+        return self._job("/v1/sensitivities", self._body(scene, duration, wrt=list(wrt), **options))[1]
 
     def identify(self, robot: str, data: str, **options: Any) -> dict[str, Any]:
         """As `twolink identify --json`. robot: an id. data: the text of a CSV file.
@@ -157,21 +157,30 @@ class Client:
         """
         return self._job("/v1/identifications", {"robot": robot, "data": data, **options})[1]
 
+    @formerly("self", "scene", "vary", "out")
     def sweep(
-        self, scene: str | Scene, vary: Mapping[str, Any], out: str | os.PathLike[str], **options: Any
-    ) -> Any:  # fmt: skip
+        self,
+        scene: str | Scene,
+        duration: float | None = None,
+        *,
+        vary: Mapping[str, Any],
+        out: str | os.PathLike[str],
+        **options: Any,
+    ) -> Any:
         """As `tl.sweep`, computed by the service; its results in a new store here.
 
         Parameters
         ----------
         scene : str or Scene
             As of `simulate`.
+        duration : float, optional
+            As of `simulate`.
         vary : mapping
             As of `tl.sweep`.
         out : path-like
             The store, a folder that does not exist yet.
         **options
-            accuracy, duration, design, count, seed, outputs (without functions), samples, verify.
+            accuracy, t_eval, samples_per_second, design, count, seed, outputs (without functions), verify.
 
         Returns
         -------
@@ -189,8 +198,7 @@ class Client:
         require_extra("zarr", "sweeps")  # before anything is computed
         from twolink.sweeps import open_sweep
 
-        local = scene if isinstance(scene, Scene) else load_scene(scene)
-        path, _ = self._job("/v1/sweeps", {"scene": self._content(local), "vary": dict(vary), **options})
+        path, _ = self._job("/v1/sweeps", self._body(scene, duration, vary=dict(vary), **options))
         content = self.request("GET", f"{path}/result?format=zip")[1]
         with TemporaryDirectory(dir=target.parent, prefix=f".{target.name}.") as folder:
             zipfile.ZipFile(io.BytesIO(content)).extractall(Path(folder) / "store")
@@ -210,6 +218,12 @@ class Client:
         if job.state != "done":
             raise TwolinkError(f"the job was {job.state}", where=self.url, code=job.state)
         return path, job.result or {}
+
+    def _body(self, scene: str | Scene, duration: float | None = None, **fields: Any) -> dict[str, Any]:
+        """The body of a request about a scene."""
+        local = scene if isinstance(scene, Scene) else load_scene(scene)
+        given = {} if duration is None else {"duration": duration}
+        return {"scene": self._content(local), **given, **fields}
 
     def _content(self, scene: Scene) -> dict[str, Any]:
         """A scene as the service takes it, its robot uploaded unless it is of the catalogue."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twolink.errors import ShowError, import_extra
 from twolink.io.files import write_atomic
+from twolink.io.progress import Report
 from twolink.io.tables import require_format
 from twolink.show.figure import COLOURS, new_figure, plain
 from twolink.show.meshcat_scene import look_at, poses, require_pieces
@@ -27,7 +28,6 @@ WHOLE = 600  # configurations that decide from where the camera sees the whole m
 ARROW_COLOURS = (CONTACT_COLOUR, FORCE_COLOUR)  # thin, and of few of the pixels that decide on a palette
 GIF_RATE = 25.0  # pictures a second; a .gif counts in hundredths of a second
 Image = NDArray[np.uint8]
-Report = Callable[[int, int], None]
 
 
 def write_video(
@@ -75,7 +75,7 @@ def write_video(
     contacts, forces : mapping of name to (points, forces), (n, k, 3) each, optional
         Forces to draw as arrows, m and N at the times t, NaN where none acts: of contacts, and of others.
     progress : callable, optional
-        Called with the number of pictures made and of all.
+        Called now and then with what is done, the total and a label; here pictures.
     on_skipped : callable, optional
         Called with the names of pieces that cannot be drawn, if any.
 
@@ -111,7 +111,7 @@ def write_video(
             image = _labelled(arrows.over(picture.of(configuration), k), f"t = {moment:.{time_digits(shown)}f} s")
             yield np.hstack([image, beside(moment)]) if beside else image
             if progress is not None:
-                progress(k + 1, len(shown))
+                progress(k + 1, len(shown), f"picture {k + 1} of {len(shown)}")
 
     if encoder is not None:
         return _encode(encoder, made(), path, rate, kind)

@@ -6,6 +6,7 @@ service.
 """
 
 from twolink.integrate.event import Event
+from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.explanation import Explanation, explain
 from twolink.simulation.many_runs import Worlds
@@ -13,4 +14,14 @@ from twolink.simulation.scene_run import simulate
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.worlds import simulate_many
 
-__all__ = ["Cost", "Event", "Explanation", "Trajectory", "Worlds", "explain", "simulate", "simulate_many"]
+__all__ = [
+    "Certificate",
+    "Cost",
+    "Event",
+    "Explanation",
+    "Trajectory",
+    "Worlds",
+    "explain",
+    "simulate",
+    "simulate_many",
+]

@@ -29,7 +29,7 @@ from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.solution import Piece, Solution
 from twolink.integrate.state import Array
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0
 RELATIVE = 1e-6  # of forces, powers, accelerations and energies to the largest at that time
@@ -59,7 +59,7 @@ class Law:
 
 
 @dataclass(frozen=True, repr=False)
-class Certificate(ShownAsText):
+class Certificate(Result):
     """The laws that a run was checked for, at so many states: samples, and the starts of modes."""
 
     laws: tuple[Law, ...]

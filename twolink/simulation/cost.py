@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 from twolink.integrate.solution import Code
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 
 KINDS = {"steps": "compiled", "first": "compiled, not optimized", "parts": "compiled in parts", "": "not compiled"}
 
 
 @dataclass(frozen=True, repr=False)
-class Cost(ShownAsText):
+class Cost(Result):
     """What a run cost: the method, its steps and evaluations of the dynamics, and seconds of wall clock.
 
     Parameters

@@ -6,8 +6,12 @@ Stored is kinetic and gravity's potential energy; springs are effects, and what 
 are Gauss's of order 12 between samples, split where the motion is not smooth, from the dense output of the run.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,14 +28,17 @@ from twolink.integrate.scene_equations import equations_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.simulation.scene_run import simulate
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NODES = 6  # of Gauss's quadrature between two samples
 
 
 @dataclass(frozen=True, repr=False)
-class EnergyBalance(ShownAsText):
+class EnergyBalance(Result):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -49,6 +56,28 @@ class EnergyBalance(ShownAsText):
         """What does not add up at each sample (n,), J."""
         works = sum(self.work.values(), np.zeros_like(self.stored))
         return np.asarray(self.stored - self.stored[0] - works + self.lost)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The balance of the whole run for JSON, J.
+
+        work: of each effect, by its name; stored: at the start and at the end; lost: in impacts and releases; residual:
+        the largest at any sample.
+        """
+        return {
+            "work": {name: float(work[-1]) for name, work in self.work.items()},
+            "stored": [float(self.stored[0]), float(self.stored[-1])],
+            "lost": float(self.lost[-1]),
+            "residual": float(np.abs(self.residual).max()),
+        }
+
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw stored energy, works and losses over time into a .png, .svg or .pdf; without a path the figure."""
+        from twolink.show.result_plot import plot_lines
+
+        curves = {"stored": self.stored - self.stored[0], **self.work, "impacts and releases": -self.lost}
+        return plot_lines(
+            path, self.run.title or self.run.robot.name, ("t (s)", "energy since the start (J)"), self.t, curves
+        )
 
     def __str__(self) -> str:
         entries = {"stored, at first": self.stored[0], **{name: w[-1] for name, w in self.work.items()}}

@@ -1,10 +1,15 @@
 """explain: what a scene computes, what each effect costs, and how it would be solved; without running it to its end."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.contact.choice import Choice, choose_contact_method
 from twolink.dynamics.kernels import heyoka, pays_threads
@@ -24,8 +29,11 @@ from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.refinement import DIGITS, PATIENCE, first_choice, precisions_of
-from twolink.simulation.sampling import duration_for
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
+from twolink.simulation.text import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PILOT_STEPS = 20  # of stepped contacts
 LONG_COMPILING = 1.0  # s: steps that compile longer are not compiled to measure an evaluation
@@ -46,7 +54,7 @@ class Share:
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(ShownAsText):
+class Explanation(Result):
     """How a scene is computed.
 
     Parameters
@@ -94,6 +102,14 @@ class Explanation(ShownAsText):
     duration: float
     expected_seconds: float
 
+    def plot(self, path: str | Path | None = None) -> Path | Figure:
+        """Draw the operations that each effect adds into a .png, .svg or .pdf; without a path the figure."""
+        from twolink.show.result_plot import plot_bars
+
+        names, counts = [share.effect for share in self.shares], [share.operations for share in self.shares]
+        title = f"{self.scene}: {self.operations} operations an evaluation"
+        return plot_bars(path, title, "operations that the effect adds", names, counts)
+
     def __repr__(self) -> str:
         lines = [
             self.scene,
@@ -114,11 +130,14 @@ class Explanation(ShownAsText):
         return "\n".join(lines)
 
 
+@formerly("scene", "accuracy", "duration")
 def explain(
     scene: Scene,
-    accuracy: float = 1e-6,
     duration: float | None = None,
     *,
+    accuracy: float = 1e-6,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 200.0,
     method: str = "auto",
     contact: str | None = None,
 ) -> Explanation:
@@ -127,10 +146,12 @@ def explain(
     Parameters
     ----------
     scene : Scene
-    accuracy : float
-        Bound on the global error of q, rad or m.
     duration : float, optional
         Simulated time, s; by default the scene's own.
+    accuracy : float
+        Bound on the global error of q, rad or m.
+    t_eval, samples_per_second : optional
+        The samples of the run, as in `simulate`.
     method : str
         "auto" or the name of a method.
     contact : {"located", "stepped"}, optional
@@ -146,6 +167,7 @@ def explain(
         An argument does not fit, or the first part of the motion cannot be solved.
     """
     length, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
+    times = sample_times(length, t_eval, samples_per_second)
     chosen = choose_contact_method(scene, contact)
     if chosen.method == "stepped":
         return _of_steps(scene, chosen, accuracy, length)
@@ -170,7 +192,7 @@ def explain(
         choice.why,
         accuracy,
         length,
-        _expected(equations, choice, length),
+        _expected(equations, choice, with_ends(times, length)),
     )
 
 
@@ -272,11 +294,13 @@ def _median_nanoseconds(call: Callable[[], object], evaluations: int) -> float:
     return 1e9 * float(np.median(rounds)) / evaluations
 
 
-def _expected(equations: Equations, choice: MethodChoice, duration: float) -> float:
-    """Seconds of solving once: two first parts of the run give the cost of a call and that of simulated time."""
+def _expected(equations: Equations, choice: MethodChoice, times: np.ndarray) -> float:
+    """Seconds of solving once for samples at the times (n,): two first parts give the cost of a call and of time."""
+    duration = float(times[-1])
 
     def solved(part: float) -> Solution:
-        return solve(equations, choice.method, np.array([0.0, part * pilot]), choice.setting, None, choice.precision)
+        first = np.append(times[times < part * pilot], part * pilot)
+        return solve(equations, choice.method, first, choice.setting, None, choice.precision)
 
     def seconds(part: float) -> float:
         solved(part)  # compiles what is not compiled yet

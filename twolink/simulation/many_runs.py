@@ -19,6 +19,7 @@ from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost
+from twolink.simulation.text import Result, as_data
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import EXTRA, coordinate_names
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Worlds:
+class Worlds(Result):
     """Where many worlds ended. `len` is their number; `worlds[i]` is the run of one of them, at the samples kept.
 
     Parameters
@@ -49,7 +50,7 @@ class Worlds:
     cost : Cost
         Of all worlds together.
     samples_t : ndarray (m,)
-        The times of the samples before the end, where they were asked for, s.
+        The times of the samples that were asked for, s.
     samples_q : ndarray (m, n, nq)
         The configurations there.
     samples_v : ndarray (m, n, nv)
@@ -116,7 +117,7 @@ class Worlds:
         remedy = f"tl.simulate(worlds.scene_of({i})) runs it alone, with its equations"
         if not len(self.samples_t):
             raise SceneError("no samples were kept", where=f"worlds[{i}]", code="no-samples",
-                             remedy=f"simulate_many(..., samples=100) keeps them; {remedy}")  # fmt: skip
+                             remedy=f"simulate_many(..., samples_per_second=100) keeps them; {remedy}")  # fmt: skip
         if not np.isfinite(self.q[i]).all():
             raise SceneError("the world was lost", where=f"worlds[{i}]", remedy=remedy, code="lost-world")
         scene = self.scene_of(i)
@@ -130,7 +131,7 @@ class Worlds:
         changes = any(isinstance(effect, Release) for effect in scene.effects)  # of the robot, and so of its energy
         energy = np.full(len(t), np.nan) if changes else None
         return Trajectory(scene.robot, t, q, v, error, None, events, accuracy=self.accuracy, title=title,
-                          recorded_energy=energy)  # fmt: skip
+                          recorded_energy=energy, scene=scene)  # fmt: skip
 
     def scene_of(self, i: int) -> Scene:
         """The scene of world i: its start and its parameters. `tl.simulate` gives its run with equations of motion."""
@@ -156,6 +157,11 @@ class Worlds:
         """The columns as a pandas.DataFrame. Raises MissingExtraError where pandas is not installed."""
         return import_extra("pandas", EXTRA).DataFrame(self.columns())
 
+    def to_dict(self) -> dict[str, Any]:
+        """The columns and what they have in common, for JSON."""
+        common = {"scene": self.scene, "robot": self.robot, "duration": self.t, "accuracy": self.accuracy}
+        return {**as_data({**common, "cost": self.cost}), "columns": as_data(self.columns())}
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the columns, one row a world, to .csv, .parquet or .npz; all keep every digit. Returns the path."""
         return write_table(Path(path), self.columns(), {"title": self.scene.title, "robot": self.robot.name})
@@ -180,8 +186,9 @@ class Worlds:
         """
         from twolink.show.motion_plots import plot_worlds
 
-        t = np.append(self.samples_t, self.t)
-        q = np.concatenate([self.samples_q, self.q[None]])
+        before = self.samples_t < self.t
+        t = np.append(self.samples_t[before], self.t)
+        q = np.concatenate([self.samples_q[before], self.q[None]])
         q[-1, self.ends < self.t] = np.nan  # of an earlier time
         at_end = None if len(self.samples_t) else self.q
         return plot_worlds(self.robot, self.scene.title or self.robot.name, t, q if at_end is None else self.q[None],

@@ -1,14 +1,31 @@
 """What is asked of a run: scene, duration, sample times, and the times at which errors are looked at."""
 
+from __future__ import annotations
+
+import functools
+import inspect
 import math
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from twolink.dynamics.arguments import positive
+from twolink.dynamics.arguments import array, positive
 from twolink.errors import SceneError
 from twolink.scenes import Scene
 from twolink.scenes.scene import duration_of
 
+if TYPE_CHECKING:
+    from twolink.simulation.trajectory import Trajectory
+
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+MAX_SAMPLES = 20_000_000
+SHORTEST = 1e-3  # s: the second argument of `explain` was an accuracy, and is taken for one below it
+ROUNDED = 1e-12  # of the duration: by which the last of t_eval may be above it
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -19,22 +36,91 @@ def duration_for(scene: Scene, duration: float | None) -> float:
     return scene.duration if duration is None else duration_of(duration)
 
 
-def sample_times(duration: float, samples: float, limit: float) -> np.ndarray:
-    """The times 0, 1 / samples, 2 / samples, ... below the duration [s], and the duration itself.
+def sample_times(
+    duration: float, t_eval: ArrayLike | None, samples_per_second: float, limit: float = MAX_SAMPLES
+) -> np.ndarray:
+    """The times (n,) of samples up to the duration [s]: t_eval; without it 0, 1 / rate, 2 / rate, ... and the duration.
 
-    Raises SceneError for more than `limit` of them (code "too-many-samples").
+    Raises SceneError for more than `limit` of them (code "too-many-samples"), and for a t_eval that does not increase
+    or is not within the run (code "times").
     """
-    rate = positive(samples, "samples", SceneError, "such as 200 a second")
+    if t_eval is not None:
+        return _checked_times(t_eval, duration, limit)
+    rate = positive(samples_per_second, "samples_per_second", SceneError, "such as 200")
     if duration * rate > limit:
-        raise SceneError(
-            f"{duration * rate:.3g} samples, the limit is {limit:.0e}",
-            argument="samples",
-            remedy="ask for fewer a second, or a shorter duration",
-            code="too-many-samples",
-        )
+        raise SceneError(f"{duration * rate:.3g} samples, the limit is {limit:.0e}", argument="samples_per_second",
+                         remedy="ask for fewer a second, or a shorter duration", code="too-many-samples")  # fmt: skip
     times = np.arange(max(1, math.ceil(duration * rate - 1e-9)) + 1) / rate
     times[-1] = duration
     return times if times[-2] < duration else np.append(times[times < duration], duration)
+
+
+def _checked_times(t_eval: ArrayLike, duration: float, limit: float) -> np.ndarray:
+    times = np.atleast_1d(array("t_eval", t_eval, None))
+    if times.ndim > 1 or not times.size or (np.diff(times) <= 0.0).any():
+        raise SceneError("expected times that increase", argument="t_eval", code="times",
+                         remedy="such as np.linspace(0, duration, 101)")  # fmt: skip
+    if times[0] < 0.0 or times[-1] > duration * (1.0 + ROUNDED):
+        raise SceneError(f"{times[0]:g} to {times[-1]:g} s are not within 0 and {duration:g} s", argument="t_eval",
+                         remedy="ask for times of the run, or a longer duration", code="times")  # fmt: skip
+    if len(times) > limit:
+        raise SceneError(f"{len(times):.3g} samples, the limit is {limit:.0e}", argument="t_eval",
+                         remedy="ask for fewer", code="too-many-samples")  # fmt: skip
+    return np.asarray(np.minimum(times, duration))
+
+
+def with_ends(times: np.ndarray, duration: float) -> np.ndarray:
+    """The times (n,), and 0 and the duration [s] where they are not among them."""
+    return np.union1d(times, [0.0, duration])
+
+
+def only_at(run: Trajectory, times: np.ndarray, duration: float) -> Trajectory:
+    """The run with its samples at these times (n,) only, and where it ended before the duration [s]."""
+    kept = np.isin(run.t, times)
+    kept[-1] |= run.t[-1] < duration
+    if kept.all():
+        return run
+    parts = np.split(kept, np.cumsum([count for _, count in run.robots])[:-1]) if run.robots else ()
+    robots = [(robot, int(part.sum())) for (robot, _), part in zip(run.robots, parts, strict=True)]
+    error, precise = (None if rows is None else rows[kept] for rows in (run.error, run.precise))
+    return replace(run, t=run.t[kept], q=run.q[kept], v=run.v[kept], error=error, precise=precise, robots=robots)
+
+
+def formerly(*names: str, count: str = "") -> Callable[[Callable[Given, Answer]], Callable[Given, Answer]]:
+    """Accept the arguments of release 0.1 for one release: these by place, and `samples`; each with a warning.
+
+    count: what `samples` was a number of, where it was no rate.
+    """
+
+    def decorate(function: Callable[Given, Answer]) -> Callable[Given, Answer]:
+        @functools.wraps(function)
+        def with_former(*args: Any, **given: Any) -> Answer:
+            title, k = function.__name__, names.index("scene") + 1
+            second = args[k] if len(args) > k and names[k] != "duration" else None
+            small = names[k] == "accuracy" and isinstance(second, float) and second < SHORTEST
+            if len(args) > k + 1 or small or not isinstance(second, float | int | np.number | None):
+                given |= dict(zip(names[k:], args[k:], strict=False))
+                args = args[:k] + args[len(names) :]
+                others = ", ".join(name for name in names[k:] if name != "duration")
+                _warn(f"{title} takes only the scene and the duration by place: name {others}")
+            if "samples" in given:
+                samples = given.pop("samples")
+                if not count:
+                    given["samples_per_second"] = samples
+                elif samples:
+                    asked = inspect.signature(function).bind_partial(*args, **given).arguments
+                    end = duration_for(asked["scene"], asked.get("duration"))
+                    given["t_eval"] = np.linspace(0.0, end, samples + 2)[:-1]
+                _warn(f"{title}: samples is called samples_per_second{count and f'; it was {count}, see t_eval'}")
+            return function(*args, **given)
+
+        return with_former
+
+    return decorate
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, DeprecationWarning, stacklevel=3)
 
 
 def with_check_times(times: np.ndarray, count: int) -> np.ndarray:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics import Robot
@@ -16,18 +17,26 @@ from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.taylor_code import Precision
+from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
 from twolink.simulation.refinement import PATIENCE, Refinement, first_choice, precisions_of
-from twolink.simulation.sampling import duration_for, sample_times, spread_out, with_check_times
+from twolink.simulation.sampling import (
+    duration_for,
+    formerly,
+    only_at,
+    sample_times,
+    spread_out,
+    with_check_times,
+    with_ends,
+)
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verification, Verified
 
-MAX_SAMPLES = 20_000_000
 CHECKS, MAX_CHECKS = 41, 100  # times at which errors are checked, at least and about at most
 ACCURACY = 1e-6  # rad or m, where none is asked for
 ASSEMBLED = 1e-9  # rad, m: a start that was moved by more is an event
@@ -38,18 +47,20 @@ NOT_LOCATED = ("no-impact", "no-consistent-mode", "indeterminate-forces", "no-si
 UNSOLVED = "steps-collapsed", "loops-singular", "too-many-steps"  # codes: another method may go on
 
 
+@formerly("scene", "duration", "accuracy")
 def simulate(
     scene: Scene,
     duration: float | None = None,
-    accuracy: float | None = None,
     *,
+    accuracy: float | None = None,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 200.0,
     method: str = "auto",
-    samples: float = 200.0,
     verify: bool = True,
     precision: Precision | Literal["auto"] = "auto",
     tolerance: float | None = None,
     step: float | None = None,
-    progress: Progress | None = None,
+    progress: Report | None = None,
     contact: str | None = None,
     patience: float | None = None,
 ) -> Trajectory:
@@ -63,10 +74,12 @@ def simulate(
     accuracy : float, optional
         Bound on the global error of q at every sample, max |difference(q, q_exact)|, rad or m; by default 1e-6. Of
         contacts that are stepped, by default what the patience allows.
+    t_eval : array_like (n,), optional
+        Times of the samples, s, increasing, from 0 at least to the duration at most.
+    samples_per_second : float
+        Without t_eval, samples a second; the first is at 0, the last at `duration`.
     method : str
         "auto", the cheapest for the accuracy, or one of `twolink methods`.
-    samples : float
-        Samples a second; the first is at 0, the last at `duration`.
     verify : bool
         Solve beside the run a finer solution, and some that are disturbed by rounding, and take the distances as the
         error bar; the settings are refined until the bar is below `accuracy`. Without it run.error is None.
@@ -76,7 +89,7 @@ def simulate(
     tolerance, step : float, optional
         Of the method, in place of what `accuracy` calls for, the step in s; the error bar is measured and reported.
     progress : callable, optional
-        Called with the simulated time now and then.
+        Called now and then with what is done, the total and a label; here simulated seconds.
     contact : {"located", "stepped"}, optional
         How contacts are computed: each one located, with an error bar; or stepped through, with an error that is
         estimated (run.bound). By default as `explain` says.
@@ -98,13 +111,15 @@ def simulate(
         An argument does not fit.
     """
     end, asked = duration_for(scene, duration), None if accuracy is None else accuracy_of(accuracy)
-    times = sample_times(end, samples, MAX_SAMPLES)
+    wanted = sample_times(end, t_eval, samples_per_second)
+    times, told = with_ends(wanted, end), in_time(progress, end)
     if patience is not None:
         patience = positive(patience, "patience", AccuracyError, "such as 600")
     chosen = choose_contact_method(scene, contact)
     if chosen.method == "stepped":
-        return _stepped(scene, times, asked, method, tolerance, step, precision, progress, patience, verify=verify)
-    limit = TimeLimit(patience or PATIENCE, progress=progress, from_now=True)
+        run = _stepped(scene, times, asked, method, tolerance, step, precision, told, patience, verify=verify)
+        return only_at(run, wanted, end)
+    limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
     accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
     free = method == "auto" and tolerance is None and step is None
     more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
@@ -114,7 +129,8 @@ def simulate(
         choice = replace(choice, setting=min(max(choice.setting, end / PILOT_STEPS), end / 4))
     search = Refinement(equations, accuracy, any_method=free, precisions=() if measured else more)
     try:
-        return run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
+        run = run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
+        return only_at(run, wanted, end)
     except AccuracyError as error:
         reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
         if chosen.method == "located" and error.code in NOT_LOCATED and not reflects:
@@ -284,6 +300,7 @@ def _trajectory(
         robots=_robots(solution, kept),
         solution=dense,
         title=scene.title,
+        scene=scene,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, require_known
@@ -16,14 +17,15 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.method_choice import choose
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.solution import Progress
+from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import ROUNDING, SLACK, error_bar
-from twolink.simulation.sampling import duration_for, sample_times
-from twolink.simulation.scene_run import MAX_SAMPLES, run_of
+from twolink.simulation.sampling import duration_for, formerly, only_at, sample_times, with_ends
+from twolink.simulation.scene_run import run_of
 from twolink.simulation.sensitivity_names import wanted_of
 from twolink.simulation.sensitivity_runs import SensitivityRun
-from twolink.simulation.text import ShownAsText
+from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -31,11 +33,11 @@ if TYPE_CHECKING:
 
 MARGIN, SMOOTH_MARGIN = 10.0, 2.0  # times smaller than the accuracy the first tolerance is, with events and without
 TRIALS = 5  # of smaller tolerances
-Result = TypeVar("Result")
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(ShownAsText):
+class Sensitivities(Result):
     """Derivatives of a motion.
 
     Parameters
@@ -121,14 +123,16 @@ class Sensitivities(ShownAsText):
         return f"<Sensitivities to {', '.join(self.q)}: {len(self.run.t)} samples, error bar {worst:.1e}>"
 
 
+@formerly("scene", "wrt", "duration", "accuracy")
 def sensitivities(
     scene: Scene,
-    wrt: Sequence[str] = ("q", "v"),
     duration: float | None = None,
-    accuracy: float = 1e-6,
     *,
-    samples: float = 200.0,
-    progress: Progress | None = None,
+    wrt: Sequence[str] = ("q", "v"),
+    accuracy: float = 1e-6,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 200.0,
+    progress: Report | None = None,
 ) -> Sensitivities:
     """Derivatives of a simulated motion by its initial state and by physical constants.
 
@@ -137,20 +141,20 @@ def sensitivities(
     Parameters
     ----------
     scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
     wrt : sequence of str
         By what: "q" and "v", the initial configuration (along tangent directions) and velocity; "q.JOINT" and
         "v.JOINT", those of a joint; a physical constant (`algorithms.mechanism.parameter_names`: "forearm.mass",
         "gravity.z", ...); a number of an effect, by its place in the scene ("effects.1.damping.elbow"), also one that
         decides events ("effects.2.restitution", "effects.3.static.elbow", "effects.4.at").
-    duration : float, optional
-        Simulated time, s; by default the scene's own.
     accuracy : float
         Bound on the global error of q as in `simulate`, and on the error of each derivative relative to its largest
         entry so far, or to 1 (in SI units) where that is larger.
-    samples : float
-        Samples a second.
+    t_eval, samples_per_second : optional
+        The samples, as in `simulate`.
     progress : callable, optional
-        Called with the simulated time now and then.
+        Called now and then with what is done, the total and a label; here simulated seconds.
 
     Returns
     -------
@@ -171,8 +175,13 @@ def sensitivities(
     truncation; two that start roundings away show rounding, also that of the differences through events. Without events
     the derivatives are those along the finer one, interpolated between its steps; with events, those along the motion.
     """
-    times = sample_times(duration_for(scene, duration), samples, MAX_SAMPLES)
-    return sensitivities_at(scene, wrt, times, accuracy, progress)
+    end = duration_for(scene, duration)
+    times = sample_times(end, t_eval, samples_per_second)
+    found = sensitivities_at(scene, wrt, with_ends(times, end), accuracy, in_time(progress, end))
+    run = only_at(found.run, times, end)
+    kept = np.isin(found.run.t, run.t)
+    q, v, error = ({name: rows[kept] for name, rows in by.items()} for by in (found.q, found.v, found.error))
+    return replace(found, run=run, q=q, v=v, error=error)
 
 
 def sensitivities_at(
@@ -202,11 +211,11 @@ def refined(
     equations: Equations,
     times: np.ndarray,
     accuracy: float,
-    attempt: Callable[[Equations, Trajectory, float], tuple[Result, float]],
+    attempt: Callable[[Equations, Trajectory, float], tuple[Found, float]],
     progress: Progress | None = None,
     *,
     numbers_as_inputs: bool = False,
-) -> Result:
+) -> Found:
     """What is derived from a run at times (n,), by ever more accurate runs until its bars are below the accuracy.
 
     attempt: of equations, their run and a tolerance of steps: the result, and how many times too large

@@ -182,4 +182,4 @@ def _trajectory(
                 why="many contacts", step=solution.step)  # fmt: skip
     error = None if distance is None else error_bar(distance, np.zeros_like(distance), SAFETY)
     return Trajectory(scene.robot, solution.t, solution.q, solution.v, error, cost, interrupted=solution.interrupted,
-                      accuracy=accuracy, solution=solution, title=scene.title, estimated=True)  # fmt: skip
+                      accuracy=accuracy, solution=solution, title=scene.title, estimated=True, scene=scene)  # fmt: skip

@@ -49,7 +49,7 @@ class TimeLimit:
         self.seconds, self.clock, self.progress = seconds, clock or time.perf_counter, progress
         self.start: float | None = self.clock() if from_now else None
 
-    def __call__(self, t: float) -> None:
+    def __call__(self, t: float, *_: object) -> None:
         now = self.clock()
         if self.start is None:
             self.start = now

@@ -20,10 +20,11 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
 from twolink.io.text import facts_html
+from twolink.scenes import Scene
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
-from twolink.simulation.text import ContactForces
+from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +38,7 @@ SHOWN_EVENTS = 5  # in notebooks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(Result):
     """A motion and how far it can be trusted.
 
     Parameters
@@ -78,6 +79,8 @@ class Trajectory:
     certificate : Certificate or None
         The laws checked along a run with located events: what, worst value, when. None for a smooth, a stepped or a
         loaded one.
+    scene : Scene or None
+        What was simulated; None for a loaded trajectory.
     """
 
     robot: Robot
@@ -98,6 +101,7 @@ class Trajectory:
     recorded_contacts: tables.Contacts | None = None
     recorded_forces: tables.Contacts | None = None
     certificate: Certificate | None = None
+    scene: Scene | None = None
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -117,6 +121,11 @@ class Trajectory:
         return "" if self.error is None else "estimated" if self.estimated else "verified"
 
     @property
+    def end(self) -> float:
+        """When the run ended, s: at its duration, at an event, or at Ctrl-C."""
+        return float(self.t[-1] if self.solution is None else self.solution.t[-1])
+
+    @property
     def trusted_until(self) -> float | None:
         """The last sample's time [s] up to which the error bar is below the accuracy asked for; None: unknown."""
         if self.error is None or self.accuracy is None:
@@ -130,7 +139,7 @@ class Trajectory:
         Parameters
         ----------
         t : float or array_like (...)
-            Times from the first sample to the last, s. At an event the state after it is returned.
+            Times from the start of the run to its end, s. At an event the state after it is returned.
 
         Returns
         -------
@@ -152,11 +161,12 @@ class Trajectory:
         solution = self._solution("at")
         times = np.asarray(t, dtype=float)
         flat = times.ravel()
-        outside = ~((flat >= self.t[0]) & (flat <= self.t[-1]))
+        start, end = float(solution.t[0]), float(solution.t[-1])
+        outside = ~((flat >= start) & (flat <= end))
         if outside.any():
-            raise SceneError(f"{flat[outside][0]:g} s is not within {self.t[0]:g} and {self.t[-1]:g} s", argument="t",
+            raise SceneError(f"{flat[outside][0]:g} s is not within {start:g} and {end:g} s", argument="t",
                              remedy="ask for times of the run, or simulate for longer", code="outside-run",
-                             start=float(self.t[0]), end=float(self.t[-1]))  # fmt: skip
+                             start=start, end=end)  # fmt: skip
         q, v = solution.pieces[0].equations.space.rows(solution.states(flat))
         return q.reshape(*times.shape, self.robot.nq), v.reshape(*times.shape, self.robot.nv)
 
@@ -254,6 +264,33 @@ class Trajectory:
         """
         return tables.as_frame(self._samples)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The summary of the run for JSON; its samples are in `columns()`.
+
+        Returns
+        -------
+        dict
+            scene, robot, joints (names); duration [s], samples (a count); error (the largest error bar, rad or m; None
+            when the run is not verified), bound ("verified", "estimated" or ""), accuracy,
+            trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
+            cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
+            contacts: of stepped contacts `Trajectory.contact_record`.
+            q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
+        """
+        record = {
+            "scene": self.title, "robot": self.robot.name, "joints": list(self.robot.joint_names),
+            "duration": self.end, "samples": len(self.t), "error": None if self.error is None else self.error.max(),
+            "bound": self.bound, "accuracy": self.accuracy, "trusted_until": self.trusted_until,
+            "energy_drift": np.ptp(self.energy), "q": self.q[-1], "v": self.v[-1], "cost": self.cost,
+            "events": self.events, "interrupted": self.interrupted,
+        }  # fmt: skip
+        if self.contact_record is not None:
+            record["contacts"] = self.contact_record
+        if self.precise is not None:  # as texts, because readers of JSON take numbers as doubles
+            digits = [str(x) for x in self.precise[-1]]
+            record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :]}
+        return {name: as_data(value) for name, value in record.items()}
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path.
 
@@ -316,42 +353,24 @@ class Trajectory:
         """
         from twolink.show.motion_plots import plot_trajectory
 
-        title = self.title or f"{self.robot.name}: {self.t[-1]:g} s"
+        title = self.title or f"{self.robot.name}: {self.end:g} s"
         at = None if self.solution is None else self.at
         curves, energy = tables.drawn_curves(self._samples, at, self.robots)
         return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error),
                                None if path is None else Path(path), estimated=self.estimated)  # fmt: skip
 
     @overload
-    def playback(
-        self,
-        *,
-        speed: float | None = ...,
-        trails: Sequence[str] | None = ...,
-        beside: Trajectory | None = ...,
-        on_skipped: Skipped = ...,
-    ) -> InlinePage: ...
+    def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,
+                 beside: Trajectory | None = ..., on_skipped: Skipped = ...) -> InlinePage: ...  # fmt: skip
 
     @overload
-    def playback(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        speed: float | None = ...,
-        trails: Sequence[str] | None = ...,
-        beside: Trajectory | None = ...,
-        on_skipped: Skipped = ...,
-    ) -> Path: ...
+    def playback(self, path: str | os.PathLike[str], *, speed: float | None = ..., trails: Sequence[str] | None = ...,
+                 beside: Trajectory | None = ..., on_skipped: Skipped = ...) -> Path: ...  # fmt: skip
 
     def playback(
-        self,
-        path: str | os.PathLike[str] | None = None,
-        *,
-        speed: float | None = None,
-        trails: Sequence[str] | None = None,
-        beside: Trajectory | None = None,
-        on_skipped: Skipped = None,
-    ) -> Path | InlinePage:
+        self, path: str | os.PathLike[str] | None = None, *, speed: float | None = None,
+        trails: Sequence[str] | None = None, beside: Trajectory | None = None, on_skipped: Skipped = None,
+    ) -> Path | InlinePage:  # fmt: skip
         """Make a standalone page that plays the motion in 3D in any browser, offline.
 
         It has a time line with the run's events, and shows at will trails and frames of links, the centre of mass, and
@@ -421,7 +440,7 @@ class Trajectory:
             Whether arrows show the forces of contacts, and those of effects on links.
         **options
             size=(960, 720), pixels; rate=30, pictures a second; at, the time of a .png, s; direction (3,), from the
-            robot to the camera; progress, called with the number of pictures made and of all; on_skipped, as of
+            robot to the camera; progress, called with the pictures done, all, and a label; on_skipped, as of
             `playback`.
 
         Returns
@@ -460,7 +479,8 @@ class Trajectory:
         from twolink.show.playback import play_live
 
         play_live(*self._motion, **self._told, speed=self._speed(speed), open_browser=open_browser,
-                  on_url=on_url or _log_url, on_skipped=on_skipped or _log_skipped)  # fmt: skip
+                  on_url=on_url or functools.partial(log.info, "playing at %s"),
+                  on_skipped=on_skipped or _log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
         from twolink.show.motion_samples import usual_speed
@@ -494,7 +514,7 @@ class Trajectory:
         error = "not verified" if self.error is None else f"error {sign} {self.error.max():.1e}"
         events = f", {len(self.events)} events" if self.events else ""
         ended = ", interrupted" if self.interrupted else ""
-        return f"<Trajectory of {self.robot.name!r}: {self.t[-1]:g} s, {len(self.t)} samples{events}, {error}{ended}>"
+        return f"<Trajectory of {self.robot.name!r}: {self.end:g} s, {len(self.t)} samples{events}, {error}{ended}>"
 
     def _repr_html_(self) -> str:
         from twolink.show.figure import figure_html
@@ -502,17 +522,13 @@ class Trajectory:
         more = len(self.events) - SHOWN_EVENTS
         facts: dict[str, Sequence[object]] = {
             "robot": [self.robot.name],
-            "time": [f"{self.t[-1]:g} s, {len(self.t)} samples" + (", interrupted" if self.interrupted else "")],
+            "time": [f"{self.end:g} s, {len(self.t)} samples" + (", interrupted" if self.interrupted else "")],
             "error": [self.error_text],
             "energy": [f"changes by {np.ptp(self.energy):.1e} J"],
             "events": [*self.events[:SHOWN_EVENTS], *([f"and {more} more"] if more > 0 else [])] or ["none"],
             "cost": [] if self.cost is None else repr(self.cost).splitlines(),
         }
         return facts_html(self.title or "Trajectory", facts) + figure_html(self.plot())
-
-
-def _log_url(url: str) -> None:
-    log.info("playing at %s", url)
 
 
 def _log_skipped(names: list[str]) -> None:

@@ -13,54 +13,58 @@ from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.solution import Progress
 from twolink.integrate.step_map import StepMap, step_map
+from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.cost import Cost
 from twolink.simulation.event_worlds import solve_one_by_one
 from twolink.simulation.many_runs import Worlds
-from twolink.simulation.sampling import duration_for, with_check_times
+from twolink.simulation.sampling import duration_for, formerly, sample_times, with_check_times, with_ends
 from twolink.simulation.world_solving import can_be_finer, solve_worlds
 
 CHECKS = 17  # times at least at which errors are checked
 MAX_NUMBERS = 200_000_000
 
 
+@formerly("scene", "q", "v", "parameters", "duration", "accuracy", count="their number before the end")
 def simulate_many(
     scene: Scene,
+    duration: float | None = None,
+    *,
     q: ArrayLike | None = None,
     v: ArrayLike | None = None,
     parameters: Mapping[str, ArrayLike] | None = None,
-    duration: float | None = None,
     accuracy: float = 1e-6,
-    *,
-    samples: int = 0,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 0.0,
     verify: bool = True,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> Worlds:
     """Simulate n worlds of a scene at once, to the same time.
 
     Parameters
     ----------
     scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
     q, v : array_like (n, nq), (n, nv), optional
         Initial states; by default the scene's own.
     parameters : mapping of names to numbers or array_like (n,), optional
         By name (`scenes.parameters`): physical constants such as "forearm.mass", numbers of effects by the effect's
         place in the scene, its field and what is in that, "effects.1.damping.elbow", or coordinates, "q.elbow".
-    duration : float, optional
-        Simulated time, s; by default the scene's own.
     accuracy : float
         Bound on the global error of q, rad or m. Worlds whose error bar is above it are solved again with smaller
         tolerances, where those can reach it; a bar that is still above is reported in `error`.
-    samples : int
-        Number of equally spaced times to keep besides the end.
+    t_eval : array_like (m,), optional
+        Times of the samples, s, increasing, from 0 at least to the duration at most.
+    samples_per_second : float
+        Without t_eval, samples a second. 0: only the end is kept.
     verify : bool
         Compute error bars from a second, more accurate and perturbed solution.
     progress : callable, optional
-        Called now and then with the mean of the times that worlds have reached.
+        Called now and then with what is done, the total and a label; here simulated seconds, the mean of all.
 
     Returns
     -------
@@ -81,14 +85,18 @@ def simulate_many(
     """
     end, accuracy = duration_for(scene, duration), accuracy_of(accuracy)
     states, values = world_states(scene, q, v, parameters)
-    _require_samples(samples, states.shape)
-    times = np.linspace(0.0, end, samples + 2) if samples else np.array([0.0, end])
-    kept = slice(0, samples + 1 if samples else 0)
+    wanted = np.empty(0)
+    if t_eval is not None or samples_per_second != 0.0:
+        wanted = sample_times(end, t_eval, samples_per_second, MAX_NUMBERS // states.size)
+    times, told = with_ends(wanted, end), in_time(progress, end)
+    kept = np.isin(times, wanted)
     begun = states[: scene.robot.nq].T.copy(), states[scene.robot.nq :].T.copy(), values
     if differs_beyond_numbers(scene, values):
-        ones = solve_one_by_one(scene, states, values, times, accuracy, progress, verify=verify)
+        ones = solve_one_by_one(scene, states, values, times, accuracy, told, verify=verify)
+        ended = (wanted[:, None] > ones.ends)[:, :, None]
+        qs, vs = (np.where(ended, np.nan, rows[kept]) for rows in (ones.q, ones.v))
         return Worlds(scene.robot, end, ones.q[-1], ones.v[-1], ones.error, accuracy, ones.steps, ones.cost,
-                      times[kept], ones.q[kept], ones.v[kept], ones.events, ones.ends, scene, *begun)  # fmt: skip
+                      wanted, qs, vs, ones.events, ones.ends, scene, *begun)  # fmt: skip
     steps_by = _step_map(scene, tuple(values), end)
     close_loops(steps_by.equations, states)
     parameter_rows = np.array(list(values.values())) if values else None
@@ -96,12 +104,12 @@ def simulate_many(
     if verify and not can_be_finer(method, accuracy):
         raise AccuracyError(f"{accuracy:g} is below what can be verified in batches", argument="accuracy",
                             remedy="ask for 1e-12, or verify=False", code="accuracy-not-verifiable")  # fmt: skip
-    solved = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, progress, verify=verify)
+    solved = solve_worlds(steps_by, states, check_times, accuracy, parameter_rows, told, verify=verify)
     steps, rejected = int(solved.steps.sum()), int(solved.rejected.sum())
     cost = Cost(method.name, solved.tolerance, steps, (steps + rejected) * method.evaluations, solved.seconds,
                 solved.verify_seconds, steps_by.compile_seconds, rejected, steps_by.compiled, "a batch")  # fmt: skip
     qs, vs = _configurations(steps_by.equations, solved.x[np.searchsorted(check_times, times)])
-    return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, times[kept], qs[kept],
+    return Worlds(scene.robot, end, qs[-1], vs[-1], solved.error, accuracy, solved.steps, cost, wanted, qs[kept],
                   vs[kept], (), np.full(len(qs[-1]), end), scene, *begun)  # fmt: skip
 
 
@@ -193,14 +201,6 @@ def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np
         finite = np.isfinite(q).all(axis=-1)
         q[finite] = space.robot.normalize(q[finite])
     return q, v
-
-
-def _require_samples(samples: int, shape: tuple[int, ...]) -> None:
-    if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or samples < 0:
-        raise SceneError(f"expected a whole number from 0, got {samples!r}", argument="samples", remedy="such as 10")
-    if samples * shape[0] * shape[1] > MAX_NUMBERS:
-        raise SceneError(f"{samples:.1e} samples of {shape[1]} worlds are too many", argument="samples",
-                         remedy="ask for fewer, or for fewer worlds at once", code="too-many-samples")  # fmt: skip
 
 
 def _step_map(scene: Scene, parameters: tuple[str, ...], end: float) -> StepMap:

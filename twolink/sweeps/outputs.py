@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import SceneError, nearest
+from twolink.simulation.sampling import with_ends
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.trajectory_tables import UNITS, coordinate_names
 
@@ -42,14 +43,14 @@ class Variable:
 class Request:
     """What is asked of every run.
 
-    duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; samples: times
-    before the end, equally spaced; verify: whether there are error bars.
+    duration, s; accuracy, rad or m, where it does not vary; outputs: of OUTPUTS, or "module:function"; t_eval: times of
+    the samples, s; verify: whether there are error bars.
     """
 
     duration: float
     accuracy: float
     outputs: tuple[str, ...]
-    samples: int
+    t_eval: tuple[float, ...]
     verify: bool
 
     @property
@@ -59,8 +60,8 @@ class Request:
 
     @property
     def times(self) -> np.ndarray:
-        """The times of the samples and the end, s; the first is 0."""
-        return np.linspace(0.0, self.duration, self.samples + 2) if self.samples else np.array([0.0, self.duration])
+        """The times of the samples, 0 and the end, s."""
+        return with_ends(np.array(self.t_eval), self.duration)
 
 
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -100,7 +101,7 @@ def function_of(name: str) -> Callable[[Trajectory], float]:
 
 def variables(robot: Any, request: Request) -> list[Variable]:
     """The variables for what is asked for; `status` is the last one, and is written last."""
-    size = {"q_name": robot.nq, "v_name": robot.nv, "time": request.samples + 1}
+    size = {"q_name": robot.nq, "v_name": robot.nv, "time": len(request.t_eval)}
     found = [Variable("error", "bound on the global error of q at the end", UNITS["error"])]
     if "final" in request.outputs:
         found += [Variable("t", "time of the end, or of the event that ended the run", "s"),
@@ -130,5 +131,5 @@ def coordinates(robot: Any, request: Request) -> dict[str, Any]:
     if {"final", "samples"} & set(request.outputs):
         found |= {"q_name": coordinate_names(robot, "q"), "v_name": coordinate_names(robot, "v")}
     if "samples" in request.outputs:
-        found["time"] = request.times[:-1] if request.samples else request.times[:1]
+        found["time"] = np.array(request.t_eval)
     return found

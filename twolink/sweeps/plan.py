@@ -81,7 +81,7 @@ class Plan:
         request, design = self.request, self.design
         return {"scene": scene_record(self.scene), "design": design.kind, "vary": sorted(design.values),
                 "seed": design.seed, "duration": request.duration, "accuracy": request.accuracy,
-                "outputs": list(request.outputs), "samples": request.samples, "verify": request.verify}  # fmt: skip
+                "outputs": list(request.outputs), "t_eval": list(request.t_eval), "verify": request.verify}  # fmt: skip
 
     @functools.cached_property
     def _scene(self) -> tuple[str, bytes]:

@@ -41,7 +41,6 @@ from twolink.sweeps.quantities import OF_VARIANTS, RunInputs, renamed, run_input
 
 SAMPLED = 200.0  # samples a second of runs that functions get, as `simulate` has them
 LONGEST_REASON = 300
-MAX_SAMPLES = 20_000_000
 KEPT = 8  # scenes that a thread keeps
 BEYOND = "its error bar is above the accuracy"
 LOST = "its step size collapsed, or its state stopped being finite"
@@ -184,8 +183,8 @@ def _batch(group: _Group, some: np.ndarray) -> None:
     asked, own, times = group.request, group.inputs, group.request.times
     parameters = {name: numbers[some] for name, numbers in own.parameters.items()}
     try:
-        worlds = simulate_many(own.scene, own.q[some], own.v[some], parameters, asked.duration, own.accuracy,
-                               samples=asked.samples, verify=asked.verify)  # fmt: skip
+        worlds = simulate_many(own.scene, asked.duration, q=own.q[some], v=own.v[some], parameters=parameters,
+                               accuracy=own.accuracy, t_eval=asked.t_eval or None, verify=asked.verify)  # fmt: skip
     except MemoryError:
         raise
     except Exception as error:  # whatever one of the runs caused
@@ -209,9 +208,8 @@ def _batch(group: _Group, some: np.ndarray) -> None:
         energy[good] = sum(own.scene.robot.energy(worlds.q[good], worlds.v[good])) if good.any() else ()
         group.put(some, energy=energy)
     if "samples" in asked.outputs:
-        starts = slice(0, asked.samples + 1)
-        q, v = (worlds.samples_q, worlds.samples_v) if asked.samples else (own.q[some][None], own.v[some][None])
-        group.put(some, q_samples=q[starts].swapaxes(0, 1), v_samples=v[starts].swapaxes(0, 1))
+        q, v = worlds.samples_q, worlds.samples_v
+        group.put(some, q_samples=q.swapaxes(0, 1), v_samples=v.swapaxes(0, 1))
 
 
 def _one_by_one(group: _Group, some: np.ndarray) -> None:
@@ -219,7 +217,7 @@ def _one_by_one(group: _Group, some: np.ndarray) -> None:
     asked = group.request
     times = asked.times
     if asked.functions:
-        times = np.union1d(times, sample_times(asked.duration, SAMPLED, MAX_SAMPLES))
+        times = np.union1d(times, sample_times(asked.duration, None, SAMPLED))
     for i in some:
         try:
             _one(group, int(i), times)
@@ -259,7 +257,7 @@ def _one(group: _Group, i: int, times: np.ndarray) -> None:
 
 def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
     """The samples of a run; missing behind the event that ended it."""
-    times = group.request.times[:-1] if group.request.samples else group.request.times[:1]
+    times = np.array(group.request.t_eval)
     reached = np.flatnonzero(np.isin(times, run.t))
     taken = np.searchsorted(run.t, times[reached])
     for name, states in (("q_samples", run.q), ("v_samples", run.v)):

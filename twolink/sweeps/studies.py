@@ -46,7 +46,8 @@ class SweepStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     count: int | None = None
     seed: int = 0
     outputs: tuple[str, ...] = ("final",)
-    samples: int = 0
+    t_eval: tuple[float, ...] | None = None
+    samples_per_second: float = 200.0
     figure: SweepFigure = SweepFigure()
 
 
@@ -93,5 +94,7 @@ def study_of(source: str) -> SweepStudy:
 
 def run_study(study: SweepStudy, out: str | os.PathLike[str], **options: Any) -> Any:
     """Run a study into a store; options: executor, workers, chunk and progress of `sweep`. Returns its Dataset."""
-    given = {name: getattr(study, name) for name in ("accuracy", "duration", "design", "count", "seed", "outputs")}
-    return sweep(load_scene(study.scene), study.vary, out, **given, samples=study.samples, **options)
+    given = msgspec.structs.asdict(study)
+    for name in ("scene", "title", "figure"):
+        del given[name]
+    return sweep(load_scene(study.scene), out=out, **given, **options)

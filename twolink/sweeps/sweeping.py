@@ -7,36 +7,39 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.errors import SceneError, import_extra, require_extra
+from twolink.io.progress import Report
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
-from twolink.simulation.sampling import duration_for
+from twolink.simulation.sampling import duration_for, formerly, sample_times
 from twolink.sweeps.design import make_design
 from twolink.sweeps.engines import Engine, engine_of
 from twolink.sweeps.outputs import Request, check_outputs
 from twolink.sweeps.plan import Plan, make_plan
 from twolink.sweeps.runs import compute
 from twolink.sweeps.store import EXTRA, locked, open_store, read_record
-from twolink.sweeps.working import Report, work
+from twolink.sweeps.working import work
 
 log = logging.getLogger("twolink")
 PART = 1e-3  # of a run, that compiles its steps
 
 
+@formerly("scene", "vary", "out", count="their number before the end")
 def sweep(
     scene: Scene,
+    duration: float | None = None,
+    *,
     vary: Mapping[str, Any],
     out: str | os.PathLike[str],
-    *,
     accuracy: float = 1e-6,
-    duration: float | None = None,
+    t_eval: ArrayLike | None = None,
+    samples_per_second: float = 200.0,
     design: str = "grid",
     count: int | None = None,
     seed: int = 0,
     outputs: Sequence[str] = ("final",),
-    samples: int = 0,
     verify: bool = True,
     executor: Any = None,
     workers: int | None = None,
@@ -51,6 +54,8 @@ def sweep(
     Parameters
     ----------
     scene : Scene
+    duration : float, optional
+        Simulated time, s; by default the scene's own.
     vary : mapping
         Values (n,) by name: "q.JOINT", "v.JOINT", a physical parameter or number of an effect as in `simulate_many`,
         "effects.1" (true or false: whether it acts), "accuracy", "robot" (names: other robots under the same effects,
@@ -60,17 +65,15 @@ def sweep(
         The store, a folder; by custom it ends in .zarr.
     accuracy : float
         Bound on the global error of q in every run, rad or m.
-    duration : float, optional
-        Simulated time, s; by default the scene's own.
+    t_eval, samples_per_second : optional
+        The samples, as in `simulate`, of the output "samples".
     design : {"grid", "list", "random", "sobol", "latin-hypercube"}
         All combinations; the values at one position of all together; or samples (scipy.stats.qmc).
     count, seed : int
         Of samples.
     outputs : sequence of str
-        "final": t, q, v at the end. "samples": q, v on the way. "events". "energy" at the end. "cost". Or a function
+        "final": t, q, v at the end. "samples": q, v at each. "events". "energy" at the end. "cost". Or a function
         of the run, "module:function", which takes a Trajectory and returns a number.
-    samples : int
-        Number of equally spaced times of "samples" between start and end.
     verify : bool
         Compute error bars.
     executor : optional
@@ -81,7 +84,7 @@ def sweep(
     chunk : int, optional
         Runs that are computed and written together, of a new store.
     progress : callable, optional
-        Called with the runs done, their number, and a text with the rate and the time left.
+        Called now and then with what is done, the total and a label; here runs.
 
     Returns
     -------
@@ -108,8 +111,12 @@ def sweep(
     """
     import_extra("zarr", EXTRA)
     require_extra("xarray", EXTRA)  # takes half a second to import, and is needed at the end
-    request = Request(duration_for(scene, duration), accuracy_of(accuracy), check_outputs(outputs),
-                      _samples(samples, outputs), bool(verify))  # fmt: skip
+    end, kept = duration_for(scene, duration), check_outputs(outputs)
+    times = sample_times(end, t_eval, samples_per_second)
+    if t_eval is not None and "samples" not in kept:
+        raise SceneError("samples are not among the outputs", argument="t_eval", remedy='outputs=["final", "samples"]')
+    samples = tuple(times.tolist()) if "samples" in kept else ()
+    request = Request(end, accuracy_of(accuracy), kept, samples, bool(verify))
     plan = make_plan(scene, make_design(scene, vary, design, count, seed), request, chunk)
     path = Path(out)
     with locked(path):
@@ -133,7 +140,7 @@ def _compile(plan: Plan, engine: Engine) -> None:
     as it may end the process.
     """
     task = plan.first
-    request = dataclasses.replace(task.request, outputs=(), samples=0)
+    request = dataclasses.replace(task.request, outputs=(), t_eval=())
     if all(text.startswith("in batches") for text in plan.ways):
         request = dataclasses.replace(request, duration=PART * request.duration)
         compute(dataclasses.replace(task, request=request))
@@ -144,14 +151,6 @@ def _compile(plan: Plan, engine: Engine) -> None:
         engine.submit(dataclasses.replace(task, request=request)).result()
     except Exception:  # the run is tried again in its block
         engine.restart()
-
-
-def _samples(samples: int, outputs: Sequence[str]) -> int:
-    if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or not 0 <= samples <= 10_000_000:
-        raise SceneError(f"expected a whole number from 0, got {samples!r}", argument="samples", remedy="such as 100")
-    if samples and "samples" not in outputs:
-        raise SceneError("they are not among the outputs", argument="samples", remedy='outputs=["final", "samples"]')
-    return int(samples)
 
 
 def open_sweep(path: str | os.PathLike[str]) -> Any:

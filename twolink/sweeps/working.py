@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import TwolinkError
+from twolink.io.progress import Report
 from twolink.sweeps.design import Block
 from twolink.sweeps.engines import Engine, cluster_lost
 from twolink.sweeps.outputs import ABANDONED
@@ -20,7 +21,6 @@ from twolink.sweeps.store import SweepStore
 TRIES = 3
 AHEAD = 2  # tasks given to an engine for each worker, so that none waits
 LOOK = 0.5  # s: between two looks at the engine
-Report = Callable[[int, int, str], None]
 
 
 @dataclass(eq=False)

@@ -181,7 +181,7 @@ def on_plane(scene: tl.Scene, duration: float, accuracy: float) -> Truth:
     """The motion with a plane z = 0 in place of the ground's hull."""
 
     def truth(t: np.ndarray) -> np.ndarray:
-        run = tl.simulate(scene, duration, max(1e-11, FINER * accuracy), contact="located")
+        run = tl.simulate(scene, duration, accuracy=max(1e-11, FINER * accuracy), contact="located")
         return run.at(t)[0][:, :3]
 
     return truth

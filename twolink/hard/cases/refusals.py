@@ -79,7 +79,8 @@ _STATES: dict[str, Callable[[float], object]] = {
 _SETTINGS: dict[str, Callable[[float], object]] = {
     "duration": lambda x: _run(duration=x),
     "accuracy": lambda x: _run(accuracy=x),
-    "samples": lambda x: _run(samples=x),
+    "samples_per_second": lambda x: _run(samples_per_second=x),
+    "t_eval": lambda x: _run(t_eval=[0.0, x]),
     "tolerance": lambda x: _run(method="dop853", tolerance=x),
     "step": lambda x: _run(method="rk4", step=x),
     "duration of a scene": lambda x: Scene(load_robot("two_link"), duration=x),
@@ -127,7 +128,7 @@ def _durations() -> dict[str, ErrorCheck]:
         calls[f"duration {number!r:.12}"] = ErrorCheck(functools.partial(_run, duration=number), SceneError, "duration")
     calls["1e9 s at 200 samples a second"] = ErrorCheck(lambda: _run(duration=1e9), SceneError, "samples")
     for name in METHODS:
-        run = functools.partial(_run, duration=1e9, samples=1e-8, method=name, accuracy=1e-3)
+        run = functools.partial(_run, duration=1e9, samples_per_second=1e-8, method=name, accuracy=1e-3)
         calls[f"1e9 s by {name}"] = ErrorCheck(run, TwolinkError)
     return calls
 

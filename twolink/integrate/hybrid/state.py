@@ -55,10 +55,10 @@ class RunState:
 
     def note(
         self, kind: str, what: str, detail: str = "", energy: float = 0.0, t: float | None = None,
-        effect: int | None = None,
+        effect: int | None = None, direction: int = 0,
     ) -> None:  # fmt: skip
         """Add an event, now unless t is said."""
-        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect))
+        self.events.append(Event(self.t if t is None else t, kind, what, detail, energy, effect, direction))
 
     def resolve_mode(self, before: Mode | None = None) -> None:
         """Go to the consistent mode, and note what has changed since the mode `before`."""

@@ -264,14 +264,16 @@ def _fire(n: int, run: RunState) -> None:
     if place < 0:  # a limit of effort: the loads have the same value on both sides
         run.note(trigger.kind, trigger.name, "reached" if side > 0 else "left")
         return
+    if trigger.direction == side:
+        return
     before = run.mode
-    _act(run, n)
+    _act(run, n, -int(side))
     if trigger.changes:
         run.resolve_mode(before)
 
 
-def _act(run: RunState, n: int) -> None:
-    """What a trigger does, but for choosing a consistent mode."""
+def _act(run: RunState, n: int, direction: int = 0) -> None:
+    """What a trigger does, but for choosing a consistent mode. direction: in which its value has passed 0."""
     place, trigger = run.system.triggers[n]
     catch = trigger.catch
     if catch is not None:
@@ -287,7 +289,7 @@ def _act(run: RunState, n: int) -> None:
         energy = run.stored_energy()
         run.mode = run.mode.without(place)
         energy -= run.stored_energy()  # a payload takes its own along
-    run.note(trigger.kind, trigger.name, energy=energy, effect=place)
+    run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
     run.ended |= trigger.ends
     if trigger.state is not None:
         nq = run.system.nq

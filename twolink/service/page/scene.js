@@ -128,8 +128,9 @@ export class SceneEditor {
   /** The request for a run. Short motions are sampled more often than 200 times a second. */
   get request() {
     const scene = this.current();
-    const samples = Math.max(200, Math.ceil(1000 / scene.duration));
-    return { scene, accuracy: this.accuracy, method: byId("method").value, precision: byId("precision").value, samples };
+    const samples_per_second = Math.max(200, Math.ceil(1000 / scene.duration));
+    const [method, precision] = [byId("method").value, byId("precision").value];
+    return { scene, accuracy: this.accuracy, method, precision, samples_per_second };
   }
 
   /** Set a control as the user does. */

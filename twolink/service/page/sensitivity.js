@@ -28,9 +28,9 @@ export class Sensitivity {
     this.job = new Job("sensitivities", parts, job => this.#show(job));
     parts.start.addEventListener("click", () => {
       const { scene, accuracy } = getRequest();
-      const samples = Math.max(50, Math.min(400, Math.ceil(400 / scene.duration)));
+      const samples_per_second = Math.max(50, Math.min(400, Math.ceil(400 / scene.duration)));
       this.asked = { rows: this.picker.rows };
-      this.job.run({ scene, accuracy, samples, wrt: this.picker.names });
+      this.job.run({ scene, accuracy, samples_per_second, wrt: this.picker.names });
     });
   }
 

@@ -6,7 +6,7 @@ import { fields } from "./form.js";
 import { finished, Job } from "./jobs.js";
 
 const FEW = ["rk4", "rk45", "dop853", "taylor"]; // methods that are ticked at first
-const FIRST = { tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11], samples: 50, repeats: 7, budget: 1 };
+const FIRST = { tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11], samples_per_second: 50, repeats: 7, budget: 1 };
 const positive = description => ({ type: "number", minimum: 0, description });
 const SETTINGS = {
   properties: {
@@ -15,7 +15,7 @@ const SETTINGS = {
       items: { type: "number" },
       description: "Of adaptive methods; the steps of the others aim at them. None: from rough to rounding.",
     },
-    samples: positive("A second, at which errors are taken."),
+    samples_per_second: positive("A second, at which errors are taken."),
     repeats: { type: "integer", minimum: 1, description: "Timed runs after the first; the median counts." },
     budget: positive("Seconds that a run may take; a method's settings end there."),
   },

@@ -21,11 +21,22 @@ class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scene: str | SceneFile
 
 
-class ExplainRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
-    """As `tl.explain`: accuracy in rad or m, duration in simulated seconds (the scene's own when left out)."""
+class RunRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """duration: simulated seconds (the scene's own when left out). t_eval, samples_per_second: as of `tl.simulate`."""
+
+    duration: Positive | None = None
+    t_eval: Annotated[list[float], msgspec.Meta(min_length=1)] | None = None
+    samples_per_second: Positive = 200.0
+
+    def samples(self, seconds: float) -> float:
+        """The number of samples of a run of so many seconds."""
+        return seconds * self.samples_per_second if self.t_eval is None else len(self.t_eval)
+
+
+class ExplainRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.explain`: accuracy in rad or m."""
 
     accuracy: Positive = 1e-6
-    duration: Positive | None = None
     method: str = "auto"
     contact: Literal["located", "stepped"] | None = None
 
@@ -33,7 +44,6 @@ class ExplainRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
 class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
     """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead."""
 
-    samples: Positive = 200.0
     verify: bool = True
     precision: Literal["auto", "double", "extended", "quad"] = "auto"
     tolerance: Positive | None = None
@@ -48,13 +58,12 @@ class LinearizationRequest(SceneRequest, frozen=True, forbid_unknown_fields=True
     v: list[float] | None = None
 
 
-class SensitivityRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+class SensitivityRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """As `tl.sensitivities`. wait: as of simulations."""
 
     wrt: Annotated[list[str], msgspec.Meta(min_length=1, max_length=50)]
     accuracy: Positive = 1e-6
-    duration: Positive | None = None
-    samples: Positive = 50.0
+    samples_per_second: Positive = 50.0
     wait: Wait = 2.0
 
 
@@ -69,19 +78,18 @@ class IdentificationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=T
     wait: Wait = 2.0
 
 
-class StudyRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+class StudyRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
     """As `tl.accuracy_study`. wait: as of simulations."""
 
-    duration: Positive | None = None
     methods: Annotated[list[str], msgspec.Meta(max_length=50)] | None = None
     tolerances: Annotated[list[Positive], msgspec.Meta(max_length=50)] | None = None
-    samples: Positive = 50.0
+    samples_per_second: Positive = 50.0
     repeats: Annotated[int, msgspec.Meta(ge=1, le=50)] = 7
     budget: Annotated[float, msgspec.Meta(gt=0, le=60)] = 1.0
     wait: Wait = 0.0
 
 
-class SweepRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+class SweepRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
     """As `tl.sweep`. wait: as of simulations.
 
     vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal": [mean,
@@ -90,14 +98,16 @@ class SweepRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
 
     vary: Annotated[dict[str, list[float | bool | str] | dict[str, list[float]]], msgspec.Meta(min_length=1)]
     accuracy: Positive = 1e-6
-    duration: Positive | None = None
     design: Literal["grid", "list", "random", "sobol", "latin-hypercube"] = "grid"
     count: Annotated[int, msgspec.Meta(ge=1)] | None = None
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     outputs: Annotated[tuple[str, ...], msgspec.Meta(max_length=50)] = ("final",)
-    samples: Annotated[int, msgspec.Meta(ge=0)] = 0
     verify: bool = True
     wait: Wait = 0.0
+
+    def samples(self, seconds: float) -> float:
+        """The number of samples of a run of so many seconds that are kept."""
+        return super().samples(seconds) if "samples" in self.outputs else 0.0
 
 
 Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest | SweepRequest

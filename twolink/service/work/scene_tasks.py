@@ -23,14 +23,7 @@ from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.service.problems import Refusal, decode_unique
 from twolink.service.settings import Quotas
 from twolink.service.store.robots import read_robot, write_robot
-from twolink.service.work.job_requests import (
-    ExplainRequest,
-    SceneRequest,
-    SensitivityRequest,
-    SimulationRequest,
-    StudyRequest,
-    SweepRequest,
-)
+from twolink.service.work.job_requests import ExplainRequest, RunRequest, SceneRequest, SimulationRequest, StudyRequest
 from twolink.service.work.query_answers import link_poses
 from twolink.service.work.robot_tasks import robot_by_id
 from twolink.service.work.worker import Report
@@ -38,7 +31,6 @@ from twolink.show.meshcat_scene import plane_direction
 from twolink.show.motion_samples import resample
 from twolink.show.viewer_data import contact_data
 from twolink.simulation.explanation import explain as explain_scene
-from twolink.simulation.records import run_record
 from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory
 
@@ -111,19 +103,15 @@ def validate(*, body: bytes, robots: str) -> bytes:
 def explain(*, body: bytes, robots: str, quotas: Quotas) -> bytes:
     """What a scene computes, and what a run will take, as JSON. body: an ExplainRequest."""
     request = decode_unique(body, ExplainRequest)
-    scene, duration = allowed_scene(request, 1.0, robots, quotas)
-    explanation = explain_scene(scene, request.accuracy, duration, method=request.method, contact=request.contact)
+    scene, duration = allowed_scene(request, robots, quotas)
+    explanation = explain_scene(scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+                                samples_per_second=request.samples_per_second, method=request.method,
+                                contact=request.contact)  # fmt: skip
     content = {**dataclasses.asdict(explanation), "text": str(explanation)}
     return msgspec.json.encode(content, enc_hook=np.generic.item)
 
 
-def allowed_scene(
-    request: ExplainRequest | StudyRequest | SensitivityRequest | SweepRequest,
-    samples: float,
-    robots: str,
-    quotas: Quotas,
-    robot: bytes = b"",
-) -> tuple[Scene, float]:
+def allowed_scene(request: RunRequest, robots: str, quotas: Quotas, robot: bytes = b"") -> tuple[Scene, float]:
     """The scene and its duration [s]. robots, robot: see `scene_of`.
 
     Raises SceneError for a run that is longer, or has more samples, than allowed.
@@ -133,9 +121,10 @@ def allowed_scene(
     if seconds > quotas.duration:
         what = f"{seconds:g} s are too long, the service simulates up to {quotas.duration:g} s"
         raise SceneError(what, argument="duration", remedy="ask for less")
-    if seconds * samples > quotas.samples:
-        what = f"{seconds * samples:.3g} samples are too many, the limit is {quotas.samples}"
-        raise SceneError(what, argument="samples", remedy="ask for fewer a second, or a shorter duration")
+    samples = request.samples(seconds)
+    if samples > quotas.samples:
+        what = f"{samples:.3g} samples are too many, the limit is {quotas.samples}"
+        raise SceneError(what, argument="samples_per_second", remedy="ask for fewer, or a shorter duration")
     return scene, seconds
 
 
@@ -145,11 +134,12 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     body: a SimulationRequest.
     """
     request = msgspec.json.decode(body, type=SimulationRequest)
-    scene, duration = allowed_scene(request, request.samples, robots, quotas)
+    scene, duration = allowed_scene(request, robots, quotas)
     run = simulate_scene(
-        scene, duration, request.accuracy, method=request.method, samples=request.samples, verify=request.verify,
+        scene, duration, accuracy=request.accuracy, t_eval=request.t_eval,
+        samples_per_second=request.samples_per_second, method=request.method, verify=request.verify,
         precision=request.precision, tolerance=request.tolerance, step=request.step, contact=request.contact,
-        progress=ProgressOf(duration, 2 if request.verify else 1, report),
+        progress=ProgressOf(2 if request.verify else 1, report),
     )  # fmt: skip
     path, largest = Path(folder) / SAMPLES, quotas.result_mb * 2**20
     run.save(path)
@@ -158,23 +148,23 @@ def simulate(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     if path.stat().st_size > largest:
         path.unlink()
         what = f"the result takes more than {quotas.result_mb:g} MB"
-        raise SceneError(what, argument="samples", remedy="ask for fewer samples")
+        raise SceneError(what, argument="samples_per_second", remedy="ask for fewer samples")
     (Path(folder) / ROBOT).write_bytes(write_robot(run.robot))
-    return {"title": scene.title, **run_record(run)}
+    return {"title": scene.title, **run.to_dict()}
 
 
 class ProgressOf:
     """Reports how far a run is: it is solved once, again for the error bar, and more often where that is needed."""
 
-    def __init__(self, duration: float, passes: int, report: Report) -> None:
-        self._duration, self._passes, self._report = duration, passes, report
+    def __init__(self, passes: int, report: Report) -> None:
+        self._passes, self._report = passes, report
         self._done, self._t, self._fraction, self._reported = 0, 0.0, 0.0, 0.0
 
-    def __call__(self, t: float) -> None:
+    def __call__(self, t: float, duration: float, _label: str) -> None:
         if t < self._t:
             self._done += 1
         self._t = t
-        part = (self._done + t / self._duration) / max(self._passes, self._done + 1)
+        part = (self._done + t / duration) / max(self._passes, self._done + 1)
         self._fraction = min(0.99, max(self._fraction, part))
         if time.monotonic() - self._reported > _REPORT_EVERY:
             self._reported = time.monotonic()
@@ -184,14 +174,14 @@ class ProgressOf:
 def study(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
     """Study what accuracy costs, write the study into `folder`, and return it. body: a StudyRequest."""
     request = msgspec.json.decode(body, type=StudyRequest)
-    scene, duration = allowed_scene(request, request.samples, robots, quotas)
+    scene, duration = allowed_scene(request, robots, quotas)
 
-    def progress(done: int, total: int, label: str) -> None:
+    def progress(done: float, total: float, label: str) -> None:
         report({"fraction": done / max(total, 1), "done": done, "total": total, "label": label})
 
     result = accuracy_study(
-        scene, duration, methods=request.methods, tolerances=request.tolerances, repeats=request.repeats,
-        samples=request.samples, budget=request.budget, progress=progress,
+        scene, duration, t_eval=request.t_eval, samples_per_second=request.samples_per_second, methods=request.methods,
+        tolerances=request.tolerances, repeats=request.repeats, budget=request.budget, progress=progress,
     )  # fmt: skip
     result.save(Path(folder) / ROWS)
     return result.to_dict()

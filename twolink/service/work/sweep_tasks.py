@@ -98,15 +98,16 @@ def sweep(
     request = msgspec.json.decode(body, type=SweepRequest)
     scene, duration = _allowed(request, robots, robot, quotas)
 
-    def progress(done: int, total: int, label: str) -> None:
+    def progress(done: float, total: float, label: str) -> None:
         report({"fraction": 0.99 * done / total, "done": done, "total": total, "label": label})
 
     path = Path(folder) / STORE
-    options = {name: getattr(request, name) for name in ("accuracy", "design", "count", "seed", "samples", "verify")}
+    names = "accuracy", "t_eval", "samples_per_second", "design", "count", "seed", "outputs", "verify"
+    options = {name: getattr(request, name) for name in names}
     with SweepThreads(Path(folder), died=died) as threads:
         try:
-            data = run_sweep(scene, request.vary, path, duration=duration, outputs=request.outputs,
-                             executor=cluster or threads, progress=progress, **options)  # fmt: skip
+            data = run_sweep(scene, duration, vary=request.vary, out=path, executor=cluster or threads,
+                             progress=progress, **options)  # fmt: skip
         except TwolinkError as error:
             if error.code == "cluster-lost":
                 raise Refusal(503, "the cluster cannot be reached", code=error.code, where="service", retry_after=30,
@@ -135,11 +136,8 @@ def _allowed(request: SweepRequest, robots: str, robot: bytes, quotas: Quotas) -
         if one not in catalogue_names():  # a path would be read
             raise SceneError(f"{str(one)[:80]!r} is not in the catalogue", argument="vary", where="vary['robot']",
                              remedy="GET /v1/robots lists the names")  # fmt: skip
-    scene, duration = allowed_scene(request, 0.0, robots, quotas, robot)
-    if request.samples > quotas.samples:
-        what = f"{request.samples} samples are too many, the limit is {quotas.samples}"
-        raise SceneError(what, argument="samples", remedy="ask for fewer")
-    numbers = 4 + (scene.robot.nq + scene.robot.nv) * (1 + request.samples)
+    scene, duration = allowed_scene(request, robots, quotas, robot)
+    numbers = 4 + (scene.robot.nq + scene.robot.nv) * (1 + request.samples(duration))
     if runs * numbers * _VARIABLE_BYTES > quotas.result_mb * 2**20:
         raise _too_large(quotas)
     return scene, duration

@@ -31,7 +31,6 @@ from twolink.service.work.scene_tasks import (
 )
 from twolink.service.work.sweep_tasks import export_sweep, pack_robot, sweep, sweep_columns, sweep_run
 from twolink.service.work.worker import Report
-from twolink.simulation.records import run_record
 from twolink.simulation.sensitivities import sensitivities
 from twolink.sweeps.quantities import quantities as quantities_of
 
@@ -58,19 +57,20 @@ def sense(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Repo
     """Derivatives of a motion, as a record. body: a SensitivityRequest. Its result is all in the record."""
     del folder
     request = msgspec.json.decode(body, type=SensitivityRequest)
-    scene, duration = allowed_scene(request, request.samples, robots, quotas)
-    found = sensitivities(scene, request.wrt, duration, request.accuracy, samples=request.samples,
-                          progress=ProgressOf(duration, 2, report))  # fmt: skip
+    scene, duration = allowed_scene(request, robots, quotas)
+    found = sensitivities(scene, duration, wrt=request.wrt, accuracy=request.accuracy, t_eval=request.t_eval,
+                          samples_per_second=request.samples_per_second,
+                          progress=ProgressOf(2, report))  # fmt: skip
     if sum(q.size + v.size for q, v in zip(found.q.values(), found.v.values(), strict=True)) * _NUMBER_BYTES > (
         quotas.answer_mb * 2**20
     ):
         what = f"the derivatives take more than {quotas.answer_mb:g} MB"
-        raise SceneError(what, argument="samples", remedy="ask for fewer samples, or fewer names")
+        raise SceneError(what, argument="samples_per_second", remedy="ask for fewer samples, or fewer names")
     names = {name: {"q": found.q[name].tolist(), "v": found.v[name].tolist(), "error": found.error[name].tolist()}
              for name in found.q}  # fmt: skip
     run = found.run
     samples = {"t": run.t.tolist(), "samples_q": run.q.tolist(), "samples_v": run.v.tolist()}
-    return {"title": scene.title, **run_record(run), **samples, "sensitivities": names}
+    return {"title": scene.title, **run.to_dict(), **samples, "sensitivities": names}
 
 
 def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: Report) -> dict[str, Any]:
