@@ -177,11 +177,11 @@ def collect(path: Path, kind: type[R], keys: Sequence[Any], check: Callable[[Any
     The first column of a row is its key. Rows with a true `fails` are printed.
     """
     kept = read_rows(path, kind)
-    rows, done, start = [row for row in kept if astuple(row)[0] in keys], {astuple(row)[0] for row in kept}, time.time()
+    rows, done, start = [row for row in kept if astuple(row)[0] in keys], {astuple(row)[0] for row in kept}, time.time()  # type: ignore[call-overload]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:  # again, without what was cut off
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerows([[field.name for field in fields(kind)], *map(astuple, kept)])  # type: ignore[arg-type]
+        writer.writerows([[field.name for field in fields(kind)], *map(astuple, kept)])
         for i, key in enumerate(keys):
             if key in done:
                 continue
@@ -226,7 +226,7 @@ def study(
     try:
         rows, interrupted = collect(path, kind, wanted, lambda key: check(key, given)), False
     except KeyboardInterrupt:
-        rows, interrupted = [row for row in read_rows(path, kind) if astuple(row)[0] in wanted], True
+        rows, interrupted = [row for row in read_rows(path, kind) if astuple(row)[0] in wanted], True  # type: ignore[call-overload]
     print(f"\r{len(rows)} rows in {path}\n")
     met = print_bars(show(rows, given)) if rows else True
     return 130 if interrupted else 0 if met else 1

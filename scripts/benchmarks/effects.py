@@ -57,7 +57,9 @@ def milliseconds_per_event(robot: tl.Robot, q: np.ndarray, duration: float, accu
     lines = []
     for name, effect in effects.items():
         scenes = [tl.Scene(robot, q=q, effects=chosen, duration=duration) for chosen in (smooth, [*smooth, effect])]
-        runs = [partial(tl.simulate, scene, duration, accuracy, method="dop853", verify=False) for scene in scenes]
+        runs = [
+            partial(tl.simulate, scene, duration, accuracy=accuracy, method="dop853", verify=False) for scene in scenes
+        ]
         without, with_events = seconds_of(*runs, rounds=rounds, clock=time.process_time, pick=min)
         events = len(runs[1]().events)
         lines.append(f"{name}: {1e3 * (with_events - without) / max(1, events):.2f} ms ({events} events)")
@@ -77,7 +79,7 @@ def main() -> None:
         chosen += [effect] if effect else []
         scene = tl.Scene(robot, q=q, effects=chosen, duration=given.duration)
         found = tl.explain(scene, accuracy=given.accuracy, method="dop853")
-        run = partial(tl.simulate, scene, given.duration, given.accuracy, method="dop853", verify=False)
+        run = partial(tl.simulate, scene, given.duration, accuracy=given.accuracy, method="dop853", verify=False)
         added = found.operations - (table.rows[-1][1] if table.rows else found.operations)
         table.add(name if effect is None else f"+ {name}", found.operations, added,
                   *(found.nanoseconds or (np.nan, np.nan)), 1e3 * seconds_of(run, rounds=rounds)[0])  # fmt: skip

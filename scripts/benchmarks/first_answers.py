@@ -92,7 +92,7 @@ def main() -> None:
     for scene in given.rest[:2] if given.quick else given.rest:
         rows = [seconds(scene) for _ in range(1 if given.quick else given.rounds)]
         peer, method = by_scipy(scene)
-        table.add(scene, *(statistics.median(row[i] for row in rows) for i in range(3)), peer, rows[0][3], method)
+        table.add(scene, *(statistics.median(row[i] for row in rows) for i in range(3)), peer, rows[0][3], method)  # type: ignore[type-var]
     table.save("first_answers")
 
 

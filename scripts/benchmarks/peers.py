@@ -197,8 +197,8 @@ def climb(
             print(f"  {contestant}, {setting}: left out: {str(error).splitlines()[0]}")
             first = time.perf_counter() - start
         else:
-            error = error_of(answer.track.q, reference)
-            yield Timing(Entry(scene, contestant, setting, error, first, answer.evaluations, 1), run)
+            off = error_of(answer.track.q, reference)
+            yield Timing(Entry(scene, contestant, setting, off, first, answer.evaluations, 1), run)
         if first > budget:
             return
 

@@ -85,7 +85,7 @@ def contest(robot: tl.Robot, query: str, states: list[np.ndarray]) -> Contest:
     }
     other = mujoco_model(robot) if query == "forward_dynamics" else None
     if other is not None:
-        who |= mujoco_contest(other, *states, threads)
+        who |= mujoco_contest(other, *states, threads)  # type: ignore[call-arg]
     who["twolink, rows"] = lambda: ask(*states, engine="compiled")
     who["twolink, columns"] = lambda: ask(*columns, engine="compiled")
     who[MOVING] = moving(states, robot.nv)

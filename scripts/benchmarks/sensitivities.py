@@ -94,10 +94,10 @@ def by_mujoco(scene: tl.Scene, times: np.ndarray, step: float) -> Callable[[], n
 def compare(name: str, accuracy: float, runs: int, *, peers: bool) -> None:
     """The lines of one scene."""
     scene = scene_of(name)
-    exact = matrix(tl.sensitivities(scene, wrt=["q", "v"], duration=None, accuracy=1e-11))
-    differentiate = partial(tl.sensitivities, scene, ["q", "v"], None, accuracy)
+    exact = matrix(tl.sensitivities(scene, wrt=["q", "v"], accuracy=1e-11))
+    differentiate = partial(tl.sensitivities, scene, wrt=["q", "v"], accuracy=accuracy)
     first, s = once(differentiate)
-    ours, motion = cheapest(differentiate, partial(tl.simulate, scene, None, accuracy), rounds=runs)
+    ours, motion = cheapest(differentiate, partial(tl.simulate, scene, accuracy=accuracy), rounds=runs)
     print(f"{name}, accuracy {accuracy:g}: motion {motion * 1e3:.2f} ms ({s.run.cost.method})")
 
     def line(who: str, price: float, error: float, more: str) -> None:

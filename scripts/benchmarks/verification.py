@@ -70,7 +70,7 @@ def measure(found: Measurements, robots: int) -> None:
         found.scene("near rounding", "ur5", ur5, accuracy)
     random = np.random.default_rng(0)
     for count, accuracy, most in ((64, 1e-6, 0.5), (1024, 1e-6, 0.5), (1024, 1e-10, 0.5), (1024, 1e-6, 2.0)):
-        many = partial(tl.simulate_many, arm, random.uniform(-most, most, (count, 2)), accuracy=accuracy)
+        many = partial(tl.simulate_many, arm, q=random.uniform(-most, most, (count, 2)), accuracy=accuracy)
         found.add(
             "worlds", f"{count} arms from {most:g} rad", accuracy, "dop853", 0.0, partial(many, verify=False), many
         )

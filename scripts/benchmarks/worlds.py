@@ -48,7 +48,7 @@ def measure(
     name: str, scene: tl.Scene, q: np.ndarray, v: np.ndarray, duration: float, given: argparse.Namespace
 ) -> None:
     """The lines of one population."""
-    verified = partial(tl.simulate_many, scene, q, v, duration=duration, accuracy=ACCURACY)
+    verified = partial(tl.simulate_many, scene, duration, accuracy=ACCURACY, q=q, v=v)
     taken = seconds_of(partial(verified, verify=False), verified, rounds=given.rounds)
     plain, us = (1e6 * seconds / len(q) for seconds in taken)
     worlds = verified()

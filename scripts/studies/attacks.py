@@ -94,13 +94,13 @@ def attack(seconds: float, names: Iterable[str] = ATTACKS) -> Figures:
             threading.Thread(target=_watch_memory, args=(figures, served, end)),
             threading.Thread(target=_watch_latency, args=(figures, (port, bare), end)),
         ]
-        for one in (*attackers, *watches):
-            one.start()
+        for one in [*attackers, *watches]:
+            one.start()  # type: ignore[attr-defined]
         for _ in attackers:
             name, counts = queue.get()
             figures.outcomes[name] = Counter(counts)
-        for one in (*attackers, *watches):
-            one.join()
+        for one in [*attackers, *watches]:
+            one.join()  # type: ignore[attr-defined]
         figures.healthy = _works(served, port)
     return figures
 

@@ -144,7 +144,7 @@ def test_fixed_steps_cover_rough_to_fine_in_decades(arm: tl.Scene) -> None:
     assert max(row.error for row in rows) > 1e-3
     assert min(row.error for row in rows) < 1e-11
     known = [row for row in rows if 1e-9 < row.error < 1e-3]
-    slopes = [math.log(a.error / b.error) / math.log(a.step / b.step)  # type: ignore[operator]
+    slopes = [math.log(a.error / b.error) / math.log(a.step / b.step)
               for a, b in pairwise(known)]  # fmt: skip
     assert all(3.2 < slope < 5.2 for slope in slopes)
 
@@ -251,7 +251,7 @@ def test_refusals(case: str, arm: tl.Scene) -> None:
 
 def test_what_is_no_scene_and_what_cannot_move() -> None:
     with pytest.raises(SceneError, match="expected a Scene"):
-        tl.accuracy_study("arm-swing")  # type: ignore[arg-type]
+        tl.accuracy_study("arm-swing")
     still = tl.Scene(tl.load_robot("two_link", lock={"shoulder": 0.0, "elbow": 0.0}))
     with pytest.raises(SceneError, match="nothing moves"):
         tl.accuracy_study(still)

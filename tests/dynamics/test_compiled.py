@@ -196,9 +196,9 @@ def test_unknown_parameters_are_refused() -> None:
         kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": np.nan})
     for wrong in (np.ones(3), [1.0, 2.0], 5):
         with pytest.raises(QueryError, match="parameters: expected a mapping of name to value"):
-            kept.gravity_torque([0.0, 0.0], parameters=wrong)  # type: ignore[arg-type]
+            kept.gravity_torque([0.0, 0.0], parameters=wrong)
     with pytest.raises(QueryError, match="rows of different lengths"):
-        kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": [1.0, [2.0, 3.0]]})  # type: ignore[list-item]
+        kept.gravity_torque([0.0, 0.0], parameters={"forearm.mass": [1.0, [2.0, 3.0]]})
     with pytest.raises(QueryError, match="cannot be compiled"):
         functions.function(robot.model, "forward_dynamic")
     with pytest.raises(QueryError, match="did you mean 'tip'"):
@@ -308,7 +308,7 @@ def test_a_failed_certificate_leaves_the_query_on_pinocchio(monkeypatch: pytest.
 def test_engines() -> None:
     robot = tl.load_robot("two_link")
     with pytest.raises(QueryError, match="did you mean 'compiled'"):
-        robot.bias([0, 0], [0, 0], engine="compile")  # type: ignore[arg-type]
+        robot.bias([0, 0], [0, 0], engine="compile")
     zero = np.zeros(2)
     for query in (lambda e: robot.forward_dynamics(zero, zero, zero, engine=e), lambda e: robot.mass_matrix(zero, e)):
         with pytest.raises(QueryError, match="did you mean 'pinocchio'"):

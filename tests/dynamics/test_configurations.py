@@ -98,4 +98,4 @@ def test_wrong_arguments_are_refused() -> None:
         robot.integrate(robot.neutral, np.zeros(3))
     for n in (-1, 2.5, True, "3"):
         with pytest.raises(QueryError, match="n: expected a whole number"):
-            robot.random_state(n)  # type: ignore[arg-type]
+            robot.random_state(n)

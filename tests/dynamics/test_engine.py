@@ -93,4 +93,4 @@ def test_two_processes_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 def test_an_unknown_engine_is_refused() -> None:
     with pytest.raises(QueryError, match="did you mean 'compiled'"):
-        tl.load_robot("two_link").bias(np.zeros((9, 2)), np.zeros(2), engine="compile")  # type: ignore[arg-type]
+        tl.load_robot("two_link").bias(np.zeros((9, 2)), np.zeros(2), engine="compile")

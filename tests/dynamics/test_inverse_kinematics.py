@@ -79,7 +79,7 @@ def test_a_free_body_is_put_anywhere() -> None:
 def test_what_cannot_be_a_target_is_refused(given: dict[str, object], part: str) -> None:
     robot = tl.load_robot("two_link")
     with pytest.raises(QueryError) as caught:
-        robot.inverse_kinematics("tip", **given)  # type: ignore[arg-type]
+        robot.inverse_kinematics("tip", **given)
     assert part in str(caught.value)
 
 

@@ -207,7 +207,7 @@ def test_wrong_arguments_are_refused() -> None:
     robot = ROBOTS["two_link"]
     zero = np.zeros(2)
     with pytest.raises(QueryError, match="did you mean 'aligned'"):
-        robot.frame_jacobian(zero, "tip", axes="alined")  # type: ignore[arg-type]
+        robot.frame_jacobian(zero, "tip", axes="alined")
     with pytest.raises(QueryError, match=r"q: expected shape \(\.\.\., 2\)"):
         robot.centre_of_mass([0.0, 0.0, 0.0])
     with pytest.raises(QueryError, match="v: expected finite numbers"):

@@ -356,7 +356,7 @@ def test_units_are_required_and_normalize_gives_them(name: str, entry: slice, wo
     q = np.tile(robot.neutral, (*batch, 1))
     v = np.zeros((*batch, robot.nv))
     q[..., entry] *= 1 + 1e-7
-    for query in (robot.bias, lambda *x: robot.forward_dynamics(*x, v), lambda x, _: robot.mass_matrix(x)):
+    for query in (robot.bias, lambda *x: robot.forward_dynamics(*x, v), lambda x, _: robot.mass_matrix(x)):  # type: ignore[call-arg]
         with pytest.raises(QueryError) as caught:
             query(q, v)
         assert words in str(caught.value)
@@ -394,7 +394,7 @@ def test_pinocchios_threads_are_for_large_batches_and_change_no_bit(
 
     def parallel(threads: int, *arguments: object) -> None:
         used.append(threads)
-        algorithm.parallel(threads, *arguments)  # type: ignore[misc]
+        algorithm.parallel(threads, *arguments)
 
     monkeypatch.setitem(ALGORITHMS, query, dataclasses.replace(algorithm, parallel=parallel))
     monkeypatch.setenv("TWOLINK_THREADS", "2")

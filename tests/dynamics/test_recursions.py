@@ -394,7 +394,7 @@ def test_compiled_is_the_same_as_numpy(name: str) -> None:
     sizes = {"q": case.model.nq, "v": case.model.nv, "u": case.model.nv}
     symbols = [[hy.expression(f"{n}{k}") for k in range(size)] for n, size in sizes.items()]
     for algorithm in (recursions.rnea, recursions.forward_dynamics_crba):
-        outputs = [x + hy.expression(0.0) for x in algorithm(mech, *symbols, None, hy)]
+        outputs = [x + hy.expression(0.0) for x in algorithm(mech, *symbols, None, hy)]  # type: ignore[call-arg]
         compiled = hy.cfunc(outputs, vars=[x for group in symbols for x in group])
         ours = case.dense(algorithm(mech, case.q, case.v, case.a, None, np))
         close(compiled(np.concatenate([case.q, case.v, case.a])), ours, 1e-10)

@@ -77,7 +77,7 @@ def block_over_edge(block: Block, s: float, ds: float, end: float, count: int) -
             _, force, across = block.pivoting(s, *y)
             return block.mu * force - abs(across)
 
-        slips.terminal = True  # type: ignore[attr-defined]
+        slips.terminal = True
         part = solve_ivp(held, (0.0, end), [0.0, 0.0], events=slips, **FINE)
         t0 = float(part.t[-1])
         early = times <= t0
@@ -90,13 +90,13 @@ def block_over_edge(block: Block, s: float, ds: float, end: float, count: int) -
         assert block.pivoting(s, th, w)[2] < 0.0  # which pushes it back: it slides forward
 
     def sliding(_: float, y: np.ndarray) -> list[float]:
-        dds, ddth, _ = block.turning(*y, 1.0)
+        dds, ddth, _ = block.turning(*y, 1.0)  # type: ignore[call-arg]
         return [y[2], y[3], dds, ddth]
 
     def flies(_: float, y: np.ndarray) -> float:
-        return block.turning(*y, 1.0)[2]
+        return block.turning(*y, 1.0)[2]  # type: ignore[call-arg]
 
-    flies.terminal = True  # type: ignore[attr-defined]
+    flies.terminal = True
     if t0 < end:
         part = solve_ivp(sliding, (t0, end), state, events=flies, **FINE)
         later = (times > t0) & (times <= part.t[-1])

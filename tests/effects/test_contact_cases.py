@@ -380,7 +380,7 @@ def test_an_arm_that_hits_a_table_moves_as_an_independent_integration_does() -> 
     def gap(_: float, x: np.ndarray) -> float:
         return math.sin(x[0]) + math.sin(x[0] + x[1]) - height
 
-    gap.terminal, gap.direction = True, -1  # type: ignore[attr-defined]
+    gap.terminal, gap.direction = True, -1
     t, x, q = 0.0, np.array([0.3, -0.5, 0.0, 0.0]), np.empty((len(run.t), 2))
     while t < run.t[-1]:
         part = solve_ivp(rate, (t, run.t[-1]), x, "DOP853", events=gap, dense_output=True, rtol=1e-13, atol=1e-13)

@@ -153,7 +153,7 @@ def arm_pieces(q: list[float], v: list[float], c: np.ndarray, s: np.ndarray, end
             def event(_t: float, x: np.ndarray, k: int = k, slip: np.ndarray = slip) -> float:
                 return slip[k] * x[2 + k] if slip[k] else s[k] - abs(accelerate(x, slip)[1][k])
 
-            event.terminal, event.direction = True, -1  # type: ignore[attr-defined]
+            event.terminal, event.direction = True, -1
             watch.append(event)
         found = solve_ivp(lambda _t, x, slip=slip: np.concatenate([x[2:], accelerate(x, slip)[0]]), (t, end), x,
                           "DOP853", events=watch, rtol=1e-12, atol=1e-13)  # fmt: skip

@@ -182,9 +182,9 @@ def test_wrong_calls_are_refused_with_the_right_ones(effect: tl.effects.Effect, 
 
 def test_what_is_no_effect_is_told_how_to_become_one() -> None:
     with pytest.raises(tl.errors.SceneError, match="derives from"):
-        tl.Scene(robot("arm"), effects=[lambda q: -q])  # type: ignore[list-item]
+        tl.Scene(robot("arm"), effects=[lambda q: -q])
     with pytest.raises(tl.errors.SceneError, match=r"write Returns\(\.\.\.\)"):
-        tl.Scene(robot("arm"), effects=[Returns])  # type: ignore[list-item]
+        tl.Scene(robot("arm"), effects=[Returns])
 
 
 def test_numpy_numbers_and_tables_are_fine() -> None:

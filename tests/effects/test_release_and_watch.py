@@ -113,7 +113,7 @@ def test_what_cannot_engage_is_named() -> None:
 
 def test_watching_a_time_a_condition_and_a_function() -> None:
     def kinetic(motion: object) -> object:
-        return motion.v[0] * motion.v[0] / 2 - 0.5  # type: ignore[attr-defined]
+        return motion.v[0] * motion.v[0] / 2 - 0.5
 
     effects = [
         E.JointSpring({"x": 4.0}),

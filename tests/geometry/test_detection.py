@@ -70,7 +70,7 @@ def test_where_cores_overlap_the_gap_is_coals(shapes: tuple[AnyShape, AnyShape])
     q = np.array([0, 0, 0, 0, 0, 0, 1, *middle, 0, 0, 0, 1.0])
     points = found(robot, Detector(robot, [pair]), q)
     solids = [(pair.first.shape, q[:3] if pair.first.link == "a" else q[7:10])]
-    solids += [(pair.second.shape, q[:3] if pair.second.link == "a" else q[7:10])]  # type: ignore[union-attr]
+    solids += [(pair.second.shape, q[:3] if pair.second.link == "a" else q[7:10])]
     (a, p), (b, r) = ((shape.coal(), coal.Transform3s(shape.placement.rotation, x + shape.placement.translation))
                       for shape, x in solids)  # fmt: skip
     depth = coal.distance(a, p, b, r, coal.DistanceRequest(), coal.DistanceResult())

@@ -44,7 +44,7 @@ def random_urdf(random: np.random.Generator, joints: int, kinds: tuple[str, ...]
 def random_robot(random: np.random.Generator, max_joints: int = 6, kinds: tuple[str, ...] = KINDS) -> tl.Robot:
     """A robot of up to `max_joints` joints; a quarter of them floats."""
     root = "free" if random.random() < 0.25 else "fixed"
-    return tl.load_robot(random_urdf(random, int(random.integers(1, max_joints + 1)), kinds), root=root)  # type: ignore[arg-type]
+    return tl.load_robot(random_urdf(random, int(random.integers(1, max_joints + 1)), kinds), root=root)
 
 
 def random_state(random: np.random.Generator, robot: tl.Robot, lively: float = 2.0) -> tuple[np.ndarray, np.ndarray]:

@@ -90,7 +90,7 @@ def test_a_world_is_the_same_in_a_batch_of_any_size(verify: bool) -> None:
         assert np.array_equal(few.q, whole.q[part])
         assert np.array_equal(few.v, whole.v[part])
         if verify:
-            assert np.array_equal(few.error, whole.error[part])  # type: ignore[arg-type, index]
+            assert np.array_equal(few.error, whole.error[part])
 
 
 @pytest.mark.parametrize("rate", [0, 20])

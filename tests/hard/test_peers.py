@@ -121,7 +121,7 @@ def test_a_run_is_ended_after_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(task, "MAX_SECONDS", 0.2)
     start = time.monotonic()
     with pytest.raises(UnsupportedError, match="not at the end"):
-        task.run_limited(lambda: time.sleep(60))  # type: ignore[arg-type, func-returns-value]
+        task.run_limited(lambda: time.sleep(60))
     assert time.monotonic() - start < 10
 
 

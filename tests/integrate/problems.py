@@ -33,7 +33,7 @@ def arm() -> Scene:
 
 def rods(**start: object) -> Scene:
     """Equal rods, from the horizontal unless given: chaotic."""
-    return Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=GRAVITY, **start)  # type: ignore[arg-type]
+    return Scene(tl.load_robot(arm_urdf(1, 1, 1, 1)), effects=GRAVITY, **start)
 
 
 def box() -> Scene:

@@ -85,7 +85,7 @@ def test_torques_and_accelerations_are_those_of_inverse_dynamics() -> None:
     np.testing.assert_allclose(run.tau[:, 1], -0.3 * run.v[:, 1], atol=1e-12)
 
 
-def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_loaded_trajectory_has_no_equations(tmp_path) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
     loaded = tl.Trajectory.load(run.save(tmp_path / "run.npz"))
     for ask in (lambda: loaded.at(0.05), lambda: loaded.tau, lambda: loaded.acceleration):

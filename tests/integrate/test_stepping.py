@@ -32,7 +32,7 @@ def test_samples_between_fixed_steps_are_as_exact_as_those_at_their_ends(name: s
 @pytest.mark.parametrize("scene", [arm, box])
 def test_samples_keep_the_tolerance_wherever_they_are(name: str, scene: object) -> None:
     """Dense samples are no less exact than the few at which the steps are made to end."""
-    problem = scene()  # type: ignore[operator]
+    problem = scene()
     steps, truth = step_map(equations_of(problem), METHODS[name]), tight(problem, TIMES)
     found = integrate(steps, TIMES, 1e-7)
     ends = integrate(steps, TIMES[[0, -1]], 1e-7)

@@ -42,7 +42,7 @@ def landing(place: np.ndarray, velocity: np.ndarray, drag: float) -> float:
     def height(_: float, y: np.ndarray) -> float:
         return y[1] - RADIUS
 
-    height.terminal, height.direction = True, -1.0  # type: ignore[attr-defined]
+    height.terminal, height.direction = True, -1.0
     start = [place[0], place[2], velocity[0], velocity[2]]
     solution = solve_ivp(rate, (0.0, 10.0), start, method="DOP853", rtol=1e-13, atol=1e-13, events=height)
     return float(solution.y_events[0][0, 0])

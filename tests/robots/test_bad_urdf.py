@@ -201,7 +201,7 @@ def test_sources_that_name_no_robot(source: str, part: str) -> None:
 @pytest.mark.parametrize("source", [None, 3, b"<robot/>"])
 def test_sources_of_a_wrong_type(source: object) -> None:
     with pytest.raises(RobotError, match="is not a robot"):
-        tl.load_robot(source)  # type: ignore[arg-type]
+        tl.load_robot(source)
 
 
 def test_binary_files_are_refused(tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_binary_files_are_refused(tmp_path: Path) -> None:
 )
 def test_bad_options_are_refused(options: dict[str, object], part: str) -> None:
     with pytest.raises(RobotError, match=part):
-        tl.load_robot(GOOD, **options)  # type: ignore[arg-type]
+        tl.load_robot(GOOD, **options)
 
 
 def test_mimic_of_a_missing_joint_is_reported_and_refused_with_mimic_true() -> None:

@@ -276,7 +276,7 @@ def test_normalize_and_with_gravity_refuse_bad_arguments() -> None:
     robot = tl.load_robot("kinova")
     for bad in ("a", np.zeros(3), 1.0):
         with pytest.raises(tl.errors.QueryError, match="expected shape"):
-            robot.normalize(bad)  # type: ignore[arg-type]
+            robot.normalize(bad)
     with pytest.raises(tl.errors.QueryError, match="no direction"):
         robot.normalize(np.zeros(9))
     for field in ([np.nan] * 3, [1.0, 2.0]):

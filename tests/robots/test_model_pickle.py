@@ -53,5 +53,5 @@ def test_robots_of_the_catalogue_survive() -> None:
     for name, options in {
         "panda": {"mimic": True, "lock": {"panda_joint2": 0.3}}, "anymal": {"root": "free"}, "tiago": {"mimic": True},
     }.items():  # fmt: skip
-        robot = tl.load_robot(name, **options)  # type: ignore[arg-type]
+        robot = tl.load_robot(name, **options)
         assert_same(robot.model, pickle.loads(pickle.dumps(robot)).model)

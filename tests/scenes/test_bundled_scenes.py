@@ -216,7 +216,7 @@ def test_the_smoothest_spoon_keeps_its_limits_and_no_other_path_has_less_jerk() 
     assert np.abs(rate).max() == pytest.approx(0.85, abs=1e-6)
     control = scene.effects[1]
     assert isinstance(control, tl.effects.ComputedTorque)
-    points = np.array([curve.points for curve in control.path.values()])  # type: ignore[union-attr]
+    points = np.array([curve.points for curve in control.path.values()])
     t = np.linspace(0.0, 3.0, 601)
 
     def curves(inner: np.ndarray) -> BPoly:

@@ -220,7 +220,7 @@ def test_loops_cost_what_they_cost_alone(scene: tl.Scene) -> None:
     whole = np.block([[mass, -jacobian.T], [jacobian, np.zeros((len(terms), len(terms)))]])
     expected = np.linalg.lstsq(whole, np.concatenate([-h, -terms]), rcond=1e-12)[0][: model.nv]
     args = loops.mech, np.concatenate([q, v]), [0.0] * model.nv, {}, Numbers, np.ones(model.nv), loops.loops
-    a = np.array(loops.accelerations(*args)[0], dtype=float)
+    a = np.array(loops.accelerations(*args)[0], dtype=float)  # type: ignore[type-var]
     assert np.abs(a - expected).max() < 1e-10 * (1.0 + np.abs(expected).max())
 
 

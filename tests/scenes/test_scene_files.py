@@ -119,8 +119,8 @@ def test_names_and_paths_that_do_not_exist(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="No such file"):
         tl.load_scene(tmp_path / "none.toml")
     with pytest.raises(SceneError, match="a NoneType is not a scene"):
-        tl.load_scene(None)  # type: ignore[arg-type]
+        tl.load_scene(None)
     with pytest.raises(SceneError, match="a bytes is not a scene"):
-        tl.load_scene(b"arm-swing")  # type: ignore[arg-type]
+        tl.load_scene(b"arm-swing")
     with pytest.raises(SceneError, match="more than"):
         tl.load_scene(Path("/dev/zero"))

@@ -154,7 +154,7 @@ def _npz() -> Iterator[Case]:
 
 def _saved(**arrays: np.ndarray) -> bytes:
     out = io.BytesIO()
-    np.savez(out, **arrays)  # type: ignore[arg-type]
+    np.savez(out, **arrays)
     return out.getvalue()
 
 

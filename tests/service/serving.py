@@ -40,7 +40,7 @@ class Served:
         return self.log_file.read_text()
 
     def client(self, **more: object) -> httpx.Client:
-        return httpx.Client(base_url=self.url, timeout=120, **more)  # type: ignore[arg-type]
+        return httpx.Client(base_url=self.url, timeout=120, **more)
 
     def kill(self) -> None:
         self.process.kill()

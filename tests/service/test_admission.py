@@ -227,7 +227,7 @@ def test_a_connection_without_requests_is_closed(tmp_path: Path) -> None:
         options = uvicorn_options(Settings(str(tmp_path), quotas=Quotas(body_seconds=0.1)))
         config = uvicorn.Config(application, **{**options, "timeout_keep_alive": 0.3, "lifespan": "off"})
         config.load()
-        make = functools.partial(config.http_protocol_class, config=config, server_state=ServerState(), app_state={})
+        make = functools.partial(config.http_protocol_class, config=config, server_state=ServerState(), app_state={})  # type: ignore[call-arg]
         server = await asyncio.get_running_loop().create_server(make, "127.0.0.1", 0)
         reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
         for _ in range(3):

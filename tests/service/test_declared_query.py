@@ -75,7 +75,7 @@ def test_a_query_declared_in_one_place_is_asked_everywhere(here: Here) -> None:
     path, media = "/v1/robots/two_link/centroidal-map", "application/json"
     assert json.loads(here.request("POST", path, body, media, media)[1]) == {"map": expected.tolist()}
 
-    there: Any = RemoteRobot(here, {**ABOUT, "id": "two_link"})  # type: ignore[arg-type]
+    there: Any = RemoteRobot(here, {**ABOUT, "id": "two_link"})
     assert np.array_equal(there.centroidal_map(Q), expected)
     assert "centroidal_map" in dir(there)
     assert there.centroidal_map.__doc__ == robot.centroidal_map.__doc__
@@ -100,7 +100,7 @@ def test_a_declared_query_is_described(here: Here) -> None:
 
 
 def test_the_client_has_all_queries_of_the_robot_and_no_others() -> None:
-    there = RemoteRobot(Here(None), ABOUT)  # type: ignore[arg-type]
+    there = RemoteRobot(Here(None), ABOUT)
     for each in QUERIES.values():
         assert callable(getattr(tl.Robot, each.method))
         assert callable(getattr(there, each.method))

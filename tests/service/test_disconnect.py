@@ -93,7 +93,7 @@ def test_what_is_sent_to_a_connection_that_has_just_ended_is_dropped(tmp_path: P
         config = uvicorn.Config(build, **uvicorn_options(Settings(str(tmp_path))))
         config.load()
         make = config.http_protocol_class
-        protocol = make(config=config, server_state=ServerState(), app_state={}, _loop=asyncio.get_running_loop())
+        protocol = make(config=config, server_state=ServerState(), app_state={}, _loop=asyncio.get_running_loop())  # type: ignore[call-arg]
         protocol.connection_made(Closed())
         protocol.transport.write(b"too late")
         protocol.connection_lost(None)

@@ -292,7 +292,7 @@ def test_queries_are_answered_and_shown_as_programs(page: Page) -> None:
     assert shown == pytest.approx(tau)
     curl = page.evaluate("document.getElementById('curl').textContent")
     assert f"{robot}/inverse-dynamics" in curl
-    assert json.loads(re.search(r"-d '(.*)'", curl).group(1)) == body  # type: ignore[union-attr]
+    assert json.loads(re.search(r"-d '(.*)'", curl).group(1)) == body
     python = page.evaluate("document.getElementById('python').textContent")
     printed: list[object] = []
     exec(compile(python.replace("print(", "printed.append("), "shown", "exec"), {"printed": printed})

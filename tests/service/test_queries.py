@@ -77,7 +77,7 @@ def test_wrenches_and_methods(http: httpx.Client) -> None:
     path = "/v1/robots/two_link/forward-dynamics"
     for method in ("aba", "crba"):
         body = {"q": q, "v": v, "tau": tau, "f_ext": {"tip": push}, "method": method}
-        expected = robot.forward_dynamics(q, v, tau, {"tip": push}, method)  # type: ignore[arg-type]
+        expected = robot.forward_dynamics(q, v, tau, {"tip": push}, method)
         np.testing.assert_allclose(http.post(path, json=body).json()["a"], expected, rtol=1e-12)
     answer = http.post(path, content=packed(q=q, v=v, tau=tau, **{"f_ext.tip": push}), headers=NPZ)
     np.testing.assert_allclose(

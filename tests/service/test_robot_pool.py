@@ -30,7 +30,7 @@ class IdsOnly:
 
 
 def test_an_unknown_robot_is_refused_without_a_look_at_all_descriptions() -> None:
-    pool = RobotPool(Settings(data="unused"), IdsOnly(), None)  # type: ignore[arg-type]
+    pool = RobotPool(Settings(data="unused"), IdsOnly(), None)
     with pytest.raises(Refusal, match="two_link") as refused:
         asyncio.run(pool.require("two_lnk"))
     assert refused.value.status == 404

@@ -106,7 +106,7 @@ def test_a_worker_reaches_no_network_and_no_process(task: str, results: dict[str
 def test_a_worker_that_may_use_the_network_reaches_no_file_of_others_and_no_process(
     place: dict[str, Any], tmp_path: Path
 ) -> None:
-    async def work() -> dict[str, Any]:
+    async def work() -> dict[str, Any]:  # type: ignore[return]
         workers = Workers(1, WorkerMemory(3000), tasks="tests.service.network_tasks", writable=[tmp_path])
         try:
             assert await workers.run("tcp", 60, **arguments("tcp", place)) == "an answer"

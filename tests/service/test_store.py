@@ -202,6 +202,6 @@ def test_only_sweeps_keep_the_files_of_what_is_not_done(tmp_path: Path) -> None:
         assert {job.state for job in map(store.job, keys.values()) if job} == {"interrupted"}
         assert [path.stat().st_size for path in tmp_path.rglob("blocks")] == [4000]
         assert store.result_folder("sweep-0").exists()
-        assert store.job("sweep-0").bytes > 4000  # type: ignore[union-attr]
+        assert store.job("sweep-0").bytes > 4000
         store.remove_job("sweep-0")
     assert not list(tmp_path.rglob("blocks"))

@@ -37,6 +37,6 @@ def test_it_names_the_method_that_a_run_takes() -> None:
 
 def test_refusals() -> None:
     with pytest.raises(SceneError, match="expected a Scene"):
-        tl.explain("arm-swing")  # type: ignore[arg-type]
+        tl.explain("arm-swing")
     with pytest.raises(AccuracyError, match="accuracy: expected a number above 0, got nan"):
         tl.explain(tl.load_scene("arm-swing"), accuracy=float("nan"))

@@ -279,8 +279,8 @@ def test_interrupting_the_second_solution_says_so() -> None:
 
 def test_wrong_types_are_named() -> None:
     with pytest.raises(SceneError, match="expected a Scene, got str"):
-        tl.simulate("arm-swing")  # type: ignore[arg-type]
+        tl.simulate("arm-swing")
     for field in ("abc", 5, (0.0, 0.0)):
         with pytest.raises(SceneError, match="3 finite numbers"):
-            tl.effects.Gravity(field)  # type: ignore[arg-type]
+            tl.effects.Gravity(field)
     assert tl.simulate(tl.load_scene("arm-swing"), 0.1, accuracy=np.float32(1e-3)).error is not None

@@ -92,7 +92,7 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
     others = np.delete(np.arange(9), 4)
     assert np.isfinite(worlds.q[others]).all()
     assert (worlds.error[others] <= 1e-6).all()
-    assert not worlds.within_accuracy[4]  # type: ignore[index]
+    assert not worlds.within_accuracy[4]
 
 
 @pytest.mark.parametrize(

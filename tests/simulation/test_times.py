@@ -15,7 +15,7 @@ def test_a_run_has_the_times_that_are_asked_for_and_goes_on_to_its_end() -> None
     whole, some = (tl.simulate(SWING, 1.0, accuracy=1e-8, t_eval=times) for times in (None, TIMES))
     np.testing.assert_array_equal(some.t, TIMES)
     at = np.searchsorted(whole.t, TIMES)
-    assert np.abs(some.q - whole.q[at]).max() <= some.error.max() + whole.error.max() <= 2e-8  # type: ignore[union-attr]
+    assert np.abs(some.q - whole.q[at]).max() <= some.error.max() + whole.error.max() <= 2e-8
     assert some.energy.shape == some.tau.shape[:1] == (3,)
     np.testing.assert_allclose(some.at(1.0)[0], whole.q[-1], rtol=0, atol=2e-8)
     assert tl.simulate(SWING, 1.0, t_eval=1.0).t == [1.0]
@@ -67,7 +67,7 @@ def test_arguments_of_the_last_release_work_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="simulate takes only the scene and the duration by place: name acc"):
         np.testing.assert_array_equal(tl.simulate(SWING, 1.0, 1e-8, samples_per_second=10).q, new.q)
     with pytest.warns(DeprecationWarning, match="simulate: samples is called samples_per_second"):
-        np.testing.assert_array_equal(tl.simulate(SWING, 1.0, accuracy=1e-8, samples=10).q, new.q)
+        np.testing.assert_array_equal(tl.simulate(SWING, 1.0, accuracy=1e-8, samples=10).q, new.q)  # type: ignore[call-arg]
     with pytest.warns(DeprecationWarning, match="explain takes"):
         assert tl.explain(SWING, 1e-8).accuracy == 1e-8
     with pytest.warns(DeprecationWarning, match="explain takes"):
@@ -75,7 +75,7 @@ def test_arguments_of_the_last_release_work_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="name q, v, parameters, accuracy"):
         assert tl.simulate_many(SWING, [[0.1, 0.2]], None, None, 1.0).t == 1.0
     with pytest.warns(DeprecationWarning, match="it was their number before the end"):
-        worlds = tl.simulate_many(SWING, 1.0, samples=3)
+        worlds = tl.simulate_many(SWING, 1.0, samples=3)  # type: ignore[call-arg]
     np.testing.assert_array_equal(worlds.samples_t, [0.0, 0.25, 0.5, 0.75])
     with pytest.warns(DeprecationWarning, match="name wrt, accuracy"):
         assert list(tl.sensitivities(SWING, ["q.elbow"], 0.5).q) == ["q.elbow"]

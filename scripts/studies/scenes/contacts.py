@@ -195,7 +195,7 @@ def slab(random: np.random.Generator) -> Case:
     floor = meshed(half, (0.0, 0.0, -1.0), rpy) if mesh else fx.Box((18.0, 18.0, 2.0), (0.0, 0.0, -1.0), rpy)
     robot = free_robot(("body", mass, times(mass, moments)), base=True)
     flat = isinstance(shape, fx.Box) and random.random() < 0.3
-    low = shape.size[2] / 2 if flat else reach(shape)  # type: ignore[union-attr]
+    low = shape.size[2] / 2 if flat else reach(shape)
     q = [0, 0, low + uniform(random, 0.0, 0.3), *((0, 0, 0, 1) if flat else turn(random))]
     v = random.uniform(-1, 1, 6) * (1, 1, 1, 6, 6, 6) * (0 if flat and random.random() < 0.5 else 1)
     duration, accuracy = uniform(random, 0.2, 0.5), accuracy_of(random, -8)
@@ -268,7 +268,7 @@ def plate(random: np.random.Generator) -> Case:
 
 
 def _kind(shape: AnyShape) -> str:
-    return "box" if isinstance(shape, fx.Box) else f"mesh of {len(shape.vertices)}"  # type: ignore[union-attr]
+    return "box" if isinstance(shape, fx.Box) else f"mesh of {len(shape.vertices)}"
 
 
 MAKERS = (billiard, spin, incline, tumble, edges, arm, bodies, slab, ledge, hulls, plate)

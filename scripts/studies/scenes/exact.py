@@ -332,7 +332,7 @@ def _accuracy(random: np.random.Generator, finest: float) -> float:
 
 
 def _changed(one: Case, **changes: object) -> Case:
-    return Case(**{**vars(one), **changes})  # type: ignore[arg-type]
+    return Case(**{**vars(one), **changes})
 
 
 def _asked(one: Case, random: np.random.Generator, finest: float, methods: tuple[str, ...] = ("auto",)) -> Case:
