@@ -6,7 +6,7 @@ Columns: cold, with an empty cache; cached, in a new process with the cache that
 that process; SciPy: the cheapest of DOP853, RK45 and LSODA on Pinocchio's rates that comes within the accuracy,
 imported before, nothing to compile. Ours are with the error bar, SciPy is without one. Medians of rounds. Writes
 out/first_answers.csv. --quick: the first two scenes, one round. With --parts it measures what steps in parts cost
-(EVALUATION and WORLD in twolink/integrate/first_steps.py).
+(EVALUATION and WORLD in twolink/integrate/compile_time.py).
 """
 
 import importlib

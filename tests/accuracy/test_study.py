@@ -236,7 +236,7 @@ REFUSED = {
     "tolerance": ({"tolerances": [-1]}, "expected a number above 0, got -1"),
     "no tolerance": ({"tolerances": []}, "no tolerance"),
     "duration": ({"duration": 0}, "above 0 s"),
-    "samples": ({"samples": 1e9}, "samples, the limit"),
+    "samples": ({"samples_per_second": 1e9}, "samples, the limit"),
     "repeats": ({"repeats": 0}, "whole number above 0"),
     "budget": ({"budget": math.nan}, "budget"),
 }

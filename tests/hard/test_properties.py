@@ -88,12 +88,12 @@ def portable_meets_its_accuracy(random: np.random.Generator) -> bool:
 
 def simulated(scene: tl.Scene, accuracy: float, method: str, samples: float) -> tl.Trajectory | None:
     """The run; None where twolink refuses it by an error that says why."""
-    start, run, places = time.monotonic(), None, []
+    start, run, places = time.process_time(), None, []
     try:
         run = tl.simulate(scene, accuracy=accuracy, method=method, samples_per_second=samples)
     except (AccuracyError, SceneError) as error:
         places = [error.where, error.code]
-    assert time.monotonic() - start < HANG
+    assert time.process_time() - start < HANG
     if run is None:
         assert all(places)
         return None

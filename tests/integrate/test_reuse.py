@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate import first_steps, scene_equations, taylor_code
+from twolink.integrate import compile_time, scene_equations, taylor_code
 from twolink.lagrange.pinocchio_arm import arm_urdf
 from twolink.scenes.parameters import scene_with
 
@@ -27,11 +27,11 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     module = heyoka()
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
-    monkeypatch.setattr(first_steps, "QUICK", 0.0)
-    monkeypatch.setattr(first_steps, "SHARE", 10.0)
+    monkeypatch.setattr(compile_time, "QUICK", 0.0)
+    monkeypatch.setattr(compile_time, "SHARE", 10.0)
     for owner, names in (
-        (first_steps, ["_spent"]),
-        (taylor_code, ["_pool", "_spent"]),
+        (compile_time, ["_spent"]),
+        (taylor_code, ["_pool"]),
         (scene_equations, ["_structures"]),
     ):
         for name in names:
@@ -59,7 +59,7 @@ def counting(function: Callable[..., object], counted: list[int]) -> Callable[..
 def test_sensitivities_at_other_values_compile_nothing_anew(compilations: Callable[[], int]) -> None:
     """Neither the variational equations by a number nor the steps, where each scene is solved a few times only."""
     names = ["effects.1.stiffness.elbow", "forearm.mass"]
-    with taylor_code.solved_rarely():
+    with compile_time.solved_rarely():
         tl.sensitivities(arm(), wrt=names, duration=0.5)
         assert compilations() > 0
         for values in ({names[1]: 2.5}, {names[0]: 8.0}):

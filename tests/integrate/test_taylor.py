@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, box, one_joint, rods
-from twolink.integrate import taylor, taylor_code
+from twolink.integrate import compile_time, taylor, taylor_code
 from twolink.integrate.scene_equations import equations_of
 from twolink.scenes import Scene
 
@@ -172,7 +172,7 @@ def built(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     build = taylor_code._build
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     monkeypatch.setattr(taylor_code, "_pool", {})
-    monkeypatch.setattr(taylor_code, "_spent", {})
+    monkeypatch.setattr(compile_time, "_spent", {})
     monkeypatch.setattr(taylor_code, "_build", lambda *a, **how: (found.append(not how), build(*a, **how))[1])
     return found
 
@@ -193,7 +193,7 @@ def test_a_long_run_goes_on_with_optimized_code(built: list[bool], monkeypatch: 
     equations = equations_of(Scene(rods().robot, effects=[*GRAVITY, tl.effects.Torque({"elbow": pushes()})]))
     times = np.linspace(0, 3, 601)
     expected = taylor.solve(equations, times, 1e-18, precision="extended")
-    monkeypatch.setattr(taylor_code, "_spent", {})
+    monkeypatch.setattr(compile_time, "_spent", {})
     monkeypatch.setattr(taylor_code, "taylor_seconds", lambda _: 0.0)
     found = taylor.solve(equations, times, 1e-18, precision="extended")
     assert built == [False, True]

@@ -86,4 +86,4 @@ def test_events_of_a_run_are_records(http: httpx.Client) -> None:
     run = tl.simulate(tl.load_scene("bouncing-ball"), 1.0)
     assert [event["kind"] for event in job["result"]["events"]] == [event.kind for event in run.events]
     assert job["result"]["events"][0]["t"] == pytest.approx(run.events[0].t, abs=1e-5)
-    assert set(job["result"]["events"][0]) == {"t", "kind", "what", "detail", "energy", "effect"}
+    assert set(job["result"]["events"][0]) == {"t", "kind", "what", "detail", "energy", "effect", "direction"}

@@ -19,13 +19,11 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.points import Places, Points
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds
+from twolink.integrate.compile_time import OF_BODIES, UNOPTIMIZED, compiling_seconds
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import effect_loads, motion_of, unbalanced_forces
 from twolink.integrate.state import Array
-
-PAYS = 2.0  # seconds of compiling, roughly, beyond which NumPy does
 
 
 class Multibody:
@@ -133,7 +131,7 @@ def loads_of(equations: Equations, t: float, q: Array, v: Array, numbers: Array)
 def _compiled_forces(equations: Equations) -> Any:
     """heyoka's function of (t, x) for tau - h; None where there is none, or compiling takes long."""
     module = heyoka()
-    if module is None or compiling_seconds(equations.operations) > PAYS:
+    if module is None or compiling_seconds(equations.operations) > OF_BODIES:
         return None
 
     def build() -> Any:

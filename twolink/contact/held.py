@@ -26,10 +26,9 @@ from twolink.contact.steps import STILL, Memory, Plan, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
+from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, count, is_reproducible, spent
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import count, spent
 from twolink.integrate.state import Array
 
 FEW = 12  # points on planes, up to which they are compiled

@@ -16,6 +16,7 @@ from twolink.dynamics.kernels import heyoka
 from twolink.errors import SceneError
 from twolink.integrate import calibration, taylor_code
 from twolink.integrate.compile_time import (
+    EVALUATION,
     MAX_COMPILING,
     MAX_IN_PARTS,
     in_parts,
@@ -24,7 +25,6 @@ from twolink.integrate.compile_time import (
     step_seconds,
 )
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import EVALUATION
 from twolink.integrate.methods import METHODS, Method, method_named
 from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
 from twolink.integrate.solver import smallest_tolerance

@@ -16,9 +16,12 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka, pays_threads
 from twolink.integrate.chain import longest_chain
 from twolink.integrate.compile_time import (
+    FOR_ANY_NUMBERS,
     MAX_IN_PARTS,
     UNOPTIMIZED,
+    FirstSteps,
     announced,
+    first_steps_pay,
     in_parts,
     is_reproducible,
     parts_seconds,
@@ -26,7 +29,6 @@ from twolink.integrate.compile_time import (
 )
 from twolink.integrate.compiled_functions import compiled_function, is_at_hand, once
 from twolink.integrate.equations import Equations
-from twolink.integrate.first_steps import FirstSteps, pays
 from twolink.integrate.methods import Method
 from twolink.integrate.scene_equations import structure_of
 from twolink.integrate.solution import Code
@@ -42,7 +44,6 @@ from twolink.integrate.step_building import (
 from twolink.integrate.step_certificate import certify, certify_projection, certify_rate
 from twolink.integrate.step_control import Control, control_rows
 
-SOON = 3.0  # s, within which whole steps for any numbers are compiled
 LANES = 8  # batches are padded to whole vectors, so that every world gets the same bits wherever it stands
 SHARES = (0.5, 0.3, 0.7)  # of a step, at which two steps in its place meet
 SPREADS = (1 / 256, 1 / 64, 1 / 16, 1 / 4)  # of a step: distances of the states between which one is interpolated
@@ -159,7 +160,7 @@ def step_map(equations: Equations, method: Method, *, portable: bool = False, wh
         call, seconds = _for_any_numbers(equations, method)
         return StepMap(equations, method, call, "parts", seconds)
     name = equations.key("rate", "whole") if parts else _name(equations, method)
-    if not (whole or is_reproducible() or is_at_hand(name)) and pays(equations, method, name):
+    if not (whole or is_reproducible() or is_at_hand(name)) and first_steps_pay(equations, method, name):
         call, seconds = _in_parts(equations, method, first=True)
         return StepMap(equations, method, FirstSteps(equations, method, name, call), "parts", seconds)
     return StepMap(equations, method, *_better(equations, method))
@@ -186,7 +187,7 @@ def _whole(equations: Equations, method: Method) -> tuple[Map, float]:
 
 def _for_any_numbers(equations: Equations, method: Method) -> tuple[Map, float]:
     """Steps by code that other numbers share: whole ones where that compiles soon. And the seconds of compiling."""
-    if step_seconds(equations, method) > SOON:
+    if step_seconds(equations, method) > FOR_ANY_NUMBERS:
         return _in_parts(equations, method, first=True)
     base, values = structure_of(equations)
     code, seconds = _whole(base, method)

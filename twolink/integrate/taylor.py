@@ -10,6 +10,7 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import MissingExtraError
 from twolink.integrate.beside import Beside
+from twolink.integrate.compile_time import solved_often
 from twolink.integrate.equations import Equations
 from twolink.integrate.failures import MAX_STEPS, failure
 from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
@@ -23,7 +24,6 @@ from twolink.integrate.taylor_code import (
     Precision,
     number_type,
     order_of,
-    solved_often,
 )
 
 ROUNDING_UNIT = {"double": 2.2e-16, "extended": 1.1e-19, "quad": 1.9e-34}

@@ -11,13 +11,11 @@ so that u never decides the scale of the error. c = 16 costs 2 % more steps on t
 (20 % more steps); c = 1000 protects less.
 """
 
-import contextlib
 import logging
 import math
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextvars import ContextVar
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +24,7 @@ from twolink.algorithms.mechanism import nominal, parameter_names
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate.compile_time import UNOPTIMIZED, is_reproducible, taylor_seconds
+from twolink.integrate.compile_time import UNOPTIMIZED, count, is_reproducible, spent, taylor_seconds
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import traced_rate
 from twolink.integrate.scene_equations import structure_of
@@ -50,25 +48,7 @@ def order_of(tolerance: float) -> int:
     return max(3, math.ceil(1 - math.log(tolerance) / 2))
 
 
-@contextlib.contextmanager
-def solved_rarely() -> Iterator[None]:
-    """What is solved within is not solved often: it is optimized only when it has cost as much as that would."""
-    token = _few.set(True)
-    try:
-        yield
-    finally:
-        _few.reset(token)
-
-
-def solved_often(names: Iterable[str]) -> None:
-    """What is solved again is solved often: its code is optimized at once from now on, and some bits change once."""
-    if not _few.get():
-        _spent.update(dict.fromkeys(names, math.inf))
-
-
 _pool: dict[str, list[Any]] = {}
-_spent: dict[str, float] = {}  # s, of solving by code without optimization, by the name of the optimized one
-_few: ContextVar[bool] = ContextVar("_few", default=False)  # whether each motion is solved a few times only
 _lock = threading.Lock()
 MAX_POOL = 64
 
@@ -88,7 +68,7 @@ class Integrator:
         self.best, self.compile_seconds = equations.key(*parts), 0.0
         self._limit, self._how = taylor_seconds(equations), (tolerance, precision, compact, lanes)
         self._equations, rows = equations, equations.start[equations.moving :]
-        at_hand = bool(_pool.get(self.best)) or _spent.get(self.best, 0.0) > self._limit
+        at_hand = bool(_pool.get(self.best)) or spent(self.best) > self._limit
         if at_hand or is_reproducible() or cache.has(self.best):
             self.name, self.integrator, self.numbers = self.best, self._made(self.best, equations), rows
             return
@@ -110,8 +90,8 @@ class Integrator:
         """Count what solving took; go on with optimized code where that has become worth its compiling."""
         if self.name == self.best:
             return
-        _spent[self.best] = _spent.get(self.best, 0.0) + seconds
-        if _spent[self.best] > self._limit:
+        count(self.best, seconds)
+        if spent(self.best) > self._limit:
             integrator = self._made(self.best, self._equations)
             integrator.state[:] = self.integrator.state
             if np.ndim(integrator.state) == 1:

@@ -8,6 +8,7 @@ are used.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import math
@@ -25,7 +26,7 @@ from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, is_reproducible
+from twolink.integrate.compile_time import BY_NUMPY, UNOPTIMIZED, compiling_seconds, count, looks_pay
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.equations import Equations
@@ -35,8 +36,6 @@ from twolink.integrate.state import Array
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition
 
-PAYS = 4.0  # seconds of compiling, roughly, beyond which NumPy does at first
-LOOKS_PER_SECOND = 4e4  # over the operations: looks by NumPy that take as long as a second of compiling, roughly
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 NEARBY = 1e-3  # rad or m
@@ -95,18 +94,20 @@ class Evaluator:
                  ROWS * len(contacts), len(conditions), len(self._columns) * nv]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
-        seconds = compiling_seconds(EVALUATIONS * equations.operations)
         self._compiled: Any = None
-        self._looks = math.inf  # by NumPy, before compiling pays
-        if compiled and heyoka() is not None and (seconds <= PAYS or not is_reproducible()):
-            self._looks = 0.0 if seconds <= PAYS else LOOKS_PER_SECOND * seconds / equations.operations
+        self._compiling = math.inf
+        if compiled and heyoka() is not None:
+            self._compiling = compiling_seconds(EVALUATIONS * equations.operations)
 
     def __call__(self, t: Array, x: Array) -> Snapshot:
-        if self._compiled is None and self._looks <= 0.0:
-            content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
-            name = self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
-            self._compiled, _ = compiled_function(name, lambda: _compiled(self))
+        if self._compiled is None and looks_pay(self._name, self._compiling):
+            self._compiled, _ = compiled_function(self._name, lambda: _compiled(self))
         return Snapshot(t, x, self._by_numpy if self._compiled is None else self._by_heyoka, self._parts)
+
+    @functools.cached_property
+    def _name(self) -> str:
+        content = repr([contact.content for contact in self.contacts]) + repr((self.conditions, self._columns))
+        return self.equations.key("snapshot", hashlib.sha256(content.encode()).hexdigest()[:16])
 
     def by_numpy(self, t: Array, x: Array) -> Snapshot:
         """The snapshot of the formulas evaluated by NumPy."""
@@ -118,7 +119,8 @@ class Evaluator:
         return np.asarray(self._compiled(rows, batch_parallel=False))  # heyoka's own choice takes threads too early
 
     def _by_numpy(self, t: Array, x: Array) -> Array:
-        self._looks -= 1.0
+        if math.isfinite(self._compiling):
+            count(self._name, BY_NUMPY * self.equations.operations)
         with np.errstate(all="ignore"):
             values = self.formulas(self.equations.mechanism, t, x, Numbers)
         shape = x.shape[1:]

@@ -5,7 +5,7 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import arm, box
-from twolink.integrate import first_steps
+from twolink.integrate import compile_time
 from twolink.integrate import step_map as step_map_module
 from twolink.integrate.compile_time import UNOPTIMIZED
 from twolink.integrate.methods import METHODS
@@ -22,11 +22,11 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled yet, whole steps always take too long, and others cost nothing."""
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
-    monkeypatch.setattr(first_steps, "QUICK", 0.0)
-    monkeypatch.setattr(first_steps, "SHARE", 10.0)
-    monkeypatch.setattr(first_steps, "EVALUATION", 0.0)
-    monkeypatch.setattr(first_steps, "WORLD", 0.0)
-    monkeypatch.setattr(first_steps, "_spent", {})
+    monkeypatch.setattr(compile_time, "QUICK", 0.0)
+    monkeypatch.setattr(compile_time, "SHARE", 10.0)
+    monkeypatch.setattr(compile_time, "EVALUATION", 0.0)
+    monkeypatch.setattr(compile_time, "WORLD", 0.0)
+    monkeypatch.setattr(compile_time, "_spent", {})
 
 
 @pytest.mark.parametrize(("scene", "name"), [(arm(), "dop853"), (arm(), "rk4"), (box(), "rk45")])
@@ -45,7 +45,7 @@ def test_whole_steps_take_over_when_they_pay() -> None:
     equations, method = equations_of(arm()), METHODS["rk4"]
     steps = step_map(equations, method)
     assert integrate(steps, TIMES, 1e-3).compiled == "parts"
-    first_steps.count(equations.key("step", "rk4"), 1e3)
+    compile_time.count(equations.key("step", "rk4"), 1e3)
     found, expected = integrate(steps, TIMES, 1e-3), integrate(step_map(equations, method, whole=True), TIMES, 1e-3)
     assert found.compiled == "steps"  # the last blocks are
     assert found.compile_seconds > 0.0
@@ -66,13 +66,13 @@ def test_a_first_answer_says_how_it_came() -> None:
 
 
 def test_optimized_parts_take_over_where_whole_steps_compile_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("method_choice", "step_map", "first_steps"):
+    for module in ("method_choice", "step_map", "compile_time"):
         monkeypatch.setattr(f"twolink.integrate.{module}.in_parts", lambda *_: True)
-    monkeypatch.setattr(first_steps, "QUICK", -1.0)
+    monkeypatch.setattr(compile_time, "QUICK", -1.0)
     scene, built = arm(), []
     monkeypatch.setattr(step_map_module, "compiled_rate", lambda *a, **k: (built.append(k), compiled_rate(*a, **k))[1])
     runs = [tl.simulate(scene, 0.5)]
-    first_steps.count(equations_of(scene).key("rate", "whole"), 1e3)
+    compile_time.count(equations_of(scene).key("rate", "whole"), 1e3)
     runs += [tl.simulate(scene, 0.5), tl.simulate(arm(), 0.5)]
     assert built == [UNOPTIMIZED, {}]
     costs = [(run.cost.method, run.cost.compiled) for run in runs if run.cost is not None]
