@@ -35,6 +35,7 @@ def test_commands(tmp_path: Path) -> None:
     """In order, since later ones read what earlier ones wrote."""
     for line in COMMANDS:
         arguments = shlex.split(line, comments=True)[1:]
+        arguments += ["--html", "demo.html"] * (arguments == ["demo"])  # it would wait in the browser
         done = subprocess.run(
             [sys.executable, "-m", "twolink.cli", *arguments],
             cwd=tmp_path, capture_output=True, text=True, timeout=120, env=ENVIRONMENT,

@@ -9,6 +9,7 @@ import typer
 
 from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
+from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
 from twolink.cli.fitting import fit, identify, optimize
 from twolink.cli.play import play, video
@@ -26,7 +27,7 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = robots, inspect, query, check, linearize, identify, fit
+_QUESTIONS = demo, robots, inspect, query, check, linearize, identify, fit
 _EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, video, throw, hard_cases, paper
 for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
     app.command(cls=Command)(_command)

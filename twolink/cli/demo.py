@@ -1,0 +1,48 @@
+"""The command that shows in half a minute what twolink does."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from twolink.cli.common import print_address, print_not_drawn, require_writable
+
+ACCURACIES = (1e-3, 1e-6, 1e-9, 1e-12)
+
+
+def demo(
+    html: Annotated[Path | None, Option(help="Write a standalone page instead of opening a browser.")] = None,
+    no_browser: Annotated[bool, Option("--no-browser", help="Print the address; open no browser.")] = False,
+) -> None:
+    """Show in half a minute what twolink does.
+
+    It ends with the paper's arm moving in the browser.
+
+    \b
+    twolink demo
+    twolink demo --html demo.html        a page to keep instead of a browser
+    """
+    import twolink as tl
+    from twolink.lagrange.check import check
+
+    require_writable([] if html is None else [html], (".html",))
+    typer.echo("1/3  the paper's two-link arm: hand-derived equations against Pinocchio, 1,000 random arms")
+    rows = {row.quantity: row for row in check(n=1000).rows}
+    wrong = [name for name, row in rows.items() if row.misprinted]
+    typer.echo(f"     accelerations agree to {rows['acceleration, ABA'].corrected:.0e} of their size; "
+               f"the paper's print errs in {' and '.join(wrong)}")  # fmt: skip
+    scene = tl.load_scene("arm-swing")
+    typer.echo(f"2/3  what accuracy costs: the arm swings for {scene.duration:g} s")
+    for accuracy in ACCURACIES:
+        run = tl.simulate(scene, accuracy=accuracy)
+        assert run.error is not None
+        assert run.cost is not None
+        seconds, compiling = run.cost.seconds + run.cost.verify_seconds, run.cost.compile_seconds
+        typer.echo(f"     asked for {accuracy:.0e} rad: error at most {run.error[-1]:.0e} rad, solved in "
+                   f"{1e3 * seconds:.1f} ms, and {compiling:.2g} s of compiling")  # fmt: skip
+    typer.echo("3/3  the motion in the browser" if html is None else "3/3  the motion as a page")
+    if html is None:
+        run.play(open_browser=not no_browser, on_url=print_address, on_skipped=print_not_drawn)
+    else:
+        typer.echo(f"wrote {run.playback(html, on_skipped=print_not_drawn)}")
