@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
-from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, study_text, with_front
+from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate import calibration
@@ -109,8 +109,6 @@ class Study(StudyData, Result):
         ShowError
             No row has an error below 3, the file's ending is another one, or it cannot be written.
         """
-        from twolink.accuracy.plot import plot_study
-
         return plot_study(self, None if path is None else Path(path))
 
     def text(self) -> str:

@@ -196,6 +196,13 @@ def joint_columns(joints: Iterable[JointEntries], letter: str) -> list[tuple[str
     return columns
 
 
+def columns_to_read(table: Iterable[str], joints: Iterable[JointEntries], letter: str) -> list[str]:
+    """The columns of some joints in a table with these columns: q0, q1, ... where it has one of them, else q.JOINT."""
+    by_joint = [column for column, _ in joint_columns(joints, letter)]
+    numbered = [f"{letter}{i}" for i in range(len(by_joint))]
+    return by_joint if set(numbered).isdisjoint(table) else numbered
+
+
 def read_columns(
     table: Mapping[str, np.ndarray], joints: Iterable[JointEntries], letter: str
 ) -> tuple[np.ndarray | None, list[str]]:
@@ -205,8 +212,6 @@ def read_columns(
     """
     if letter in table:
         return np.asarray(table[letter]), []
-    by_joint = [column for column, _ in joint_columns(joints, letter)]
-    numbered = [f"{letter}{i}" for i in range(len(by_joint))]
-    wanted = numbered if table.keys() & set(numbered) else by_joint
+    wanted = columns_to_read(table, joints, letter)
     lacking = [column for column in wanted if column not in table]
     return None if lacking else np.column_stack([table[column] for column in wanted]), lacking

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.optimization.objectives import Objective, value_of
-from twolink.optimization.run_variation import NotFollowedError, variation_by
+from twolink.optimization.objectives import NotFollowedError, Objective, value_of, variation_by
 from twolink.scenes import Scene
 from twolink.scenes.parameters import named_parameters, scene_with
 from twolink.simulation.scene_run import simulate

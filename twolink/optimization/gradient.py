@@ -16,8 +16,16 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.progress import Report, in_time
 from twolink.io.text import Table
-from twolink.optimization.objectives import Objective, named_objective, value_of
-from twolink.optimization.run_variation import STEP, NotFollowedError, RunVariation, Unknown, beside
+from twolink.optimization.objectives import (
+    STEP,
+    NotFollowedError,
+    Objective,
+    RunVariation,
+    Unknown,
+    beside,
+    named_objective,
+    value_of,
+)
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.error_bar import ROUNDING, SLACK
@@ -74,7 +82,7 @@ class Gradient(Result):
 
     def plot(self, path: str | Path | None = None) -> Path | Figure:
         """Draw the derivatives and their error bars into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_bars
+        from twolink.show.figure import plot_bars
 
         names, values, errors = zip(*self.table().rows, strict=True)
         return plot_bars(path, f"{self.run.title}: objective {self.objective:.6g}", "derivative", names, values, errors)

@@ -128,7 +128,7 @@ class Optimum(Result):
 
     def plot(self, path: str | Path | None = None) -> Path | Figure:
         """Draw the objective by evaluation into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_lines
+        from twolink.show.figure import plot_lines
 
         found = np.array([record["objective"] for record in self.history])
         title = f"{self.scene.title or self.scene.robot.name}: objective {self.objective:.6g}"

@@ -72,7 +72,7 @@ class EnergyBalance(Result):
 
     def plot(self, path: str | Path | None = None) -> Path | Figure:
         """Draw stored energy, works and losses over time into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_lines
+        from twolink.show.figure import plot_lines
 
         curves = {"stored": self.stored - self.stored[0], **self.work, "impacts and releases": -self.lost}
         return plot_lines(

@@ -104,7 +104,7 @@ class Explanation(Result):
 
     def plot(self, path: str | Path | None = None) -> Path | Figure:
         """Draw the operations that each effect adds into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_bars
+        from twolink.show.figure import plot_bars
 
         names, counts = [share.effect for share in self.shares], [share.operations for share in self.shares]
         title = f"{self.scene}: {self.operations} operations an evaluation"

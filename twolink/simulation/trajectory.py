@@ -483,7 +483,7 @@ class Trajectory(Result):
                   on_skipped=on_skipped or _log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
-        from twolink.show.motion_samples import usual_speed
+        from twolink.show.viewer_data import usual_speed
 
         return usual_speed(float(self.t[-1] - self.t[0])) if speed is None else speed
 

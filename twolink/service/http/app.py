@@ -13,13 +13,15 @@ from litestar.openapi import OpenAPIConfig
 from twolink._version import __version__
 from twolink.dynamics.queries import Query
 from twolink.service.http import api_jobs, api_models, api_site
-from twolink.service.http.access import DENY_ALL, AccessControl, cors_headers
 from twolink.service.http.components import PREFIX, Service
 from twolink.service.http.messages import (
+    DENY_ALL,
     SECURITY,
+    AccessControl,
     Header,
     body_limit,
     compressed,
+    cors_headers,
     header,
     media_type,
     read_body,
@@ -30,7 +32,7 @@ from twolink.service.http.messages import (
 from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.service.problems import JSON, Refusal, answer_of
 from twolink.service.settings import Settings
-from twolink.service.work.query_answers import QUERIES
+from twolink.service.work.requests import QUERIES
 from twolink.service.work.sharing import HOLD, Hold, Shares, client_of_scope, hold
 
 _PARTS = (api_models, api_jobs, api_site)

@@ -10,7 +10,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.io.tables import parse_csv
 from twolink.service.problems import decode_unique
 from twolink.service.settings import Quotas
-from twolink.service.work.job_requests import (
+from twolink.service.work.requests import (
     IdentificationRequest,
     LinearizationRequest,
     SceneRequest,
