@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -27,6 +27,7 @@ from twolink.io.files import write_atomic
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.text import Result
 
@@ -38,7 +39,7 @@ MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData, Result):
+class Study(StudyData, Result, Plotted):
     """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,31 +86,8 @@ class Study(StudyData, Result):
                 table[name] = np.array(values)
         return table
 
-    @overload
-    def plot(self) -> Figure: ...
-
-    @overload
-    def plot(self, path: str | os.PathLike[str]) -> Path: ...
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
-        """Draw seconds over error, a line a method, with the front and its prices.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path or matplotlib.figure.Figure
-            The path; without one the figure, which notebooks show.
-
-        Raises
-        ------
-        ShowError
-            No row has an error below 3, the file's ending is another one, or it cannot be written.
-        """
-        return plot_study(self, None if path is None else Path(path))
+    def _figure(self) -> Figure:
+        return plot_study(self)
 
     def text(self) -> str:
         """The study as tables for people."""

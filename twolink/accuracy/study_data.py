@@ -6,13 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.errors import AccuracyError, ShowError
-from twolink.show.figure import COLOURS, label_ends, new_figure, plain, save_figure
+from twolink.show.figure import COLOURS, label_ends, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -246,19 +245,16 @@ DOUBTFUL: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor
 Points = tuple[list[float], list[float]]
 
 
-def plot_study(study: StudyData, path: Path | None) -> Path | Figure:
+def plot_study(study: StudyData) -> Figure:
     """Draw seconds over error, both logarithmic, with accuracy growing to the right.
 
     Parameters
     ----------
     study : StudyData
-    path : Path or None
-        A .png, .svg or .pdf file; None to keep the figure.
 
     Returns
     -------
-    Path or Figure
-        The path, or the figure.
+    Figure
 
     Raises
     ------
@@ -268,7 +264,7 @@ def plot_study(study: StudyData, path: Path | None) -> Path | Figure:
     rows = [row for row in study.rows if row.error <= MAX_ERROR]
     if not rows:
         what, remedy = f"no entry has an error below {MAX_ERROR:g}", "study a shorter duration"
-        raise ShowError(what, where="plot" if path is None else str(path), remedy=remedy, code="nothing-to-draw")
+        raise ShowError(what, where="plot", remedy=remedy, code="nothing-to-draw")
     figure, axes = new_figure(1, size=(11, 6.6))
     axis, floor = axes[0, 0], study.reference.error
     _set_axes(axis, *_points(rows, floor), floor)
@@ -285,7 +281,7 @@ def plot_study(study: StudyData, path: Path | None) -> Path | Figure:
     labels = {name: {"color": STYLES.get(name, "0.4"), "fontweight": "bold" if style is ADAPTIVE else "normal"}
               for name, style in zip(by_method, styles, strict=True)}  # fmt: skip
     label_ends(figure, axis, {name: _points(of_method, floor) for name, of_method in by_method.items()}, labels)
-    return figure if path is None else save_figure(figure, path)
+    return figure
 
 
 def _points(rows: list[Row], floor: float) -> Points:

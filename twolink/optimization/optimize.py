@@ -24,6 +24,7 @@ from twolink.optimization.objectives import Objective, named_objective
 from twolink.optimization.search import MultiStart, starting_points
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.text import Result
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Result):
+class Optimum(Result, Plotted):
     """The best that a search found. It unpacks as scene, run, history.
 
     Attributes
@@ -126,13 +127,10 @@ class Optimum(Result):
             "history": self.history.to_records(),
         }
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the objective by evaluation into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.figure import plot_lines
-
+    def _figure(self) -> Figure:
         found = np.array([record["objective"] for record in self.history])
         title = f"{self.scene.title or self.scene.robot.name}: objective {self.objective:.6g}"
-        return plot_lines(path, title, ("evaluation", "objective"), np.arange(1, len(found) + 1), {"objective": found})
+        return plot_lines(title, ("evaluation", "objective"), np.arange(1, len(found) + 1), {"objective": found})
 
     def __repr__(self) -> str:
         error = "error not known" if np.isnan(self.error) else f"± {self.error:.1e}"
