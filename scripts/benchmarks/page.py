@@ -16,13 +16,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from importlib.metadata import distributions
-from pathlib import Path
 
 import numpy as np
 
 from scripts.runner import OUT, TOP, Some, once, options
 from twolink.io.files import write_atomic
+from twolink.io.fingerprints import processor, versions
 from twolink.show.figure import COLOURS, new_figure
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
@@ -115,13 +114,9 @@ def section(bench: Bench, quick: bool) -> str:
 
 def machine() -> str:
     """The processor, how many of it there are, and the versions of the packages that are there."""
-    cpus, found = Path("/proc/cpuinfo"), {one.name: one.version for one in distributions()}
-    lines = cpus.read_text().splitlines() if cpus.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    versions = ", ".join(f"{name} {found[name]}" for name in PACKAGES if name in found)
-    return (
-        f"{[*names, platform.machine()][0]}, {os.cpu_count()} of them. Python {platform.python_version()}, {versions}"
-    )
+    found = ", ".join(f"{name} {version}" for name, version in versions(PACKAGES).items() if version)
+    kind = processor() or platform.machine()
+    return f"{kind}, {os.cpu_count()} of them. Python {platform.python_version()}, {found}"
 
 
 def main() -> None:

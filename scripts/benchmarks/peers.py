@@ -23,7 +23,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import astuple, dataclass, field, fields, replace
 from functools import partial
-from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import groupby
 from pathlib import Path
@@ -41,6 +40,7 @@ from twolink.hard.truths import COARSE, FINE, extended_reference
 from twolink.integrate.methods import METHODS
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_map import step_map
+from twolink.io.fingerprints import versions
 from twolink.io.tables import write_table
 from twolink.show.figure import COLOURS, new_figure, save_figure
 
@@ -323,7 +323,7 @@ def main() -> None:
         raise SystemExit("peers: the reference needs heyoka, whose wheels are for Linux")
     os.environ["TWOLINK_THREADS"] = "1"
     modules = installed_peers()
-    packages = {name: version(name) for name in ("numpy", "pin", "heyoka")}
+    packages = versions(("numpy", "pin", "heyoka"))
     packages |= {name: module.VERSION for name, module in modules.items()}
     print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {v}" for name, v in packages.items()))
     entries = [entry for name in given.scene for entry in measure(name, *scenes[name], modules, given)]

@@ -8,7 +8,6 @@ import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import msgspec
@@ -17,6 +16,7 @@ from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
+from twolink.io.fingerprints import processor, versions
 from twolink.scenes import Scene
 from twolink.sweeps.design import RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
@@ -24,41 +24,19 @@ from twolink.sweeps.quantities import OF_VARIANTS
 from twolink.sweeps.runs import Columns, Task, ways
 
 LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
-
-
-def origin() -> dict[str, Any]:
-    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
-    return {"twolink": __version__, "versions": _versions(), "machine": f"{platform.machine()}, {_processor()}",
-            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
-            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    found = {}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = ""
-    return found
-
-
-@functools.cache
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            return next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), "")
-    except OSError:
-        return platform.processor()
-
-
 BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
 PARTS = 32  # blocks at least, so that workers end together
 MAX_NUMBERS = 20_000_000  # that a block keeps
 LONGEST_NAME = 200  # bytes
 WAYS_FROM = 4096  # runs of which the ways are told
+
+
+def origin() -> dict[str, Any]:
+    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
+    return {"twolink": __version__, "versions": versions(LIBRARIES), "machine": f"{platform.machine()}, {processor()}",
+            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
