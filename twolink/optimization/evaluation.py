@@ -102,7 +102,7 @@ class Evaluation:
 
 
 @dataclass
-class Evaluator:
+class ObjectiveEvaluator:
     """Evaluates functions of the runs of a scene, by name: the objective, then the constraints.
 
     times (n,): of the samples of a run, from its start to its end, s. derivatives: "auto", or "runs" for differences of

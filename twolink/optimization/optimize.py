@@ -19,7 +19,7 @@ from twolink.integrate.compile_time import solved_rarely
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.progress import Report
 from twolink.io.text import Table
-from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
+from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
 from twolink.optimization.search import MultiStart, starting_points
 from twolink.scenes import Scene
@@ -237,7 +237,7 @@ def optimize(
     require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
     end = duration_for(scene, duration)
     times = with_ends(sample_times(end, t_eval, samples_per_second), end)
-    evaluator = Evaluator(variables, functions, times, accuracy_of(accuracy), derivatives)
+    evaluator = ObjectiveEvaluator(variables, functions, times, accuracy_of(accuracy), derivatives)
     problem = {
         "objective": _name_of(function), "maximize": maximize,
         "wrt": {name: [float(bound) for bound in pair] for name, pair in wrt.items()},
@@ -278,7 +278,7 @@ def _optimum(
     )  # fmt: skip
 
 
-def _errors(evaluate: Evaluator, best: Evaluation, scene: Scene) -> tuple[float, np.ndarray]:
+def _errors(evaluate: ObjectiveEvaluator, best: Evaluation, scene: Scene) -> tuple[float, np.ndarray]:
     """The numerical errors of the objective and of its derivatives (k,), from a finer run; NaN where there is none."""
     names, unknown = evaluate.variables.names, np.full(len(best.x), np.nan)
     try:
@@ -296,7 +296,7 @@ def _distance(value: float, finer: float) -> float:
     return float(SAFETY * abs(value - finer) + np.spacing(abs(value)))
 
 
-def _hessian(evaluate: Evaluator, best: Evaluation) -> np.ndarray:
+def _hessian(evaluate: ObjectiveEvaluator, best: Evaluation) -> np.ndarray:
     """The second derivatives (k, k) of the objective, by differences of gradients away from the nearer bound."""
     variables, rows = evaluate.variables, []
     for i, width in enumerate(variables.width):

@@ -40,7 +40,7 @@ def origin() -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class SweepPlan:
     """A sweep: the scene, its runs, and what is kept of them. sizes: of a block along each dimension."""
 
     scene: Scene
@@ -85,7 +85,7 @@ class Plan:
         return _ways(self.scene, self.request, self.design, WAYS_FROM)
 
 
-def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> Plan:
+def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> SweepPlan:
     """The plan. chunk: the number of runs of a block; by default what keeps workers busy. Raises SceneError."""
     if "robot" in design.quantities:
         _check_robots(design, request)
@@ -100,7 +100,7 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
     elif not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
         raise SceneError(f"expected a number of runs, got {chunk!r}", argument="chunk", remedy="such as 1000")
-    return Plan(scene, design, request, block_shape(design.shape, chunk))
+    return SweepPlan(scene, design, request, block_shape(design.shape, chunk))
 
 
 def _check_robots(design: Design, request: Request) -> None:

@@ -101,7 +101,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
         except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
             out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
             continue
-        group = _Group(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
+        group = _Variant(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
         (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
 
@@ -157,7 +157,7 @@ def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], value
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
+class _Variant:
     """Runs of one variant, and where their results go: the rows (n,) of `out`."""
 
     request: Request
@@ -178,7 +178,7 @@ class _Group:
         self.put(np.array([i]), status=FAILED, reason=" ".join(text.split())[:LONGEST_REASON])
 
 
-def _batch(group: _Group, some: np.ndarray) -> None:
+def _batch(group: _Variant, some: np.ndarray) -> None:
     """Solve some of the runs in one batch; where that is refused, in two halves, down to the run that is."""
     asked, own, times = group.request, group.inputs, group.request.times
     parameters = {name: numbers[some] for name, numbers in own.parameters.items()}
@@ -212,7 +212,7 @@ def _batch(group: _Group, some: np.ndarray) -> None:
         group.put(some, q_samples=q.swapaxes(0, 1), v_samples=v.swapaxes(0, 1))
 
 
-def _one_by_one(group: _Group, some: np.ndarray) -> None:
+def _one_by_one(group: _Variant, some: np.ndarray) -> None:
     """Solve some of the runs one after the other."""
     asked = group.request
     times = asked.times
@@ -227,7 +227,7 @@ def _one_by_one(group: _Group, some: np.ndarray) -> None:
             group.fail(int(i), error)
 
 
-def _one(group: _Group, i: int, times: np.ndarray) -> None:
+def _one(group: _Variant, i: int, times: np.ndarray) -> None:
     asked, own = group.request, group.inputs
     values = {name: float(numbers[i]) for name, numbers in own.parameters.items()}
     scene = scene_with(own.scene, values) if values else own.scene
@@ -255,7 +255,7 @@ def _one(group: _Group, i: int, times: np.ndarray) -> None:
     group.put(here, status=status, reason=reason)
 
 
-def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
+def _put_samples(group: _Variant, i: int, run: Trajectory) -> None:
     """The samples of a run; missing behind the event that ended it."""
     times = np.array(group.request.t_eval)
     reached = np.flatnonzero(np.isin(times, run.t))

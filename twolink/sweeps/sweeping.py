@@ -21,9 +21,9 @@ from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for, formerly, sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.sweeps.design import make_design
-from twolink.sweeps.engines import Engine, engine_of
+from twolink.sweeps.engines import BlockEngine, engine_of
 from twolink.sweeps.outputs import Request, check_outputs
-from twolink.sweeps.plan import Plan, make_plan
+from twolink.sweeps.plan import SweepPlan, make_plan
 from twolink.sweeps.runs import compute
 from twolink.sweeps.store import EXTRA, locked, open_store, read_record
 from twolink.sweeps.working import work
@@ -139,7 +139,7 @@ def sweep(
     return open_sweep(path)
 
 
-def _compile(plan: Plan, engine: Engine) -> None:
+def _compile(plan: SweepPlan, engine: BlockEngine) -> None:
     """Compile what runs need, once: workers load it.
 
     Of batches here, by a part of the first run. Other runs need a whole one to meet all their modes; a worker takes it,
