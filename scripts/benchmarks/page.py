@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
 
@@ -26,19 +27,7 @@ from twolink.show.figure import COLOURS, new_figure
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 Rows = list[dict[str, str]]
-STYLE = """
-:root { color-scheme: light dark; --paper: #fff; --ink: #1c1c1c; --soft: #f3f4f6; --line: #d0d4da }
-@media (prefers-color-scheme: dark) { :root { --paper: #15181c; --ink: #e6e6e6; --soft: #1f242a; --line: #3a424c } }
-body { margin: 0 auto; max-width: 70rem; padding: 1rem; font: 1rem/1.5 system-ui, sans-serif; background: var(--paper);
-  color: var(--ink) }
-h1 { line-height: 1.2 } h2 { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 1rem }
-nav a { margin-right: 1rem; white-space: nowrap }
-pre { overflow-x: auto; padding: .8rem; background: var(--soft); border-radius: .4rem; font-size: .8rem;
-  line-height: 1.35 }
-.plot { overflow-x: auto; background: #fff; border-radius: .4rem } .plot svg { width: 100%; height: auto;
-  min-width: 34rem; display: block }
-.failed { color: #d33; font-weight: bold }
-"""
+STYLE = Path(__file__).with_name("page.css")
 
 
 @dataclass(frozen=True)
@@ -127,7 +116,7 @@ def main() -> None:
     kind = "Short runs. " if given.quick else ""
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>twolink: measurements</title><style>{STYLE}</style><h1>twolink: measurements</h1>"
+        f"<title>twolink: measurements</title><style>{STYLE.read_text('utf-8')}</style><h1>twolink: measurements</h1>"
         f"<p>{kind}{time.strftime('%Y-%m-%d %H:%M')}. {escape(machine())}.</p><nav>{links}</nav>{''.join(parts)}</html>"
     )
     print(f"wrote {write_atomic(given.html, lambda file: file.write(page.encode()))}")

@@ -20,8 +20,8 @@ from twolink.cli.common import (
     with_robot_options,
     write_by_ending,
 )
+from twolink.io.progress import progress_bar
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 
 ENDINGS = (".toml", ".urdf", ".png", ".svg", ".pdf")
 

@@ -17,7 +17,7 @@ from twolink.cli.common import (
 )
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError, import_extra
-from twolink.show.progress import progress_bar
+from twolink.io.progress import progress_bar
 
 
 @with_robot_options

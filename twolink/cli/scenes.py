@@ -39,6 +39,7 @@ from twolink.cli.common import (
 )
 from twolink.integrate.methods import methods as method_table
 from twolink.io.files import write_atomic
+from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import bundled_scenes
@@ -46,7 +47,6 @@ from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry, scene_template
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 from twolink.simulation.trajectory import Trajectory
 
 SHOWN_EVENTS = 20

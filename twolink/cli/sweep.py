@@ -20,9 +20,9 @@ from twolink.cli.common import (
     sample_times_of,
     show,
 )
+from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 
 STORE = ".zarr"
 TABLES = (".csv", ".parquet")

@@ -18,9 +18,8 @@ from twolink.effects.effect import plain
 from twolink.errors import SceneError
 from twolink.io.fingerprints import processor, versions
 from twolink.scenes import Scene
-from twolink.sweeps.design import RUN, Block, Design, block_shape
+from twolink.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
-from twolink.sweeps.quantities import OF_VARIANTS
 from twolink.sweeps.runs import Columns, Task, ways
 
 LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
