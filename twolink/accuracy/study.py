@@ -168,7 +168,7 @@ def accuracy_study(
     equations = equations_of(scene)
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
-    report = progress or _no_progress
+    report = progress or (lambda *_: None)
     limit = positive(budget, "budget", AccuracyError, "such as 1 second")
     repeats = _repeats(repeats)
     total = sum(count(method, aims) for method in chosen) + repeats
@@ -266,7 +266,3 @@ def _repeats(value: int) -> int:
     if not isinstance(value, int) or value < 1:
         raise SceneError(f"expected a whole number above 0, got {value!r}", argument="repeats", remedy="such as 7")
     return value
-
-
-def _no_progress(_done: float, _total: float, _label: str) -> None:
-    return

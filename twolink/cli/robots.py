@@ -26,9 +26,10 @@ from twolink.dynamics import Robot
 from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, RobotError
-from twolink.io.tables import columns_to_read, parse_csv, read_columns
+from twolink.io.tables import parse_csv
 from twolink.io.text import Table, decode, parse_json, parse_numbers, read_bytes
 from twolink.robots import robots as robot_table
+from twolink.robots.joint_layout import columns_to_read, read_columns
 
 
 def robots(as_json: Json = False) -> None:

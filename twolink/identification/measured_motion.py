@@ -12,7 +12,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
 from twolink.identification.measurements import check_units, checked_times, require_reach, wrong_units
-from twolink.io.tables import joint_columns, read_columns, read_table
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import joint_columns, read_columns
 from twolink.simulation.trajectory_tables import coordinate_names
 
 DEGREES = {180 / np.pi: "is it in degrees?", np.pi / 180: "are the scene's angles in degrees?",

@@ -21,9 +21,8 @@ from twolink.effects.effect import Effect
 from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, nearest
-from twolink.io.tables import joint_columns
 from twolink.io.text import kebab_case
-from twolink.robots.joint_layout import turns
+from twolink.robots.joint_layout import joint_columns, turns
 from twolink.scenes.scene import Scene
 
 PREFIX = "effects."
