@@ -22,11 +22,11 @@ from tests.service.test_queries import packed
 from twolink.errors import TwolinkError
 from twolink.service.http.messages import send_answer
 from twolink.service.http.server import uvicorn_options
-from twolink.service.logs import Metrics
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings, read_quotas
 from twolink.service.store.store import Store
 from twolink.service.work.jobs import Jobs
+from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
 from twolink.service.work.sharing import HOLD, SMALL, RequestMemory, Shares, Turns, client_of, hold
 

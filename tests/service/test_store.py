@@ -16,12 +16,12 @@ import msgspec
 import pytest
 
 from twolink.errors import TwolinkError
-from twolink.service.logs import Metrics
 from twolink.service.problems import problem_of
 from twolink.service.settings import Settings
 from twolink.service.store.data_folder import DATABASE
 from twolink.service.store.store import Store
 from twolink.service.work.jobs import Jobs
+from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import prepare
 
 KEYS = [f"simulation-{k:020x}" for k in range(4)]

@@ -118,10 +118,8 @@ def sweep(
     def write_one(path: Path) -> None:
         (figure if path.suffix in FORMATS else write_sweep_table)(data, path)
 
-    record, text = (
-        {"source": source, "store": store, **found.to_dict()},
-        _text(study.title or source, found, data, store),
-    )
+    record = {"source": source, "store": store, **found.to_dict()}
+    text = _text(study.title or source, found, data, store)
     deliver(record, text, files, write_one, as_json, interrupted=found.pending > 0, line=WROTE)
 
 

@@ -1,6 +1,6 @@
 """Variables, and one evaluation at values of them: objective and constraints, with their derivatives.
 
-The derivatives come from the sensitivities of the one run (`run_variation`). Where there are none - a number that they
+The derivatives come from the sensitivities of the one run (`objectives`). Where there are none - a number that they
 do not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
 stand in, and the evaluation says so.
 """

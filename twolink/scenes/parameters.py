@@ -37,7 +37,7 @@ _UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity
 class Parameter:
     """A number of a scene.
 
-    kind: of the initial state, of the robot, of an effect or of a table in one; of a sweep, see `sweeps.quantities`.
+    kind: of the initial state, of the robot, of an effect or of a table in one; of a sweep, see `sweeps.design`.
     nominal: the value in the scene. lowest: that it can have. unit, about: for people. entries: of q or v, those that
     it sets, two for the angle of a continuous joint; of a switch, the place of its effect. acts: whether it is an input
     of the equations of motion.

@@ -15,12 +15,11 @@ from litestar import Litestar, MediaType, Request, Response, get
 from litestar.params import FromPath
 
 from twolink._version import __version__
-from twolink.service import logs
 from twolink.service.http.components import PREFIX, Shared
 from twolink.service.http.messages import PAGE_POLICY
 from twolink.service.problems import JSON, MEDIA_TYPE, Problem, Refusal
 from twolink.service.store.archives import NPZ
-from twolink.service.work import requests
+from twolink.service.work import metrics, requests
 from twolink.service.work.requests import QUERIES, body_of
 from twolink.service.work.robot_tasks import RobotOptions
 from twolink.show.playback import VIEWER, viewer_script
@@ -139,7 +138,7 @@ async def ready(service: Shared) -> dict[str, str]:
 @get("/metrics", tags=["service"], summary="Counters in Prometheus's text format", media_type=MediaType.TEXT)
 async def show_metrics(service: Shared) -> Response[bytes]:
     """Requests, states and jobs; what waits and for how long; memory, and how late the event loop is."""
-    return Response(service.metrics.text(), media_type=logs.METRICS_TYPE)
+    return Response(service.metrics.text(), media_type=metrics.MEDIA_TYPE)
 
 
 @get("/openapi.json", tags=["service"], summary="This description")

@@ -17,10 +17,10 @@ from typing import Any
 
 import msgspec
 
-from twolink.service.logs import Metrics
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
 from twolink.service.store.store import ACTIVE, RESUMED, Job, KeyedLocks, Store
+from twolink.service.work.metrics import Metrics
 from twolink.service.work.requests import JobRequest
 from twolink.service.work.sharing import NO_TASK, Shares, Turns, hold
 from twolink.service.work.worker_pool import Workers
