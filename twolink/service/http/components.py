@@ -28,9 +28,8 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.service.http.messages import UNSPECIFIED, body_limit, header, media_type, read_body, while_connected
 from twolink.service.problems import JSON, Refusal
 from twolink.service.settings import Settings
-from twolink.service.store.archives import NPZ
+from twolink.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.service.store.data_folder import PARTS
-from twolink.service.store.robots import RobotCache, read_robot
 from twolink.service.store.store import KeyedLocks, Store
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics

@@ -22,7 +22,7 @@ from twolink.scenes.file import scene_from_data
 from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.service.problems import Refusal, decode_unique
 from twolink.service.settings import Quotas
-from twolink.service.store.robots import read_robot, write_robot
+from twolink.service.store.archives import read_robot, write_robot
 from twolink.service.work.requests import (
     ExplainRequest,
     RunRequest,
