@@ -31,11 +31,7 @@ _BODIES = {
     "/v1/scenes/validate": requests.SceneRequest,
     "/v1/scenes/explain": requests.ExplainRequest,
     "/v1/scenes/linearize": requests.LinearizationRequest,
-    "/v1/simulations": requests.SimulationRequest,
-    "/v1/studies": requests.StudyRequest,
-    "/v1/sensitivities": requests.SensitivityRequest,
-    "/v1/identifications": requests.IdentificationRequest,
-    "/v1/sweeps": requests.SweepRequest,
+    **{f"/v1/{kind.path}": kind.request for kind in requests.JOB_KINDS.values()},
 }
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "

@@ -5,7 +5,7 @@ import hashlib
 import math
 from collections import ChainMap
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -261,13 +261,24 @@ class SweepRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=
 
 
 Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest | SweepRequest
-REQUESTS: dict[str, type[Request]] = {
-    "simulation": SimulationRequest,
-    "study": StudyRequest,
-    "sensitivity": SensitivityRequest,
-    "identification": IdentificationRequest,
-    "sweep": SweepRequest,
-}  # by the kind of the job
+
+
+class JobKind(NamedTuple):
+    """A kind of job: its path below /v1, its request, the worker's task that does it, and what it is for."""
+
+    path: str
+    request: type[Request]
+    task: str
+    summary: str
+
+
+JOB_KINDS = {
+    "simulation": JobKind("simulations", SimulationRequest, "simulate", "Simulate a scene"),
+    "study": JobKind("studies", StudyRequest, "study", "Study what accuracy costs"),
+    "sensitivity": JobKind("sensitivities", SensitivityRequest, "sense", "Derivatives of a simulated motion"),
+    "identification": JobKind("identifications", IdentificationRequest, "identify", "Parameters from measurements"),
+    "sweep": JobKind("sweeps", SweepRequest, "sweep", "Run a scene many times"),
+}
 
 
 class JobRequest(msgspec.Struct, frozen=True):
@@ -289,7 +300,7 @@ def version_key() -> str:
 
 def prepare(*, kind: str, body: bytes) -> JobRequest:
     """Check the body of a request for a job. Raises what `decode_unique` raises."""
-    request = decode_unique(body, REQUESTS[kind])
+    request = decode_unique(body, JOB_KINDS[kind].request)
     fields = msgspec.to_builtins(request)
     del fields["wait"]
     content = msgspec.json.encode(fields, order="sorted")
