@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 120, 50  # lines of code
+LONGEST_MODULE, MEDIAN_MODULE, LONGEST_FUNCTION = 250, 150, 50  # lines of code
 LAYOUT = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 EXAMPLES = {"effects/my_effect.py", "hard/peers/my_peer.py", "scenes/bundled/my_scene.toml"}
 

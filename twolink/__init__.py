@@ -32,46 +32,39 @@ if TYPE_CHECKING:
     from twolink.identification.identify import identify
     from twolink.identification.result import Identification
     from twolink.identification.scene_fit import fit
+    from twolink.io.progress import progress_bar
     from twolink.optimization.gradient import Gradient, gradient
     from twolink.optimization.optimize import Optimum, optimize
     from twolink.service.client import connect
-    from twolink.show.progress import progress_bar
     from twolink.simulation.energy_balance import EnergyBalance, energy_book, loop_forces
     from twolink.simulation.sensitivities import Sensitivities, sensitivities
     from twolink.sweeps.sweeping import sweep
 
 _IMPORTED_WHEN_USED = {
-    "Equilibria": "twolink.control.equilibria",
-    "equilibria": "twolink.control.equilibria",
-    "Linearization": "twolink.control.linearization",
-    "linearize": "twolink.control.linearization",
-    "lqr": "twolink.control.feedback",
-    "PeriodicMotion": "twolink.control.periodic",
-    "periodic_motion": "twolink.control.periodic",
-    "fit": "twolink.identification.scene_fit",
-    "SceneFit": "twolink.identification.fit_result",
-    "Identification": "twolink.identification.result",
-    "identify": "twolink.identification.identify",
-    "Gradient": "twolink.optimization.gradient",
-    "gradient": "twolink.optimization.gradient",
-    "Optimum": "twolink.optimization.optimize",
-    "optimize": "twolink.optimization.optimize",
-    "EnergyBalance": "twolink.simulation.energy_balance",
-    "energy_book": "twolink.simulation.energy_balance",
-    "loop_forces": "twolink.simulation.energy_balance",
-    "connect": "twolink.service.client",
-    "progress_bar": "twolink.show.progress",
-    "Sensitivities": "twolink.simulation.sensitivities",
-    "sensitivities": "twolink.simulation.sensitivities",
-    "sweep": "twolink.sweeps.sweeping",
+    "control.equilibria": ("Equilibria", "equilibria"),
+    "control.feedback": ("lqr",),
+    "control.linearization": ("Linearization", "linearize"),
+    "control.periodic": ("PeriodicMotion", "periodic_motion"),
+    "identification.fit_result": ("SceneFit",),
+    "identification.identify": ("identify",),
+    "identification.result": ("Identification",),
+    "identification.scene_fit": ("fit",),
+    "io.progress": ("progress_bar",),
+    "optimization.gradient": ("Gradient", "gradient"),
+    "optimization.optimize": ("Optimum", "optimize"),
+    "service.client": ("connect",),
+    "simulation.energy_balance": ("EnergyBalance", "energy_book", "loop_forces"),
+    "simulation.sensitivities": ("Sensitivities", "sensitivities"),
+    "sweeps.sweeping": ("sweep",),
 }
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used (PEP 562)."""
-    if name not in _IMPORTED_WHEN_USED:
+    module = next((module for module, names in _IMPORTED_WHEN_USED.items() if name in names), None)
+    if module is None:
         raise AttributeError(f"module 'twolink' has no attribute {name!r}")
-    return getattr(importlib.import_module(_IMPORTED_WHEN_USED[name]), name)
+    return getattr(importlib.import_module(f"twolink.{module}"), name)
 
 
 def __dir__() -> list[str]:

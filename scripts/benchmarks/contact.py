@@ -16,8 +16,7 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import Table, once, options, seconds_of
-from scripts.studies.scenes.contact_parts import free_robot
-from scripts.studies.scenes.robots import JOINT, LIMIT, LINK
+from scripts.studies.scenes.robots import body, free_robot, robot_of
 from twolink.hard.peers import peer_module
 from twolink.hard.peers.task import Setting, task_of
 
@@ -37,17 +36,10 @@ def measured(run: Callable[[], Any]) -> tuple[float, Any]:
 def block() -> None:
     """A block slides to rest on its four corners."""
     mu, v0, end = 0.3, 2.0, 1.0
-    text = '<link name="floor"/>'
-    for joint, parent, name, axis, mass in (
-        ("x", "floor", "cart", "1 0 0", 1e-3),
-        ("z", "cart", "block", "0 0 1", 1.0),
-    ):
-        text += LINK.format(name=name, com="0 0 0", mass=mass, i=1e-6)
-        text += JOINT.format(
-            name=joint, kind="prismatic", parent=parent, child=name, at="0 0 0", axis=axis, limit=LIMIT
-        )
+    robot = robot_of(body("cart", 1e-3, 1e-6, "prismatic", "x", axis="1 0 0")
+                     + body("block", 1.0, 1e-6, "prismatic", "z", parent="cart"))  # fmt: skip
     effects = [E.Gravity(), E.Contact((("block", "ground"),), mu, shapes={"block": (E.Box((0.4, 0.3, 0.2)),)})]
-    scene = tl.Scene(tl.load_robot(f'<robot name="block">{text}</robot>'), [0, 0.1], [v0, 0], effects, end)
+    scene = tl.Scene(robot, [0, 0.1], [v0, 0], effects, end)
     times = np.linspace(0, end, 11)
     slower = mu * G / 1.001  # the cart moves along and presses on nothing
     t = np.fmin(times, v0 / slower)

@@ -16,30 +16,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
-from importlib.metadata import distributions
 from pathlib import Path
 
 import numpy as np
 
 from scripts.runner import OUT, TOP, Some, once, options
 from twolink.io.files import write_atomic
+from twolink.io.fingerprints import processor, versions
 from twolink.show.figure import COLOURS, new_figure
 
 PACKAGES = ("twolink", "pin", "heyoka", "numpy", "scipy", "mujoco", "drake")
 Rows = list[dict[str, str]]
-STYLE = """
-:root { color-scheme: light dark; --paper: #fff; --ink: #1c1c1c; --soft: #f3f4f6; --line: #d0d4da }
-@media (prefers-color-scheme: dark) { :root { --paper: #15181c; --ink: #e6e6e6; --soft: #1f242a; --line: #3a424c } }
-body { margin: 0 auto; max-width: 70rem; padding: 1rem; font: 1rem/1.5 system-ui, sans-serif; background: var(--paper);
-  color: var(--ink) }
-h1 { line-height: 1.2 } h2 { margin-top: 2.5rem; border-top: 1px solid var(--line); padding-top: 1rem }
-nav a { margin-right: 1rem; white-space: nowrap }
-pre { overflow-x: auto; padding: .8rem; background: var(--soft); border-radius: .4rem; font-size: .8rem;
-  line-height: 1.35 }
-.plot { overflow-x: auto; background: #fff; border-radius: .4rem } .plot svg { width: 100%; height: auto;
-  min-width: 34rem; display: block }
-.failed { color: #d33; font-weight: bold }
-"""
+STYLE = Path(__file__).with_name("page.css")
 
 
 @dataclass(frozen=True)
@@ -115,13 +103,9 @@ def section(bench: Bench, quick: bool) -> str:
 
 def machine() -> str:
     """The processor, how many of it there are, and the versions of the packages that are there."""
-    cpus, found = Path("/proc/cpuinfo"), {one.name: one.version for one in distributions()}
-    lines = cpus.read_text().splitlines() if cpus.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    versions = ", ".join(f"{name} {found[name]}" for name in PACKAGES if name in found)
-    return (
-        f"{[*names, platform.machine()][0]}, {os.cpu_count()} of them. Python {platform.python_version()}, {versions}"
-    )
+    found = ", ".join(f"{name} {version}" for name, version in versions(PACKAGES).items() if version)
+    kind = processor() or platform.machine()
+    return f"{kind}, {os.cpu_count()} of them. Python {platform.python_version()}, {found}"
 
 
 def main() -> None:
@@ -132,7 +116,7 @@ def main() -> None:
     kind = "Short runs. " if given.quick else ""
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>twolink: measurements</title><style>{STYLE}</style><h1>twolink: measurements</h1>"
+        f"<title>twolink: measurements</title><style>{STYLE.read_text('utf-8')}</style><h1>twolink: measurements</h1>"
         f"<p>{kind}{time.strftime('%Y-%m-%d %H:%M')}. {escape(machine())}.</p><nav>{links}</nav>{''.join(parts)}</html>"
     )
     print(f"wrote {write_atomic(given.html, lambda file: file.write(page.encode()))}")

@@ -25,7 +25,7 @@ from scripts.runner import FINGERS, Table, options, seconds_of
 from twolink.algorithms.functions import function
 from twolink.dynamics import kernels
 from twolink.dynamics.threads import thread_count
-from twolink.hard.cases.chains import chain_urdf
+from twolink.hard.cases.smooth import chain_urdf
 from twolink.hard.peers import mujoco_peer
 from twolink.hard.peers.task import task_of
 

@@ -25,8 +25,8 @@ import pinocchio as pin
 
 import twolink as tl
 from scripts.runner import Bars, OutOfTime, Some, Table, processor_time, study
-from scripts.studies.scenes.contact_parts import Case, free_positions
 from scripts.studies.scenes.contacts import KINDS, case
+from scripts.studies.scenes.robots import Case, free_positions
 from twolink import effects as fx
 from twolink.errors import TwolinkError
 from twolink.geometry.pairs import Pair, Plane

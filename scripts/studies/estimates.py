@@ -20,8 +20,8 @@ import numpy as np
 
 import twolink as tl
 from scripts.runner import Bars, OutOfTime, Table, processor_time, study
-from scripts.studies.scenes.contact_parts import Case, free_positions
 from scripts.studies.scenes.contacts import KINDS, case
+from scripts.studies.scenes.robots import Case, free_positions
 from twolink import effects as fx
 from twolink.errors import TwolinkError
 from twolink.hard.truths import distance

@@ -25,7 +25,7 @@ def exit_code(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     ("arguments", "interrupted"),
     [
         (["robots"], "twolink.cli.robots.robot_table"),
-        (["inspect", "arm"], "twolink.cli.robots.robot_from"),
+        (["inspect", "arm"], "twolink.cli.common.robot_from"),
         (["query", "arm", "bias", "--q", "0 0"], "twolink.cli.robots.answer_query"),
         (["check"], "twolink.lagrange.check.check"),
         (["scenes"], "twolink.cli.scenes.scene_table"),

@@ -14,7 +14,7 @@ from tests.dynamics.states import close, states
 from twolink.dynamics import cache, compiled, kernels
 from twolink.io import fingerprints
 from twolink.io.fingerprints import kernel_key
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 pytest.importorskip("heyoka")
 

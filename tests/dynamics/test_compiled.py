@@ -22,7 +22,7 @@ from twolink.dynamics.compiled import Compiled
 from twolink.dynamics.queries import ALGORITHMS
 from twolink.dynamics.threads import do_all
 from twolink.errors import CertificationError, MissingExtraError, QueryError
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 ROBOTS = {"two_link": "fixed", "ur5": "fixed", "panda": "fixed", "kinova": "fixed", "anymal": "free"}
 

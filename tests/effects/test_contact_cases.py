@@ -13,7 +13,7 @@ from scipy.special import ellipk
 import twolink as tl
 from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider, sliders_in_a_row, times
 from twolink.errors import AccuracyError, SceneError
-from twolink.hard.cases.contacts import ERRORS, coin
+from twolink.hard.cases.events import ERRORS, coin
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.scene_equations import equations_of
 

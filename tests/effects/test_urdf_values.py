@@ -7,7 +7,7 @@ import pytest
 
 import twolink as tl
 from twolink import effects as fx
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 
 def arm(friction: float, effort: float) -> tl.Robot:

@@ -10,7 +10,7 @@ import pytest
 
 import twolink as tl
 from twolink.hard.high_precision import BITS, G, two_rods
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 SECONDS = 10.0
 # th1, th2 absolute from downward; an independent program's, for g = 9.81.

@@ -19,7 +19,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 hy = pytest.importorskip("heyoka")
 

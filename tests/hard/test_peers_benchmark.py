@@ -4,8 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from scripts.benchmarks.peers import INTERVALS, compared_scenes, error_of, largest_difference, largest_growth
-from scripts.benchmarks.peers_report import Entry, print_scene
+from scripts.benchmarks.peers import (
+    INTERVALS,
+    Entry,
+    compared_scenes,
+    error_of,
+    largest_difference,
+    largest_growth,
+    print_scene,
+)
 from twolink.hard.peers import mujoco_peer, scipy_peer
 from twolink.hard.peers.task import Setting, task_of
 from twolink.hard.truths import extended_reference

@@ -6,7 +6,7 @@ import pinocchio as pin
 import twolink as tl
 from twolink.integrate import taylor
 from twolink.integrate.scene_equations import equations_of
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 
 GRAVITY = [tl.effects.Gravity()]

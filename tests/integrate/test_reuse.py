@@ -8,7 +8,7 @@ import pytest
 import twolink as tl
 from twolink.dynamics.kernels import heyoka
 from twolink.integrate import compile_time, scene_equations, taylor_code
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes.parameters import scene_with
 
 STIFFNESS, MASS = 3.0, 1.0

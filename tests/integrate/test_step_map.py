@@ -14,7 +14,7 @@ from twolink.integrate.methods import METHODS, Method
 from twolink.integrate.scene_equations import equations_of
 from twolink.integrate.step_control import control_rows, initial_state
 from twolink.integrate.step_map import StepMap, step_map
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 
 OURS = [m for m in METHODS.values() if m.kind in ("semi-implicit", "explicit", "implicit")]

@@ -12,7 +12,6 @@ import pytest
 from twolink.errors import QueryError
 from twolink.lagrange import check as module
 from twolink.lagrange import derive, formulas, two_link
-from twolink.lagrange import pinocchio_arm as reference
 from twolink.lagrange.check import CheckReport, check
 from twolink.lagrange.two_link import TwoLink
 
@@ -109,7 +108,7 @@ def test_a_wrong_derivation_fails(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_reference_with_another_inertia_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reference, "_ROD", reference._ROD.replace("{inertia!r}", "{mass!r}"))
+    monkeypatch.setattr(module, "_ROD", module._ROD.replace("{inertia!r}", "{mass!r}"))
     report = check(n=50, horizon=0.5)
     assert not report.passed
     assert not report.rows[0].right

@@ -8,7 +8,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.optimization.evaluation import Evaluator, variables_of
+from twolink.optimization.evaluation import ObjectiveEvaluator, variables_of
 from twolink.optimization.objectives import Extreme, FramePosition, FrameSpeed, Integral, StateDistance, final_energy
 from twolink.scenes.parameters import named_parameters, parameters_of, scene_with
 
@@ -111,7 +111,9 @@ def test_derivatives_along_a_run_agree_with_differences_of_runs(case: str) -> No
     make, wrt, objective = CASES[case]
     scene, length = make(), 5.0 if "landing" in case or "ground" in case else 0.7
     variables = variables_of(scene, wrt)
-    evaluate = Evaluator(variables, {"objective": objective}, np.linspace(0.0, length, round(100 * length) + 1), 1e-9)
+    evaluate = ObjectiveEvaluator(
+        variables, {"objective": objective}, np.linspace(0.0, length, round(100 * length) + 1), 1e-9
+    )
     found = evaluate(variables.own)
     assert found.by == "sensitivities"
     assert found.simulations == 1

@@ -9,7 +9,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import SceneError
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes.file import bundled_scenes
 from twolink.scenes.file_format import scene_schema
 

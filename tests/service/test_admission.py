@@ -25,10 +25,10 @@ from twolink.service.http.server import uvicorn_options
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings, read_quotas
 from twolink.service.store.store import Store
-from twolink.service.work.job_requests import prepare
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
-from twolink.service.work.sharing import HOLD, SMALL, Hold, Shares, Turns, client_of, hold
+from twolink.service.work.requests import prepare
+from twolink.service.work.sharing import HOLD, SMALL, RequestMemory, Shares, Turns, client_of, hold
 
 BIAS = "/v1/robots/two_link/bias"
 HEAD = f"POST {BIAS} HTTP/1.1\r\nHost: localhost\r\n".encode()
@@ -55,7 +55,7 @@ def test_networks_of_64_bits_are_one_client() -> None:
 
 def test_a_hold_says_whether_to_come_again() -> None:
     shares = Shares(10 * SMALL)
-    first, second = Hold(shares, "a"), Hold(shares, "a")
+    first, second = RequestMemory(shares, "a"), RequestMemory(shares, "a")
     first.add(SMALL)  # not counted
     first.add(4 * SMALL)
     with pytest.raises(Refusal) as busy:
@@ -74,7 +74,7 @@ def test_clients_have_turns_round_robin() -> None:
     done: list[str] = []
 
     async def task(turns: Turns, name: str) -> None:
-        HOLD.set(Hold(Shares(1), name[0]))
+        HOLD.set(RequestMemory(Shares(1), name[0]))
         async with turns.turn():
             done.append(name)
             await asyncio.sleep(0)
@@ -114,7 +114,7 @@ def test_jobs_are_run_by_client_in_turn_and_each_has_its_queue(tmp_path: Path) -
         jobs = Jobs(Settings(str(tmp_path), quotas=Quotas(jobs=1, queue=3)), store, cast(Any, workers), Metrics())
 
         async def submit(client: str, number: int) -> None:
-            HOLD.set(Hold(Shares(1), client))
+            HOLD.set(RequestMemory(Shares(1), client))
             body = b'{"scene": "arm-swing", "wait": 0, "samples_per_second": %d}' % (1000 * ord(client) + number)
             await jobs.submit("simulation", prepare(kind="simulation", body=body))
 

@@ -19,7 +19,7 @@ from twolink.dynamics.queries import ALGORITHMS, QUERIES, answer_query, query
 from twolink.service.http.app import build
 from twolink.service.remote_robot import RemoteRobot
 from twolink.service.settings import Settings
-from twolink.service.store.robots import write_robot
+from twolink.service.store.archives import write_robot
 
 Q, V = [0.3, -0.7], [0.1, 0.2]
 

@@ -13,7 +13,7 @@ import pytest
 
 from tests.command import call
 from tests.service.serving import TOP
-from twolink.service.http.access import AccessControl
+from twolink.service.http.messages import AccessControl
 from twolink.service.logs import Answered
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings

@@ -17,9 +17,9 @@ from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas, Settings
 from twolink.service.store.data_folder import PARTS
 from twolink.service.store.store import Store
-from twolink.service.work.job_requests import prepare
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
+from twolink.service.work.requests import prepare
 from twolink.service.work.sharing import NO_TASK, SweepThreads
 from twolink.service.work.sweep_tasks import STORE, sweep_columns
 from twolink.service.work.worker_pool import Workers

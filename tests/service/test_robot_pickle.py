@@ -11,7 +11,7 @@ import pytest
 import twolink as tl
 from tests.service.urdfs import mesh, pendulum, stl
 from twolink.dynamics import Robot
-from twolink.service.store.robots import read_robot, write_robot
+from twolink.service.store.archives import read_robot, write_robot
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from tests.robots.test_bad_urdf import chain
 from twolink.service.http.components import RobotPool
 from twolink.service.problems import Refusal
 from twolink.service.settings import Settings
-from twolink.service.store.robots import RobotCache, memory_of
+from twolink.service.store.archives import RobotCache, memory_of
 
 
 class IdsOnly:

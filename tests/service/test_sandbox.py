@@ -141,7 +141,7 @@ def test_the_numbers_of_the_calls_are_those_of_the_kernel() -> None:
     """Each number stands once in a table; where the headers of Linux are installed, it is theirs."""
     calls = {**sandbox._REFUSED, "clone": sandbox._CLONE, "clone3": (sandbox._CLONE3, sandbox._CLONE3)}
     for column, header in enumerate(("x86_64-linux-gnu/asm/unistd_64.h", "asm-generic/unistd.h")):
-        numbers = {name: pair[column] for name, pair in calls.items() if pair[column] is not None}
+        numbers = {name: pair[column] for name, pair in calls.items() if len(pair) > column}
         assert len(set(numbers.values())) == len(numbers)
         path = Path("/usr/include", header)
         if path.exists():

@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from tests.service.serving import TOP, Served
-from twolink.service.work.query_answers import QUERIES
+from twolink.service.work.requests import QUERIES
 from twolink.service.work.sandbox import protection
 
 

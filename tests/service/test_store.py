@@ -20,9 +20,9 @@ from twolink.service.problems import problem_of
 from twolink.service.settings import Settings
 from twolink.service.store.data_folder import DATABASE
 from twolink.service.store.store import Store
-from twolink.service.work.job_requests import prepare
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
+from twolink.service.work.requests import prepare
 
 KEYS = [f"simulation-{k:020x}" for k in range(4)]
 ROBOT = "u-00000000000000000000"

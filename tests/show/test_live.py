@@ -22,8 +22,8 @@ import pytest
 
 from tests.show.browser import Browser
 from twolink.errors import ShowError
-from twolink.show.motion_samples import resample
 from twolink.show.playback import play_live
+from twolink.show.viewer_data import resample
 
 URDF = Path(__file__).parents[2] / "urdf" / "two_link.urdf"
 

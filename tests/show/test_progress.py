@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from twolink.show.progress import progress_bar
+from twolink.io.progress import progress_bar
 
 
 class Terminal(io.StringIO):

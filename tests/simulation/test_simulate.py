@@ -9,7 +9,7 @@ from scipy.special import ellipj, ellipk
 import twolink as tl
 from twolink.errors import AccuracyError, QueryError, SceneError
 from twolink.integrate.methods import METHODS
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 
 BOX = """<robot name="box"><link name="body"><inertial><mass value="10"/><inertia ixx="0.80833333333333333"
 iyy="0.68333333333333333" izz="0.14166666666666667" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""

@@ -11,9 +11,8 @@ import pytest
 import twolink as tl
 from twolink.errors import SceneError, ShowError
 from twolink.sweeps import load_study, open_sweep, plot_sweep, run_study, study_of, sweep_status, write_sweep_table
-from twolink.sweeps.plot import _colours, _edges
-from twolink.sweeps.results import column, turns_of
-from twolink.sweeps.studies import SweepStudy, bundled_studies
+from twolink.sweeps.results import _colours, _edges, column, turns_of
+from twolink.sweeps.sweeping import SweepStudy, bundled_studies
 
 pytest.importorskip("zarr")
 ARM = tl.load_scene("arm-swing")

@@ -10,14 +10,14 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.accuracy.measuring import StudyRun, better_reference, count, first_reference, measure_method
-from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, study_text, with_front
+from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
 from twolink.integrate import calibration
@@ -27,6 +27,7 @@ from twolink.io.files import write_atomic
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.text import Result
 
@@ -38,7 +39,7 @@ MAX_SAMPLES = 200_000  # each row keeps its own until the reference is final
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyData, Result):
+class Study(StudyData, Result, Plotted):
     """What each method's accuracy costs on a scene: rows, the Pareto front, and the price of each further digit."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,33 +86,8 @@ class Study(StudyData, Result):
                 table[name] = np.array(values)
         return table
 
-    @overload
-    def plot(self) -> Figure: ...
-
-    @overload
-    def plot(self, path: str | os.PathLike[str]) -> Path: ...
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
-        """Draw seconds over error, a line a method, with the front and its prices.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path or matplotlib.figure.Figure
-            The path; without one the figure, which notebooks show.
-
-        Raises
-        ------
-        ShowError
-            No row has an error below 3, the file's ending is another one, or it cannot be written.
-        """
-        from twolink.accuracy.plot import plot_study
-
-        return plot_study(self, None if path is None else Path(path))
+    def _figure(self) -> Figure:
+        return plot_study(self)
 
     def text(self) -> str:
         """The study as tables for people."""
@@ -192,7 +168,7 @@ def accuracy_study(
     equations = equations_of(scene)
     if equations.space.nv == 0:
         raise SceneError("nothing moves", where="robot", remedy="a robot with joints that are not locked")
-    report = progress or _no_progress
+    report = progress or (lambda *_: None)
     limit = positive(budget, "budget", AccuracyError, "such as 1 second")
     repeats = _repeats(repeats)
     total = sum(count(method, aims) for method in chosen) + repeats
@@ -290,7 +266,3 @@ def _repeats(value: int) -> int:
     if not isinstance(value, int) or value < 1:
         raise SceneError(f"expected a whole number above 0, got {value!r}", argument="repeats", remedy="such as 7")
     return value
-
-
-def _no_progress(_done: float, _total: float, _label: str) -> None:
-    return

@@ -12,10 +12,9 @@ from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
 from twolink.cli.fitting import fit, identify, optimize
-from twolink.cli.play import play, video
+from twolink.cli.play import play, serve, video
 from twolink.cli.robots import check, inspect, query, robots
 from twolink.cli.scenes import accuracy, explain, linearize, methods, new, run, scenes
-from twolink.cli.serve import serve
 from twolink.cli.sweep import sweep
 from twolink.errors import TwolinkError
 

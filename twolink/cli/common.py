@@ -2,10 +2,12 @@
 with exit codes: 1 failed, 2 misused, 130 interrupted.
 """
 
+import functools
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import Signature, signature
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -151,6 +153,19 @@ def write_by_ending(result: Trajectory | Study, path: Path) -> None:
         (result.plot if suffix in FORMATS else result.save)(path)
 
 
+def deliver(
+    record: Mapping[str, Any], text: object, paths: Sequence[Path] | None, write_one: Callable[[Path], object],
+    as_json: bool, *, interrupted: bool = False, listed: str = "written", line: str = "wrote",
+) -> None:  # fmt: skip
+    """Write a result into each file, print it with them, and end the command as `finish` does.
+
+    listed: the key of the files in the record. line: what stands before each in the text.
+    """
+    written, failures = write(paths or [], write_one)
+    show({**record, listed: written}, "\n".join([str(text), *(f"{line} {path}" for path in written)]), as_json)
+    finish(failures, interrupted)
+
+
 def finish(failures: Sequence[TwolinkError], interrupted: bool) -> None:
     """End a command whose results are printed and written. Raises its first failure, or Interrupted."""
     if failures:
@@ -200,6 +215,7 @@ Unphysical = Annotated[str, Option(help="refuse or report physically impossible 
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
+RobotLoader = Callable[[str], Robot]
 
 
 def sample_times_of(text: SampleTimes) -> list[float] | None:
@@ -209,8 +225,8 @@ def sample_times_of(text: SampleTimes) -> list[float] | None:
 
 def robot_from(
     source: str,
-    root: Root,
-    lock: Lock,
+    root: Root = "fixed",
+    lock: Lock = None,
     gravity: Gravity = "0 0 -9.81",
     mimic: Mimic = False,
     unphysical: Unphysical = "refuse",
@@ -220,6 +236,22 @@ def robot_from(
     locks, field = locks_of(lock), parse_numbers("gravity", gravity)
     choices = {"root": cast(Any, root), "unphysical": cast(Any, unphysical)}  # load_robot refuses other texts
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
+
+
+def with_robot_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of `robot_from` in place of its argument `load`, a function of a source."""
+    options = list(signature(robot_from).parameters.values())[1:]
+
+    @functools.wraps(command)
+    def call(**given: Any) -> None:
+        chosen = {option.name: given.pop(option.name) for option in options}
+        command(load=lambda source: robot_from(source, **chosen), **given)
+
+    own = list(signature(command).parameters.values())
+    place = [parameter.name for parameter in own].index("load")
+    parameters = [*own[:place], *(option.replace(kind=own[place].kind) for option in options), *own[place + 1 :]]
+    call.__signature__ = Signature(parameters)  # type: ignore[attr-defined]  # for Typer
+    return call
 
 
 def locks_of(lock: Lock) -> dict[str, list[float]]:

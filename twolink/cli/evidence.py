@@ -14,8 +14,8 @@ import typer
 from typer import Argument, Option
 
 from twolink.cli.common import FAILED, Json, finish, require_writable, show, write
+from twolink.io.progress import progress_bar
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 
 if TYPE_CHECKING:
     from twolink.hard import Case, CaseResult

@@ -1,8 +1,7 @@
 """The commands that find numbers: parameters of a robot or of a scene in measured motions, and the best values."""
 
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Option
 
@@ -10,30 +9,24 @@ from twolink.cli.common import (
     RUN_ENDINGS,
     Accuracy,
     Duration,
-    Folders,
-    Gravity,
     Json,
-    Lock,
-    Mimic,
     Misuse,
+    RobotLoader,
     RobotName,
-    Root,
     SceneName,
-    Unphysical,
-    finish,
+    deliver,
     require_writable,
-    robot_from,
     scene_from,
-    show,
-    write,
+    with_robot_options,
     write_by_ending,
 )
+from twolink.io.progress import progress_bar
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 
 ENDINGS = (".toml", ".urdf", ".png", ".svg", ".pdf")
 
 
+@with_robot_options
 def identify(
     robot: RobotName,
     data: Annotated[Path, Argument(metavar="DATA", help="Measurements: a .csv, .parquet or .npz file.")],
@@ -56,12 +49,8 @@ def identify(
         list[Path] | None,
         Option("--out", metavar="FILE", help="Write a .urdf with what was found, or a figure (.png .svg .pdf)."),
     ] = None,
-    root: Root = "fixed",
-    lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
-    mimic: Mimic = False,
-    unphysical: Unphysical = "refuse",
-    package_dirs: Folders = None,
+    *,
+    load: RobotLoader,
     as_json: Json = False,
 ) -> None:
     """Find masses, inertias and friction in measured motions.
@@ -85,7 +74,7 @@ def identify(
     from twolink.identification.measurements import read_measurements
 
     require_writable(out or [], (".urdf", *FORMATS))
-    loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
+    loaded = load(robot)
     wanted = None if parameters is None else [name.strip() for text in parameters for name in text.split(",")]
     found = find(loaded, **read_measurements(loaded, data), parameters=wanted, method=method, half_window=half_window,
                  confidence=confidence)  # fmt: skip
@@ -93,10 +82,7 @@ def identify(
     def write_one(path: Path) -> Path:
         return write_urdf(found, robot, path) if path.suffix.lower() == ".urdf" else found.plot(path)
 
-    written, failures = write(out or [], write_one)
-    files = "".join(f"\nwrote {path}" for path in written)
-    show(found.to_dict() | {"files": written}, f"{found}{files}", as_json)
-    finish(failures, interrupted=False)
+    deliver(found.to_dict(), found, out, write_one, as_json, listed="files")
 
 
 def fit(
@@ -139,8 +125,7 @@ def fit(
     from twolink.identification.found_urdf import write_urdf
     from twolink.identification.scene_fit import fit as find
 
-    paths = out or []
-    require_writable(paths, ENDINGS)
+    require_writable(out or [], ENDINGS)
     loaded = scene_from(scene)
     names = [name.strip() for text in parameters for name in text.split(",")]
     with progress_bar() as report:
@@ -154,10 +139,8 @@ def fit(
             return write_urdf(found, loaded.base.visuals.text, path)
         return found.plot(path)
 
-    written, failures = write(paths, write_one)
-    files = "".join(f"\nwrote {path}" for path in written)
-    show(found.to_dict() | {"scene": scene, "files": written}, f"{found}{files}", as_json)
-    finish(failures, found.interrupted)
+    record = found.to_dict() | {"scene": scene}
+    deliver(record, found, out, write_one, as_json, interrupted=found.interrupted, listed="files")
 
 
 def optimize(
@@ -209,10 +192,14 @@ def optimize(
         found = find(loaded, duration, objective=function, wrt=dict(map(_bounds, wrt)), accuracy=accuracy,
                      maximize=maximize, constraints=limits, starts=starts, seed=seed, evaluations=evaluations,
                      out=keep, progress=report)  # fmt: skip
-    written, failures = write(out or [], partial(_write, found))
-    files = "".join(f"\nwrote {path}" for path in written)
-    show(found.to_dict() | {"files": written}, f"{found}{files}", as_json)
-    finish(failures, found.interrupted)
+
+    def write_one(path: Path) -> None:
+        if path.suffix == ".toml":
+            found.scene.save(path)
+        else:
+            write_by_ending(found.run, path)
+
+    deliver(found.to_dict(), found, out, write_one, as_json, interrupted=found.interrupted, listed="files")
 
 
 def _bounds(text: str) -> tuple[str, tuple[float, float]]:
@@ -223,10 +210,3 @@ def _bounds(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         raise Misuse(f"expected NAME=LOW:HIGH, got {text!r}", where="wrt", remedy='such as "v.elbow=-1:1"') from None
     return name.strip(), (low, high)
-
-
-def _write(found: Any, path: Path) -> None:
-    if path.suffix == ".toml":
-        found.scene.save(path)
-    else:
-        write_by_ending(found.run, path)

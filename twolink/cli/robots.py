@@ -15,25 +15,21 @@ from typer import Argument, Option
 
 from twolink.cli.common import (
     FAILED,
-    Folders,
-    Gravity,
     Json,
-    Lock,
-    Mimic,
     Misuse,
+    RobotLoader,
     RobotName,
-    Root,
-    Unphysical,
-    robot_from,
     show,
+    with_robot_options,
 )
 from twolink.dynamics import Robot
 from twolink.dynamics.queries import ARGUMENTS, OPTIONS, QUERIES, answer_query
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import QueryError, RobotError
-from twolink.io.tables import joint_columns, parse_csv
+from twolink.io.tables import parse_csv
 from twolink.io.text import Table, decode, parse_json, parse_numbers, read_bytes
 from twolink.robots import robots as robot_table
+from twolink.robots.joint_layout import columns_to_read, read_columns
 
 
 def robots(as_json: Json = False) -> None:
@@ -53,14 +49,11 @@ def robots(as_json: Json = False) -> None:
     show(records, "\n".join([str(text), *refused]), as_json)
 
 
+@with_robot_options
 def inspect(
     robot: RobotName,
-    root: Root = "fixed",
-    lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
-    mimic: Mimic = False,
-    unphysical: Unphysical = "refuse",
-    package_dirs: Folders = None,
+    *,
+    load: RobotLoader,
     cross_check: Annotated[bool, Option("--cross-check", help="Compare with yourdfpy's reading.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -69,7 +62,7 @@ def inspect(
     The load report lists what was read, ignored, repaired and assumed. The exit code is 1 when --cross-check finds
     another robot.
     """
-    loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
+    loaded = load(robot)
     record = robot_record(loaded)
     text = _text(loaded, record)
     if cross_check:
@@ -108,17 +101,13 @@ def _engines(robot: Robot) -> str:
     return f"compiled by heyoka {module.__version__} where that is faster, certified against Pinocchio"
 
 
+@with_robot_options
 def query(
     robot: RobotName,
     what: Annotated[str, Argument(metavar="QUERY", help=", ".join(QUERIES))],
     *,
     states: Annotated[Path | None, Option(help="Many states: a .json or .csv file, or - for stdin.")] = None,
-    root: Root = "fixed",
-    lock: Lock = None,
-    gravity: Gravity = "0 0 -9.81",
-    mimic: Mimic = False,
-    unphysical: Unphysical = "refuse",
-    package_dirs: Folders = None,
+    load: RobotLoader,
     as_json: Json = False,
     **given: str | None,
 ) -> None:
@@ -134,7 +123,7 @@ def query(
     """
     if given["q"] is None and states is None:
         raise Misuse("it is not given", where="q", remedy="give --q with a configuration, or --states with many")
-    loaded = robot_from(robot, root, lock, gravity, mimic, unphysical, package_dirs)
+    loaded = load(robot)
     options: dict[str, Any] = {name: text for name, text in given.items() if name in OPTIONS}
     if given["f_ext"] is not None:
         options["f_ext"] = parse_json(given["f_ext"], "f_ext", 'such as {"tip": [0, 0, -1, 0, 0, 0]}')
@@ -195,18 +184,15 @@ def _from_csv(robot: Robot, text: str) -> dict[str, Any]:
     """Columns q0, q1, ..., v0, ... by number, or q.JOINT, v.JOINT by name as `run.save` writes them."""
     table = parse_csv(text, "states", QueryError, rows=1)
     out: dict[str, Any] = {}
-    left = set(table)
-    for name, size in (("q", robot.nq), ("v", robot.nv), ("tau", robot.nv), ("a", robot.nv)):
-        numbered = [f"{name}{i}" for i in range(size)]
-        wanted = numbered if left & set(numbered) else [column for column, _ in joint_columns(robot.joints, name)]
-        if not left & set(wanted):
-            continue
-        lacking = [column for column in wanted if column not in left]
-        if lacking:
-            raise QueryError(f"column {lacking[0]!r} is missing", where="states", remedy="give all of them, or none")
-        out[name] = np.column_stack([table[column] for column in wanted])
-        left -= set(wanted)
-    unknown = [column for column in table if column in left - {"t", "energy", "error"}]
+    known = {"t", "energy", "error"}
+    for name in ("q", "v", "tau", "a"):
+        wanted = columns_to_read(table, robot.joints, name)
+        if table.keys() & set(wanted):
+            out[name], lacking = read_columns(table, robot.joints, name)
+            if lacking:
+                raise QueryError(f"column {lacking[0]!r} is missing", where="states", remedy="give all, or none")
+            known.update(wanted)
+    unknown = [column for column in table if column not in known]
     if unknown:
         remedy = "columns are q0, q1, ... or q.JOINT, and so on for v, tau, a"
         raise QueryError(f"column {unknown[0]!r} is unknown", where="states", remedy=remedy)

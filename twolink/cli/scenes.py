@@ -28,18 +28,18 @@ from twolink.cli.common import (
     SampleTimes,
     SceneName,
     completion,
-    finish,
+    deliver,
     locks_of,
     require_writable,
     robot_from,
     sample_times_of,
     scene_from,
     show,
-    write,
     write_by_ending,
 )
 from twolink.integrate.methods import methods as method_table
 from twolink.io.files import write_atomic
+from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names
 from twolink.scenes import bundled_scenes
@@ -47,7 +47,6 @@ from twolink.scenes import scenes as scene_table
 from twolink.scenes.file import bundled_text
 from twolink.scenes.file_format import RobotEntry, scene_template
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 from twolink.simulation.trajectory import Trajectory
 
 SHOWN_EVENTS = 20
@@ -152,8 +151,7 @@ def run(
     """
     from twolink.simulation.scene_run import simulate
 
-    paths = out or []
-    require_writable(paths, RUN_ENDINGS)
+    require_writable(out or [], RUN_ENDINGS)
     loaded = scene_from(scene)
     length = loaded.duration if duration is None else duration
     with progress_bar() as report:
@@ -162,17 +160,16 @@ def run(
             method=method, verify=not no_verify, precision=cast(Any, precision), tolerance=tolerance, step=step,
             contact=contact, patience=patience, progress=report,
         )  # fmt: skip
-    written, failures = write(paths, partial(write_by_ending, result))
-    record = result.to_dict() | {"scene": scene} | {"written": written}
-    lines = [_text(scene, result, record), *(f"  wrote    {path}" for path in written)]
+    record = result.to_dict() | {"scene": scene}
+    text = _text(scene, result, record)
     if book:
         from twolink.simulation.energy_balance import energy_book
 
         balance = energy_book(loaded, result)
         record["book"] = balance.to_dict()
-        lines.append(f"energy balance\n{balance}")
-    show(record, "\n".join(lines), as_json)
-    finish(failures, result.interrupted)
+        text += f"\nenergy balance\n{balance}"
+    deliver(record, text, out, partial(write_by_ending, result), as_json, interrupted=result.interrupted,
+            line="  wrote   ")  # fmt: skip
 
 
 def _text(scene: str, run: Trajectory, record: dict[str, Any]) -> str:
@@ -224,8 +221,7 @@ def accuracy(
     twolink accuracy arm-swing --out cost.png            all methods; about a minute
     twolink accuracy arm-swing --methods rk4,dop853,taylor --tolerances 1e-3,1e-6,1e-9
     """
-    paths = out or []
-    require_writable(paths, STUDY_ENDINGS)
+    require_writable(out or [], STUDY_ENDINGS)
     names = None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
     values = None if tolerances is None else parse_numbers("tolerances", tolerances)
     settings: dict[str, Any] = {"samples_per_second": samples_per_second, "repeats": repeats, "budget": budget}
@@ -233,10 +229,8 @@ def accuracy(
         loaded = scene_from(scene)
         study = accuracy_study(loaded, duration, methods=names, tolerances=values, t_eval=sample_times_of(t_eval),
                                progress=report, **settings)  # fmt: skip
-    written, failures = write(paths, partial(write_by_ending, study))
-    text = "\n".join([study.text(), *([""] if written else []), *(f"wrote {path}" for path in written)])
-    show({"scene": scene, **study.to_dict(), "written": written}, text, as_json)
-    finish(failures, study.interrupted)
+    deliver({"scene": scene, **study.to_dict()}, study.text() + "\n" * bool(out), out, partial(write_by_ending, study),
+            as_json, interrupted=study.interrupted)  # fmt: skip
 
 
 def methods(as_json: Json = False) -> None:
@@ -279,8 +273,5 @@ def linearize(
     require_writable(out or [], FORMATS)
     states = (None if text is None else parse_numbers(name, text) for name, text in (("q", q), ("v", v)))
     found = linearize_scene(scene_from(scene), *states, t=t, inputs=inputs)
-    written, failures = write(out or [], found.plot)
-    files = "".join(f"\nwrote {path}" for path in written)
-    text = f"{found}\nA =\n{found.A}\nB =\n{found.B}{files}"
-    show({"scene": scene, **found.to_dict(), "files": written}, text, as_json)
-    finish(failures, interrupted=False)
+    text = f"{found}\nA =\n{found.A}\nB =\n{found.B}"
+    deliver({"scene": scene, **found.to_dict()}, text, out, found.plot, as_json, listed="files")

@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,21 +15,20 @@ from twolink.cli.common import (
     Json,
     Misuse,
     SampleTimes,
-    finish,
+    deliver,
     require_writable,
     sample_times_of,
     show,
-    write,
 )
+from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers
 from twolink.show.figure import FORMATS
-from twolink.show.progress import progress_bar
 
 STORE = ".zarr"
 TABLES = (".csv", ".parquet")
 SWITCH = {"on": True, "off": False}
 SHOWN_REASONS = 5
-
+WROTE = "  wrote   "
 
 Source = Annotated[
     str, Argument(metavar="SOURCE", help="A scene with --vary; or a study: basin, release, price, or a .toml file.")
@@ -120,10 +118,9 @@ def sweep(
     def write_one(path: Path) -> None:
         (figure if path.suffix in FORMATS else write_sweep_table)(data, path)
 
-    written, failures = write(files, write_one)
-    record = {"source": source, "store": store, **found.to_dict(), "written": written}
-    show(record, _text(study.title or source, found, data, [store, *written]), as_json)
-    finish(failures, found.pending > 0)
+    record = {"source": source, "store": store, **found.to_dict()}
+    text = _text(study.title or source, found, data, store)
+    deliver(record, text, files, write_one, as_json, interrupted=found.pending > 0, line=WROTE)
 
 
 def _varied(text: str) -> tuple[str, Any]:
@@ -142,9 +139,8 @@ def _varied(text: str) -> tuple[str, Any]:
     return name, switches if None not in switches else parse_numbers("vary", values)
 
 
-def _text(title: str, status: object, data: Any, files: Sequence[Path]) -> str:
+def _text(title: str, status: object, data: Any, store: Path) -> str:
     """A sweep for people: how far it is, the most frequent reasons for which runs are not done, how runs are solved."""
     counts = Counter(reason for reason in data["reason"].values.ravel().tolist() if reason)
     reasons = [f"  {count:>6,}   {reason}" for reason, count in counts.most_common(SHOWN_REASONS)]
-    wrote = [f"  wrote    {file}" for file in files]
-    return "\n".join([f"{title}: {status}", *reasons, f"  runs     {data.attrs['how']}", *wrote])
+    return "\n".join([f"{title}: {status}", *reasons, f"  runs     {data.attrs['how']}", f"{WROTE} {store}"])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +22,7 @@ from twolink.integrate.formulas import accelerations, unbalanced_forces
 from twolink.integrate.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.text import Result
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ SAME = 1e-6  # rad or m: equilibria nearer to each other are one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibria(Result, Sequence[Linearization]):
+class Equilibria(Result, Plotted, Sequence[Linearization]):
     """Equilibria, each as its linearization with the configuration `q` and its `stability`.
 
     Parameters
@@ -69,14 +69,11 @@ class Equilibria(Result, Sequence[Linearization]):
                      for each in self.found)  # fmt: skip
         return Table(("q", "stability", "largest real part 1/s", "error", "|a|"), rows)
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the eigenvalues of all into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.figure import plot_eigenvalues
-
+    def _figure(self) -> Figure:
         values, errors = (np.concatenate([getattr(each, name) for each in self.found])
                           for name in ("eigenvalues", "eigenvalue_errors"))  # fmt: skip
         title = f"{self.found[0].robot.name}: eigenvalues at {len(self)} equilibria"
-        return plot_eigenvalues(None if path is None else Path(path), title, values, errors)
+        return plot_eigenvalues(title, values, errors)
 
     def __str__(self) -> str:
         head = f"{len(self.found)} equilibria from {self.starts} starts, {self.failed} of which led to none"

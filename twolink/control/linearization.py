@@ -3,8 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +21,9 @@ from twolink.integrate.formulas import accelerations
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.text import Table
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.text import Result
+from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +32,7 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearization(Result):
+class Linearization(Result, Plotted):
     """Linear equations of small motions: x' = A x + B u, with x = (dq, dv) in the tangent space.
 
     With closed loops, dq and dv are those of d independent degrees of freedom, which the others follow; else d = nv.
@@ -154,18 +155,8 @@ class Linearization(Result):
             "controllable": self.controllability.rank if self.inputs else 0,
         }  # fmt: skip
 
-    @overload
-    def plot(self) -> "Figure": ...
-
-    @overload
-    def plot(self, path: str | Path) -> Path: ...
-
-    def plot(self, path: str | Path | None = None) -> "Path | Figure":
-        """Draw the eigenvalues in the complex plane into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.figure import plot_eigenvalues
-
-        file, title = None if path is None else Path(path), f"{self.robot.name}: eigenvalues"
-        return plot_eigenvalues(file, title, self.eigenvalues, self.eigenvalue_errors)
+    def _figure(self) -> "Figure":
+        return plot_eigenvalues(f"{self.robot.name}: eigenvalues", self.eigenvalues, self.eigenvalue_errors)
 
     def _one(self, name: str) -> "Linearization":
         if self.A.ndim != 2:
@@ -281,9 +272,7 @@ def driven(scene: Scene, joints: Sequence[str], tau: np.ndarray) -> Equations:
 
 def state_names(robot: Robot) -> tuple[str, ...]:
     """The names of the entries of (dq, dv)."""
-    names = [f"{joint.name}.{k}" if joint.v.stop - joint.v.start > 1 else joint.name
-             for joint in robot.joints for k in range(joint.v.stop - joint.v.start)]  # fmt: skip
-    return tuple(f"{letter}.{name}" for letter in "qv" for name in names)
+    return tuple(f"{letter}.{name}" for letter in "qv" for name in coordinate_names(robot, "v"))
 
 
 def _inputs(scene: Scene, inputs: Sequence[str] | None) -> tuple[str, ...]:

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from twolink.integrate.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import Plotted, plot_eigenvalues
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.sensitivities import Sensitivities, sensitivities
 from twolink.simulation.sensitivity_names import wanted_of
@@ -168,7 +168,7 @@ class Shooting:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicMotion(Result):
+class PeriodicMotion(Result, Plotted):
     """A motion with x(T) = x(0), and how small deviations from it grow in a period: dx(T) = M dx(0).
 
     Parameters
@@ -241,19 +241,9 @@ class PeriodicMotion(Result):
                      for z, error in zip(self.multipliers, self.multiplier_errors, strict=True))  # fmt: skip
         return Table(("real", "imaginary", "size", "error"), rows)
 
-    @overload
-    def plot(self) -> Figure: ...
-
-    @overload
-    def plot(self, path: str | Path) -> Path: ...
-
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the multipliers and the unit circle into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.figure import plot_eigenvalues
-
-        file = None if path is None else Path(path)
+    def _figure(self) -> Figure:
         title = f"{self.scene.robot.name}: Floquet multipliers, period {self.period:.6g} s"
-        return plot_eigenvalues(file, title, self.multipliers, self.multiplier_errors, unit_circle=True)
+        return plot_eigenvalues(title, self.multipliers, self.multiplier_errors, unit_circle=True)
 
     def __str__(self) -> str:
         start = ", ".join(f"{x:.9g}" for x in (*self.scene.q, *self.scene.v))

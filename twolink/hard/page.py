@@ -7,7 +7,6 @@ import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
 from string import Template
@@ -29,6 +28,7 @@ from twolink.hard.case import (
 )
 from twolink.hard.peers import NAMES
 from twolink.io.files import write_atomic
+from twolink.io.fingerprints import versions
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 230, 46, 12, 10, 26
 FLOOR, CEILING = 1e-17, 1e6
@@ -184,17 +184,10 @@ def page(results: Sequence[CaseResult]) -> str:
         failed=_failed(results),
         silent=_silent(results),
         python=platform.python_version(),
-        packages=", ".join(filter(None, map(_versioned, PACKAGES))),
+        packages=", ".join(f"{name} {version}" for name, version in versions(PACKAGES).items() if version),
         index="".join(f'<li class="{STYLES[r.verdict]}">{_link(r, r.case.name)}</li>' for r in results),
         groups="".join(f'<h2 id="{name}">{name.capitalize()}</h2>{cases}' for name, cases in groups),
     )
-
-
-def _versioned(package: str) -> str:
-    try:
-        return f"{package} {version(package)}"
-    except PackageNotFoundError:
-        return ""
 
 
 def _link(result: CaseResult, text: str) -> str:

@@ -19,7 +19,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import base_parameters, select
-from twolink.io.tables import joint_columns, write_table
+from twolink.io.tables import write_table
+from twolink.robots.joint_layout import joint_columns
 
 HARMONICS = 5
 _SHARE = 0.9  # of the limits that is used

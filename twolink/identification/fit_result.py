@@ -1,22 +1,22 @@
 """What a fit by simulation found: values with intervals, the scene with them, what cannot be told, and residuals."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.identification.result import Estimate
+from twolink.identification.result import MAX_LINES, MEASURED, Estimate, draw_ellipse
 from twolink.scenes import Scene
+from twolink.show.figure import COLOURS, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SceneFit(Estimate):
-    """Parameters of a scene from a measured motion.
+    """Parameters of a scene from a measured motion: an `Estimate`.
 
     Attributes
     ----------
@@ -26,42 +26,13 @@ class SceneFit(Estimate):
         The scene as it was given.
     parameters : dict
         The values in `scene` of all that was looked for, SI units.
-    combinations : tuple of str, (r,)
-        What was found: names of parameters that can be told alone, and sums such as "forearm.mass + hand.mass".
-    matrix : ndarray, (r, k)
-        The combinations' coefficients.
-    estimate : ndarray, (r,)
-        Their values.
-    covariance : ndarray, (r, r)
-        Of the estimate, from the noise of the measurements.
-    numerical_error : ndarray, (r,)
-        Bound on the error from simulation, optimisation and rounding; not in the covariance.
-    half_width : ndarray, (r,)
-        The intervals at `confidence` are estimate +- half_width, numerical error included.
-    confidence : float
-        The probability of the intervals.
-    not_identifiable : tuple of str
-        What these measurements cannot show even without noise, in words; it was not fitted.
-    not_excited : tuple of str
-        What they show too weakly beside their noise: a change as large as the value itself would not be seen. It was
-        not fitted.
     channels : tuple of str, (c,)
         What was measured: q.JOINT, v.JOINT.
-    noise : ndarray, (c,)
-        The standard deviations of the measurements that the intervals are based on.
-    t : ndarray, (n,)
-        Times of the measurements, s.
-    measured, residuals : ndarray, (n, c)
-        Measured values, and measured minus simulated ones.
+    measured : ndarray, (n, c)
+        Measured values.
     singular_values : ndarray, (k,)
         Of the derivatives of the measurements, in noise, by relative changes of the parameters: 1 is a change by the
         parameter's own size that is as large as the noise.
-    condition : float
-        Of those derivatives for what was found, columns of length 1.
-    correlated : bool
-        Whether residuals follow each other in time: forces are missing in the scene, or the fit is not the best one.
-    method : str
-        How it was fitted.
     segments : int
         Of multiple shooting; 1: the motion was simulated in one piece.
     gap : float
@@ -79,35 +50,15 @@ class SceneFit(Estimate):
     scene: Scene
     start: Scene
     parameters: dict[str, float]
-    combinations: tuple[str, ...]
-    matrix: np.ndarray
-    estimate: np.ndarray
-    covariance: np.ndarray
-    numerical_error: np.ndarray
-    half_width: np.ndarray
-    confidence: float
-    not_identifiable: tuple[str, ...]
-    not_excited: tuple[str, ...]
     channels: tuple[str, ...]
-    noise: np.ndarray
-    t: np.ndarray
     measured: np.ndarray
-    residuals: np.ndarray
     singular_values: np.ndarray
-    condition: float
-    correlated: bool
-    method: str
     segments: int
     gap: float
     converged: bool
     explained: bool
     simulations: int
     interrupted: bool = False
-
-    @property
-    def robot(self) -> Robot:
-        """The robot as it was."""
-        return self.start.robot
 
     @property
     def found(self) -> Robot:
@@ -131,20 +82,9 @@ class SceneFit(Estimate):
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return {
-            "robot": self.robot.name,
-            "method": self.method,
-            "samples": len(self.t),
-            "confidence": self.confidence,
-            "found": self.table().to_records(),
+        return self._record(self.channels) | {
             "parameters": self.parameters,
-            "covariance": self.covariance.tolist(),
-            "not_identifiable": list(self.not_identifiable),
-            "not_excited": list(self.not_excited),
-            "noise": dict(zip(self.channels, self.noise.tolist(), strict=True)),
             "singular_values": self.singular_values.tolist(),
-            "condition": self.condition,
-            "correlated": self.correlated,
             "segments": self.segments,
             "gap": self.gap,
             "simulations": self.simulations,
@@ -154,12 +94,17 @@ class SceneFit(Estimate):
             "warnings": list(self.warnings),
         }
 
-    def _draw(self, path: Path | None) -> "Path | Figure":
-        """Measured and fitted motion, residuals, the covariance of two values, and the singular values."""
-        from twolink.identification.fit_plot import Drawn, plot_fit
-
-        rest = {name: getattr(self, name) for name in Drawn._fields if name != "robot"}
-        return plot_fit(Drawn(self.robot.name, **rest), path)
+    def _figure(self) -> "Figure":
+        """Measured and fitted motion and the residuals; the covariance of two values, and the singular values."""
+        figure, axes = new_figure(3, 2, size=(9, 8.5), height_ratios=(1.2, 1, 1.2))
+        for row in (0, 1):
+            axes[row, 1].remove()
+            axes[row, 0].set_subplotspec(axes[row, 0].get_gridspec()[row, :])
+        _draw_motion(axes[0, 0], axes[1, 0], self)
+        draw_ellipse(axes[2, 0], self)
+        _draw_singular_values(axes[2, 1], self)
+        figure.suptitle(plain(f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"))
+        return figure
 
     def __str__(self) -> str:
         pieces = "one piece" if self.segments == 1 else f"{self.segments} segments (gaps up to {self.gap:.1e})"
@@ -168,10 +113,33 @@ class SceneFit(Estimate):
         lines.append(f"low, high: {100 * self.confidence:g} % intervals; condition {self.condition:.3g}")
         noises = zip(self.channels, self.noise.tolist(), strict=True)
         lines.append("noise: " + ", ".join(f"{name} {value:.3g}" for name, value in noises))
-        alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
-        lines += [f"no measurement depends on: {', '.join(alone)}"] if alone else []
-        lines += [f"cannot be identified: {text}" for text in self.not_identifiable if ":" not in text]
-        lines += [f"too weak beside the noise: {text}" for text in self.not_excited]
+        lines += self._not_told("measurement", "too weak beside the noise")
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     __repr__ = __str__
+
+
+def _draw_motion(above: Any, below: Any, fit: SceneFit) -> None:
+    """The channels above; what is left of them, in noise, below."""
+    for k, (name, colour) in enumerate(zip(fit.channels[:MAX_LINES], COLOURS, strict=False)):
+        above.plot(fit.t, fit.measured[:, k], color=colour, **MEASURED)
+        above.plot(fit.t, fit.measured[:, k] - fit.residuals[:, k], color=colour, linewidth=1.2, label=plain(name))
+        below.plot(fit.t, fit.residuals[:, k] / fit.noise[k], color=colour, **MEASURED)
+    title = None if len(fit.channels) <= MAX_LINES else f"the first {MAX_LINES} of {len(fit.channels)}"
+    above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False, title=title)
+    above.set(ylabel="dots measured, lines fitted\n(rad, m, per second)")
+    below.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
+
+
+def _draw_singular_values(axis: Any, fit: SceneFit) -> None:
+    """All of them, and the noise; those that are 0 at the lower edge."""
+    shown, rank = np.maximum(fit.singular_values, 1e-6), len(fit.estimate)
+    numbers = np.arange(1, len(shown) + 1)
+    axis.semilogy(numbers[:rank], shown[:rank], "o", color=COLOURS[0], label="found")
+    if rank < len(shown):
+        axis.semilogy(numbers[rank:], shown[rank:], "x", color=COLOURS[5], label="cannot be told")
+    axis.axhline(1.0, color="0.4", linewidth=1)
+    axis.set(xlabel="direction", ylim=(5e-7, None))
+    axis.xaxis.get_major_locator().set_params(integer=True)
+    axis.set_title("change by the parameters' size, in noise", loc="left", fontsize=10)
+    axis.legend(fontsize=8, frameon=False)

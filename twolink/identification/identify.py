@@ -99,9 +99,10 @@ def identify(
         require_reach(robot, data.t, data.q)
     wide = stdtrit(y.size - len(found.x), (1 + confidence) / 2) * np.sqrt(np.diag(found.covariance)) + numerical
     return Identification(
-        robot, chosen, base.combinations, base.matrix, found.x, found.covariance, numerical, wide, confidence,
-        possible.not_identifiable(), _not_excited(possible, base), found.noise, found.residuals, data.t,
-        found.condition, found.correlated, method,
+        robot=robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
+        covariance=found.covariance, numerical_error=numerical, half_width=wide, confidence=confidence,
+        not_identifiable=possible.not_identifiable(), not_excited=_not_excited(possible, base), noise=found.noise,
+        t=data.t, residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=method,
     )  # fmt: skip
 
 

@@ -12,7 +12,9 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
 from twolink.identification.measurements import check_units, checked_times, require_reach, wrong_units
-from twolink.io.tables import joint_columns, read_columns, read_table
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import joint_columns, read_columns
+from twolink.simulation.trajectory_tables import coordinate_names
 
 DEGREES = {180 / np.pi: "is it in degrees?", np.pi / 180: "are the scene's angles in degrees?",
            1e3: "is it in millimetres?"}  # fmt: skip
@@ -37,7 +39,7 @@ class MeasuredMotion:
     @property
     def channels(self) -> tuple[str, ...]:
         """The names q.JOINT and v.JOINT of what was measured, a number behind those of several degrees of freedom."""
-        names = [name.partition(".")[2] for name, _ in joint_columns(self.robot.joints, "v")]
+        names = coordinate_names(self.robot, "v")
         return (*(f"q.{names[k]}" for k in self.of_q), *(f"v.{names[k]}" for k in self.of_v))
 
     @property

@@ -23,8 +23,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.configurations import difference_rows
 from twolink.errors import QueryError
-from twolink.io.tables import read_columns, read_table
-from twolink.robots.joint_layout import turns
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import read_columns, turns
 
 DEGREE = 4
 SMALLEST = 3  # half a window: 7 samples for the 5 coefficients of the polynomial

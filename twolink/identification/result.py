@@ -3,10 +3,10 @@
 `Estimate` is what it shares with a fit by simulation.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,34 +14,77 @@ from twolink.dynamics import Robot
 from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
 from twolink.io.text import Table
+from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import Result
+from twolink.simulation.trajectory_tables import coordinate_names
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+MAX_LINES, MAX_SPANS = 6, 20
+MEASURED: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5, "alpha": 0.5}
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-class Estimate(Result):
-    """What results that have an estimate share.
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Estimate(Result, Plotted):
+    """What an identification and a fit by simulation share.
 
     Attributes
     ----------
+    robot : Robot
+        The robot whose parameters were looked for, as it was.
     combinations : tuple of str, (r,)
-        Names of what was found.
-    estimate, numerical_error, half_width : ndarray, (r,)
-        Values, bounds on their numerical errors, and half of their intervals.
+        What was found: names of parameters that can be told alone, and sums such as "forearm.mass + hand.mass".
+    matrix : ndarray, (r, k)
+        The combinations' coefficients.
+    estimate : ndarray, (r,)
+        Their values, SI units.
     covariance : ndarray, (r, r)
-        Of the estimate.
+        Of the estimate, from the noise of the measurements.
+    numerical_error : ndarray, (r,)
+        Bound on the error from rounding and simulation, and an estimate of that from filtering positions; not in the
+        covariance.
+    half_width : ndarray, (r,)
+        The intervals at `confidence` are estimate +- half_width, numerical error included.
+    confidence : float
+        The probability of the intervals.
+    not_identifiable : tuple of str
+        What no motion of this robot can show, or these measurements even without noise, in words; it was not fitted.
+    not_excited : tuple of str
+        What other motions can show and these data do not; of a fit what they show too weakly beside their noise: a
+        change as large as the value itself would not be seen. It was not fitted.
+    noise : ndarray, (c,)
+        The standard deviation of the residuals of each joint, N m or N, or of each channel of a fit, on which the
+        intervals are based.
+    t : ndarray, (n,)
+        Times of the samples that were used, s; a filter leaves out those at the ends.
+    residuals : ndarray, (n, c)
+        What was measured minus what the estimate gives.
+    condition : float
+        Of the regressor, or of the derivatives, for what was found, columns of length 1: 1 is best, above 100 the
+        motion excites poorly.
+    correlated : bool
+        Whether residuals follow each other in time: forces are missing in the model, or filters act.
+    method : str
+        How it was fitted.
     """
 
+    robot: Robot
     combinations: tuple[str, ...]
+    matrix: np.ndarray
     estimate: np.ndarray
     covariance: np.ndarray
     numerical_error: np.ndarray
     half_width: np.ndarray
+    confidence: float
+    not_identifiable: tuple[str, ...]
+    not_excited: tuple[str, ...]
+    noise: np.ndarray
+    t: np.ndarray
+    residuals: np.ndarray
+    condition: float
+    correlated: bool
+    method: str
 
     @property
     def values(self) -> dict[str, float]:
@@ -66,98 +109,41 @@ class Estimate(Result):
         columns = ("parameter", "value", "standard error", "numerical error", "low", "high")
         return Table(columns, tuple((name, x, s, e, *span) for name, x, s, e, span in rows))
 
-    @overload
-    def plot(self) -> "Figure": ...
+    def _record(self, noise_of: Iterable[str]) -> dict[str, Any]:
+        """The entries that `to_dict` has of both kinds. noise_of: the names of the noise."""
+        return {
+            "robot": self.robot.name,
+            "method": self.method,
+            "samples": len(self.t),
+            "confidence": self.confidence,
+            "found": self.table().to_records(),
+            "covariance": self.covariance.tolist(),
+            "not_identifiable": list(self.not_identifiable),
+            "not_excited": list(self.not_excited),
+            "noise": dict(zip(noise_of, self.noise.tolist(), strict=True)),
+            "condition": self.condition,
+            "correlated": self.correlated,
+        }
 
-    @overload
-    def plot(self, path: str | Path) -> Path: ...
-
-    def plot(self, path: str | Path | None = None) -> "Path | Figure":
-        """Draw residuals and the covariance of the two values that are correlated most.
-
-        With them a regression shows all intervals, a fit by simulation the measured and fitted motion and the singular
-        values.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path or matplotlib.figure.Figure
-            The path; without one the figure, which notebooks show.
-
-        Raises
-        ------
-        ShowError
-            The file cannot be written.
-        """
-        return self._draw(None if path is None else Path(path))
-
-    def _draw(self, path: Path | None) -> "Path | Figure":
-        raise NotImplementedError
+    def _not_told(self, nothing: str, weak: str) -> list[str]:
+        """Lines on what cannot be told. nothing: what does not depend on it; weak: what is said of what is too weak."""
+        alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
+        lines = [f"no {nothing} depends on: {', '.join(alone)}"] if alone else []
+        lines += [f"cannot be identified: {text}" for text in self.not_identifiable if ":" not in text]
+        return lines + [f"{weak}: {text}" for text in self.not_excited]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Identification(Estimate):
-    """Parameters from measurements.
+    """Parameters from measured torques: an `Estimate`.
 
     Attributes
     ----------
-    robot : Robot
-        The robot whose parameters were looked for, as it was.
     selection : Selection
         What was looked for: k names, and how they change pi.
-    combinations : tuple of str, (r,)
-        What was found: names of parameters that can be told alone, and sums such as "forearm.mass + hand.mass".
-    matrix : ndarray, (r, k)
-        The combinations' coefficients.
-    estimate : ndarray, (r,)
-        Their values, SI units.
-    covariance : ndarray, (r, r)
-        Of the estimate, from the noise of the measured torques.
-    numerical_error : ndarray, (r,)
-        Bound on the error from rounding, and an estimate of that from filtering positions; not in the covariance.
-    half_width : ndarray, (r,)
-        The intervals at `confidence` are estimate +- half_width, numerical error included.
-    confidence : float
-        The probability of the intervals.
-    not_identifiable : tuple of str
-        What no motion of this robot can show, in words.
-    not_excited : tuple of str
-        What other motions can show and these data do not.
-    noise : ndarray, (nv,)
-        The standard deviation of the residuals of each joint, N m or N.
-    residuals : ndarray, (m, nv)
-        Measured torques minus those of the estimate, at the times `t`.
-    t : ndarray, (m,)
-        The samples that were used; a filter leaves out those at the ends.
-    condition : float
-        Of the regressor with columns of length 1: 1 is best, above 100 the motion excites poorly.
-    correlated : bool
-        Whether residuals follow each other in time: forces are missing in the model, or filters act.
-    method : str
-        How it was fitted.
     """
 
-    robot: Robot
     selection: Selection
-    combinations: tuple[str, ...]
-    matrix: np.ndarray
-    estimate: np.ndarray
-    covariance: np.ndarray
-    numerical_error: np.ndarray
-    half_width: np.ndarray
-    confidence: float
-    not_identifiable: tuple[str, ...]
-    not_excited: tuple[str, ...]
-    noise: np.ndarray
-    residuals: np.ndarray
-    t: np.ndarray
-    condition: float
-    correlated: bool
-    method: str
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -177,28 +163,28 @@ class Identification(Estimate):
 
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return {
-            "robot": self.robot.name,
-            "method": self.method,
-            "samples": len(self.t),
-            "confidence": self.confidence,
-            "found": self.table().to_records(),
-            "covariance": self.covariance.tolist(),
-            "not_identifiable": list(self.not_identifiable),
-            "not_excited": list(self.not_excited),
-            "noise": dict(zip(_dof_names(self.robot), self.noise.tolist(), strict=True)),
-            "condition": self.condition,
-            "correlated": self.correlated,
-            "consistency": self.consistency.to_dict(),
-        }
+        return self._record(coordinate_names(self.robot, "v")) | {"consistency": self.consistency.to_dict()}
 
-    def _draw(self, path: Path | None) -> "Path | Figure":
-        """Residuals, the covariance of the two values that are correlated most, and all intervals."""
-        from twolink.identification.fit_plot import plot_identification
-
-        title = f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"
+    def _figure(self) -> "Figure":
+        """Residuals in their standard deviations, the covariance of two values, and all intervals, relative."""
+        figure, axes = new_figure(2, 2, size=(9, 6.5), height_ratios=(1, 1.3))
+        axes[0, 1].remove()
+        above, ellipse, spans = axes[0, 0], axes[1, 0], axes[1, 1]
+        above.set_subplotspec(above.get_gridspec()[0, :])
         scaled = (self.residuals / np.maximum(self.noise, 1e-300)).T
-        return plot_identification(title, self, self.t, dict(zip(_dof_names(self.robot), scaled, strict=True)), path)
+        for name, values, colour in zip(coordinate_names(self.robot, "v"), scaled, COLOURS[:MAX_LINES], strict=False):
+            above.plot(self.t, values, color=colour, label=plain(name), **MEASURED)
+        above.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8, frameon=False)
+        above.set(xlabel="time t (s)", ylabel="measured - fitted\n(standard deviations)")
+        draw_ellipse(ellipse, self)
+        relative = self.half_width / np.maximum(np.abs(self.estimate), 1e-300)
+        order = np.argsort(relative)[-MAX_SPANS:]
+        spans.semilogx(relative[order], np.arange(len(order)), "o", color=COLOURS[0])
+        spans.set_yticks(np.arange(len(order)), [plain(_short(self.combinations[k])) for k in order], fontsize=7)
+        spans.axvline(1.0, color="0.4", linewidth=1)
+        spans.set_title(f"{100 * self.confidence:g} % interval, relative", loc="left", fontsize=10)
+        figure.suptitle(plain(f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples"))
+        return figure
 
     def __str__(self) -> str:
         percent = f"{100 * self.confidence:g} %"
@@ -206,25 +192,42 @@ class Identification(Estimate):
             f"{self.robot.name}: {len(self.estimate)} found from {len(self.t)} samples, {self.method} least squares"
         ]
         lines += ["", str(self.table()), "", f"low, high: {percent} intervals; condition {self.condition:.3g}"]
-        noises = zip(_dof_names(self.robot), self.noise.tolist(), strict=True)
+        noises = zip(coordinate_names(self.robot, "v"), self.noise.tolist(), strict=True)
         lines.append("noise of tau: " + ", ".join(f"{name} {value:.3g}" for name, value in noises))
         if self.correlated:
             lines.append(
                 "residuals are correlated in time: forces may be missing (friction?); the intervals allow for it"
             )
-        alone = [text.partition(":")[0] for text in self.not_identifiable if ":" in text]
-        lines += [f"no torque depends on: {', '.join(alone)}"] if alone else []
-        lines += [f"cannot be identified: {text}" for text in self.not_identifiable if ":" not in text]
-        lines += [f"not excited by these data: {text}" for text in self.not_excited]
+        lines += self._not_told("torque", "not excited by these data")
         return "\n".join([*lines, str(self.consistency)])
 
     __repr__ = __str__
 
 
-def _dof_names(robot: Robot) -> list[str]:
-    """A name for each entry of v."""
-    return [
-        joint.name + (f".{k}" if joint.v.stop - joint.v.start > 1 else "")
-        for joint in robot.joints
-        for k in range(joint.v.stop - joint.v.start)
-    ]
+def _short(name: str) -> str:
+    return name if len(name) < 40 else f"{name[:37]}..."
+
+
+def draw_ellipse(axis: Any, fit: Estimate) -> None:
+    """The region of the two values that are correlated most; the interval of a single one."""
+    names = [_short(name) for name in fit.combinations]
+    if len(names) == 1:
+        axis.errorbar(fit.estimate, [0.0], xerr=fit.half_width, fmt="o", color=COLOURS[0], capsize=4)
+        axis.set(xlabel=plain(names[0]), yticks=[])
+    else:
+        deviations = np.sqrt(np.diag(fit.covariance))
+        correlation = np.abs(fit.covariance / np.outer(deviations, deviations)) - np.eye(len(deviations))
+        pair = list(np.unravel_index(int(np.argmax(correlation)), correlation.shape))
+        turn = np.linspace(0.0, 2 * np.pi, 200)
+        reach = np.sqrt(-2 * np.log(1 - fit.confidence))  # of the normal distribution of two values
+        values, vectors = np.linalg.eigh(fit.covariance[np.ix_(pair, pair)])
+        circle = np.sqrt(np.maximum(values, 0.0))[:, None] * np.array([np.cos(turn), np.sin(turn)])
+        x, y = fit.estimate[pair][:, None] + reach * vectors @ circle
+        axis.plot(x, y, color=COLOURS[0])
+        axis.plot(*fit.estimate[pair], "o", color=COLOURS[0], markersize=4)
+        axis.set(xlabel=plain(names[pair[0]]), ylabel=plain(names[pair[1]]))
+        axis.xaxis.label.set_fontsize(8)
+        axis.yaxis.label.set_fontsize(8)
+    axis.ticklabel_format(useOffset=False)
+    axis.tick_params(axis="x", labelrotation=20)
+    axis.set_title(f"{100 * fit.confidence:g} % region of the noise", loc="left", fontsize=10)

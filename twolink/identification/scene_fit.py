@@ -143,6 +143,7 @@ def _result(search: LeastSquaresSearch, point: Point, method: str, confidence: f
     return SceneFit(
         scene=unknowns.scene_at(point.z),
         start=unknowns.scene,
+        robot=unknowns.scene.robot,
         parameters=dict(zip(unknowns.names, values.tolist(), strict=True)),
         combinations=shown.combinations,
         matrix=shown.matrix,

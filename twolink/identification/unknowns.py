@@ -29,7 +29,7 @@ Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class _Group:
+class _NameGroup:
     """Names that belong together. chart: z -> their values, and the values of the scene's constants behind them.
 
     constants: their names for `tl.sensitivities`; one name for several values where `joint`, a joint of the state.
@@ -48,7 +48,7 @@ class Unknowns:
     `constants` are no initial states.
     """
 
-    def __init__(self, scene: Scene, groups: Sequence[_Group]) -> None:
+    def __init__(self, scene: Scene, groups: Sequence[_NameGroup]) -> None:
         ordered = sorted(groups, key=lambda group: group.of_state)
         self.scene, self._groups = scene, ordered
         self.names = tuple(name for group in ordered for name in group.names)
@@ -89,7 +89,7 @@ class Unknowns:
                                  where="parameters", remedy="look for all ten parameters of the body",
                                  code="impossible-inertia")  # fmt: skip
 
-    def _parts(self, z: np.ndarray) -> list[tuple[_Group, np.ndarray]]:
+    def _parts(self, z: np.ndarray) -> list[tuple[_NameGroup, np.ndarray]]:
         ends = np.cumsum([len(group.names) for group in self._groups])
         return list(zip(self._groups, np.split(z, ends[:-1]), strict=True))
 
@@ -157,17 +157,17 @@ def _of_an_effect(scene: Scene, joint: str, kind: str) -> str:
     return f"add tl.effects.JointDamping({{{joint!r}: 0.1}}) and look for effects.{len(scene.effects)}.damping.{joint}"
 
 
-def _number(name: str, value: float) -> _Group:
+def _number(name: str, value: float) -> _NameGroup:
     """A constant or a number of an effect: value + z times its size."""
     scale = abs(value) or 1.0
 
     def chart(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return value + scale * z, value + scale * z
 
-    return _Group((name,), (name,), chart)
+    return _NameGroup((name,), (name,), chart)
 
 
-def _state(scene: Scene, name: str) -> _Group:
+def _state(scene: Scene, name: str) -> _NameGroup:
     """The initial state of a joint, moved along its tangent directions; the value of one coordinate, else the move."""
     letter, _, joint_name = name.partition(".")
     joint = next(joint for joint in scene.robot.joints if joint.name == joint_name)
@@ -179,10 +179,10 @@ def _state(scene: Scene, name: str) -> _Group:
         own = scene.q[joint.q]
         start = own.copy() if joint.kind == "vector" else np.array([np.arctan2(own[1], own[0])])
     names = (name,) if size == 1 else tuple(f"{name}.{k}" for k in range(size))
-    return _Group(names, (name,), lambda z: (start + z, z), of_state=True)
+    return _NameGroup(names, (name,), lambda z: (start + z, z), of_state=True)
 
 
-def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _Group:
+def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _NameGroup:
     """Some or all of a body's ten parameters, about the joint's frame, or about the centre of mass."""
     of_origin = any(part not in _CENTRAL for part in parts)
     kinds = BODY_PARAMETERS if of_origin else _CENTRAL
@@ -205,7 +205,7 @@ def _body(scene: Scene, link: str, index: int, parts: Sequence[str]) -> _Group:
         pi = to_body(z)
         return shown(pi)[places], central(pi)[wanted]
 
-    return _Group(tuple(f"{link}.{part}" for part in parts), tuple(f"{link}.{part}" for part in used), chart)
+    return _NameGroup(tuple(f"{link}.{part}" for part in parts), tuple(f"{link}.{part}" for part in used), chart)
 
 
 def _linear_chart(body: np.ndarray, places: Sequence[int], of_origin: bool) -> ToBody:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twolink.algorithms.differences import derivative
+from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.mechanism import mechanism, moments, nominal, parameter_names, with_nominal
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping

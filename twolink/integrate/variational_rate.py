@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twolink.algorithms.differences import derivative
-from twolink.algorithms.dual_numbers import Dual, DualNamespace
+from twolink.algorithms.dual_numbers import Dual, DualNamespace, derivative
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import CertificationError, MissingExtraError, SceneError

@@ -154,8 +154,8 @@ def code_key(*rooms: str) -> str:
     """
     folders = [PACKAGE / room for room in rooms] or [PACKAGE]
     files = (path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".toml", ".csv"))
-    versions = [f"{name} {_version(name)}" for name in LIBRARIES]
-    return hashlib.sha256(repr((files_digest(files), versions, sys.version)).encode()).hexdigest()[:40]
+    found = [f"{name} {version}" for name, version in versions(LIBRARIES).items()]
+    return hashlib.sha256(repr((files_digest(files), found, sys.version)).encode()).hexdigest()[:40]
 
 
 def files_digest(paths: Iterable[Path]) -> str:
@@ -166,12 +166,25 @@ def files_digest(paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def _version(library: str) -> str:
-    """The version of an installed library; empty without it."""
+def versions(libraries: Iterable[str]) -> dict[str, str]:
+    """The versions of libraries by name, empty where one is not installed."""
+    found = {}
+    for library in libraries:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            found[library] = ""
+    return found
+
+
+@functools.cache
+def processor() -> str:
+    """The kind of this machine's processor."""
     try:
-        return version(library)
-    except PackageNotFoundError:
-        return ""
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 """Variables, and one evaluation at values of them: objective and constraints, with their derivatives.
 
-The derivatives come from the sensitivities of the one run (`run_variation`). Where there are none - a number that they
+The derivatives come from the sensitivities of the one run (`objectives`). Where there are none - a number that they
 do not follow, a motion that only touches a limit, an objective that asks for more than samples - differences of runs
 stand in, and the evaluation says so.
 """
@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.optimization.objectives import Objective, value_of
-from twolink.optimization.run_variation import NotFollowedError, variation_by
+from twolink.optimization.objectives import NotFollowedError, Objective, value_of, variation_by
 from twolink.scenes import Scene
 from twolink.scenes.parameters import named_parameters, scene_with
 from twolink.simulation.scene_run import simulate
@@ -103,7 +102,7 @@ class Evaluation:
 
 
 @dataclass
-class Evaluator:
+class ObjectiveEvaluator:
     """Evaluates functions of the runs of a scene, by name: the objective, then the constraints.
 
     times (n,): of the samples of a run, from its start to its end, s. derivatives: "auto", or "runs" for differences of

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,10 +15,19 @@ from twolink.integrate.equations import Equations
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.progress import Report, in_time
 from twolink.io.text import Table
-from twolink.optimization.objectives import Objective, named_objective, value_of
-from twolink.optimization.run_variation import STEP, NotFollowedError, RunVariation, Unknown, beside
+from twolink.optimization.objectives import (
+    STEP,
+    NotFollowedError,
+    Objective,
+    RunVariation,
+    Unknown,
+    beside,
+    named_objective,
+    value_of,
+)
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.error_bar import ROUNDING, SLACK
 from twolink.simulation.nominal_solutions import bound
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
@@ -38,7 +46,7 @@ SMALL = 1e-3  # SI units: constants below it are moved as if they were so large
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gradient(Result):
+class Gradient(Result, Plotted):
     """The derivatives of one number of a run.
 
     Parameters
@@ -72,12 +80,9 @@ class Gradient(Result):
                 rows.append((name if len(values) == 1 else f"{name}[{k}]", float(value), float(self.error[name][k])))
         return Table(("by", "derivative", "error bar"), tuple(rows))
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the derivatives and their error bars into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_bars
-
+    def _figure(self) -> Figure:
         names, values, errors = zip(*self.table().rows, strict=True)
-        return plot_bars(path, f"{self.run.title}: objective {self.objective:.6g}", "derivative", names, values, errors)
+        return plot_bars(f"{self.run.title}: objective {self.objective:.6g}", "derivative", names, values, errors)
 
     def __repr__(self) -> str:
         return f"objective {self.objective:.9g} ± {self.objective_error:.1e}\n{self.table()}"

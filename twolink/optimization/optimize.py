@@ -19,11 +19,12 @@ from twolink.integrate.compile_time import solved_rarely
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.progress import Report
 from twolink.io.text import Table
-from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator, variables_of
+from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator, variables_of
 from twolink.optimization.objectives import Objective, named_objective
 from twolink.optimization.search import MultiStart, starting_points
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.error_bar import SAFETY
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.text import Result
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Optimum(Result):
+class Optimum(Result, Plotted):
     """The best that a search found. It unpacks as scene, run, history.
 
     Attributes
@@ -126,13 +127,10 @@ class Optimum(Result):
             "history": self.history.to_records(),
         }
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the objective by evaluation into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_lines
-
+    def _figure(self) -> Figure:
         found = np.array([record["objective"] for record in self.history])
         title = f"{self.scene.title or self.scene.robot.name}: objective {self.objective:.6g}"
-        return plot_lines(path, title, ("evaluation", "objective"), np.arange(1, len(found) + 1), {"objective": found})
+        return plot_lines(title, ("evaluation", "objective"), np.arange(1, len(found) + 1), {"objective": found})
 
     def __repr__(self) -> str:
         error = "error not known" if np.isnan(self.error) else f"± {self.error:.1e}"
@@ -239,7 +237,7 @@ def optimize(
     require_known(derivatives, ("auto", "runs"), SceneError, argument="derivatives")
     end = duration_for(scene, duration)
     times = with_ends(sample_times(end, t_eval, samples_per_second), end)
-    evaluator = Evaluator(variables, functions, times, accuracy_of(accuracy), derivatives)
+    evaluator = ObjectiveEvaluator(variables, functions, times, accuracy_of(accuracy), derivatives)
     problem = {
         "objective": _name_of(function), "maximize": maximize,
         "wrt": {name: [float(bound) for bound in pair] for name, pair in wrt.items()},
@@ -280,7 +278,7 @@ def _optimum(
     )  # fmt: skip
 
 
-def _errors(evaluate: Evaluator, best: Evaluation, scene: Scene) -> tuple[float, np.ndarray]:
+def _errors(evaluate: ObjectiveEvaluator, best: Evaluation, scene: Scene) -> tuple[float, np.ndarray]:
     """The numerical errors of the objective and of its derivatives (k,), from a finer run; NaN where there is none."""
     names, unknown = evaluate.variables.names, np.full(len(best.x), np.nan)
     try:
@@ -298,7 +296,7 @@ def _distance(value: float, finer: float) -> float:
     return float(SAFETY * abs(value - finer) + np.spacing(abs(value)))
 
 
-def _hessian(evaluate: Evaluator, best: Evaluation) -> np.ndarray:
+def _hessian(evaluate: ObjectiveEvaluator, best: Evaluation) -> np.ndarray:
     """The second derivatives (k, k) of the objective, by differences of gradients away from the nearer bound."""
     variables, rows = evaluate.variables, []
     for i, width in enumerate(variables.width):

@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from twolink.errors import SceneError, TwolinkError
 from twolink.io.files import write_atomic
 from twolink.io.progress import Report
-from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, Evaluator
+from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator
 
 ON_BOUND = 1e-9  # of the distance of the bounds: what is so near to a bound is moved onto it
 FIRST_STEP = 0.1  # of the distance of the bounds
@@ -42,7 +42,7 @@ class MultiStart:
     order. ends: why each start ended. earlier: seconds of wall clock behind what the file held.
     """
 
-    evaluate: Evaluator
+    evaluate: ObjectiveEvaluator
     sign: float
     most: int
     out: Path | None

@@ -16,7 +16,7 @@ import numpy as np
 from twolink.dynamics import load_robot
 from twolink.effects import Gravity
 from twolink.lagrange import Variant, two_link
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 from twolink.show.figure import new_figure, save_figure
 from twolink.simulation.scene_run import simulate

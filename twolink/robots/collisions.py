@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
+import coal
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -62,8 +63,6 @@ class Sphere(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's sphere."""
-        import coal
-
         return coal.Sphere(float(self.radius))
 
 
@@ -84,8 +83,6 @@ class Box(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's box."""
-        import coal
-
         return coal.Box(*map(float, self.size))
 
 
@@ -107,8 +104,6 @@ class Cylinder(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's cylinder."""
-        import coal
-
         return coal.Cylinder(float(self.radius), float(self.length))
 
 
@@ -130,8 +125,6 @@ class Capsule(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's capsule."""
-        import coal
-
         return coal.Capsule(float(self.radius), float(self.length))
 
 
@@ -152,8 +145,6 @@ class Convex(Shape, frozen=True):
 
     def coal(self) -> Any:
         """Coal's convex hull."""
-        import coal
-
         cloud = coal.StdVec_Vec3s()
         for vertex in self.vertices:
             cloud.append(np.array(vertex, dtype=float))

@@ -1,9 +1,9 @@
-"""The layout of q and v: which entries belong to which joint, which have length 1, and the joints' limits; options of
-loading a robot: its gravity field, and joints that are locked.
+"""The layout of q and v: which entries belong to which joint, which have length 1, the columns of tables, and
+limits; options of loading a robot: its gravity field, and joints that are locked.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -41,6 +41,37 @@ class JointLayout:
         """Values as the entries of q, where one value of a continuous joint is its angle [rad]."""
         entries = np.atleast_1d(np.asarray(values, dtype=float))
         return np.append(np.cos(entries), np.sin(entries)) if self.kind == "cos-sin" and entries.size == 1 else entries
+
+
+def joint_columns(joints: Iterable[JointLayout], letter: str) -> list[tuple[str, str]]:
+    """The columns of "q", "v", "tau" or "a" in their order, each with its joint: q.JOINT, q.JOINT.0, q.JOINT.1, ..."""
+    columns = []
+    for joint in joints:
+        part = joint.q if letter == "q" else joint.v
+        size = part.stop - part.start
+        columns += [(f"{letter}.{joint.name}" + (f".{k}" if size > 1 else ""), joint.name) for k in range(size)]
+    return columns
+
+
+def columns_to_read(table: Iterable[str], joints: Iterable[JointLayout], letter: str) -> list[str]:
+    """The columns of some joints in a table with these columns: q0, q1, ... where it has one of them, else q.JOINT."""
+    by_joint = [column for column, _ in joint_columns(joints, letter)]
+    numbered = [f"{letter}{i}" for i in range(len(by_joint))]
+    return by_joint if set(numbered).isdisjoint(table) else numbered
+
+
+def read_columns(
+    table: Mapping[str, np.ndarray], joints: Iterable[JointLayout], letter: str
+) -> tuple[np.ndarray | None, list[str]]:
+    """The values (n, k) of some joints in a table, and the columns that lack for them.
+
+    Columns are q.JOINT, or q0, q1, ... of all joints, or the array q. The values are None where columns lack.
+    """
+    if letter in table:
+        return np.asarray(table[letter]), []
+    wanted = columns_to_read(table, joints, letter)
+    lacking = [column for column in wanted if column not in table]
+    return None if lacking else np.column_stack([table[column] for column in wanted]), lacking
 
 
 def _kind(joint: pin.JointModel) -> JointKind:

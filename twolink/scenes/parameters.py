@@ -21,9 +21,8 @@ from twolink.effects.effect import Effect
 from twolink.effects.inputs import Sampled
 from twolink.effects.switching import SwitchingEffect
 from twolink.errors import SceneError, nearest
-from twolink.io.tables import joint_columns
 from twolink.io.text import kebab_case
-from twolink.robots.joint_layout import turns
+from twolink.robots.joint_layout import joint_columns, turns
 from twolink.scenes.scene import Scene
 
 PREFIX = "effects."
@@ -38,7 +37,7 @@ _UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity
 class Parameter:
     """A number of a scene.
 
-    kind: of the initial state, of the robot, of an effect or of a table in one; of a sweep, see `sweeps.quantities`.
+    kind: of the initial state, of the robot, of an effect or of a table in one; of a sweep, see `sweeps.design`.
     nominal: the value in the scene. lowest: that it can have. unit, about: for people. entries: of q or v, those that
     it sets, two for the angle of a continuous joint; of a switch, the place of its effect. acts: whether it is an input
     of the equations of motion.

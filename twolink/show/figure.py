@@ -1,14 +1,15 @@
-"""Figures in one style: colours, axes, names, files; labels at the ends of lines; and eigenvalues."""
+"""Figures in one style: colours, axes, names, files; labels at the ends of lines; bars, lines and eigenvalues."""
 
 from __future__ import annotations
 
 import base64
 import functools
 import io
+import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -61,6 +62,51 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Save a figure as .png, .svg or .pdf. Returns the path. Raises ShowError."""
     kind = require_format(path, FORMATS, ShowError)[1:]
     return write_atomic(path, lambda file: figure.savefig(file, format=kind), error=ShowError)
+
+
+class Plotted:
+    """A result with a figure."""
+
+    @overload
+    def plot(self) -> Figure: ...
+
+    @overload
+    def plot(self, path: str | os.PathLike[str]) -> Path: ...
+
+    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
+        """Draw the result.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A .png, .svg or .pdf file.
+
+        Returns
+        -------
+        Path or matplotlib.figure.Figure
+            The path; without one the figure, which notebooks show.
+
+        Raises
+        ------
+        ShowError
+            There is nothing to draw, the file's ending is another one, or it cannot be written.
+
+        Notes
+        -----
+        What is drawn: of a trajectory, coordinates, velocities, energy and the error bar over time; of many worlds,
+        coordinates over time, or without samples at the end, coloured by what differs, and error bars; of an
+        explanation, the operations that each effect adds; of an energy balance, stored energy, works and losses over
+        time; of an accuracy study, seconds over error, a line a method, with the front and its prices; of a
+        linearization and of equilibria, the eigenvalues; of a periodic motion, the multipliers and the unit circle; of
+        a gradient, the derivatives and their error bars; of an optimum, the objective by evaluation; of an
+        identification and of a fit, residuals and the covariance of the two values that are correlated most, with all
+        intervals, or with the measured and fitted motion and the singular values.
+        """
+        figure = self._figure()
+        return figure if path is None else save_figure(figure, Path(path))
+
+    def _figure(self) -> Figure:
+        raise NotImplementedError
 
 
 def figure_html(figure: Figure) -> str:
@@ -176,10 +222,8 @@ def _cost(box: Box, offset: tuple[float, float], placed: list[Box], points: np.n
     return hidden + COVERED * covered + OUTSIDE * outside + FAR * (abs(offset[0]) / 2 + abs(offset[1])) / 4
 
 
-def plot_eigenvalues(
-    path: Path | None, title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False
-) -> Path | Figure:
-    """Draw eigenvalues (n,) with circles of their errors (n,). Returns the path; without one the figure.
+def plot_eigenvalues(title: str, values: np.ndarray, errors: np.ndarray, *, unit_circle: bool = False) -> Figure:
+    """Draw eigenvalues (n,) with circles of their errors (n,).
 
     unit_circle: what is stable is inside it (multipliers), else left of the imaginary axis.
     """
@@ -199,4 +243,30 @@ def plot_eigenvalues(
     axis.set_xlabel("real part" if unit_circle else "real part, 1/s")
     axis.set_ylabel("imaginary part" if unit_circle else "imaginary part, 1/s")
     axis.set_title(plain(title), fontsize=10)
-    return figure if path is None else save_figure(figure, path)
+    return figure
+
+
+def plot_bars(
+    title: str, unit: str, names: Sequence[str], values: Sequence[float], errors: Sequence[float] | None = None
+) -> Figure:
+    """Draw numbers (n,) with their errors (n,) as bars by name."""
+    figure, axes = new_figure(1, size=(6.0, 1.2 + 0.3 * len(names)))
+    axis = axes[0, 0]
+    axis.barh([plain(name) for name in names], values, xerr=errors, color=COLOURS[4], ecolor=COLOURS[6])
+    axis.invert_yaxis()
+    axis.set_xlabel(unit)
+    axis.set_title(plain(title), fontsize=10)
+    return figure
+
+
+def plot_lines(title: str, labels: tuple[str, str], x: np.ndarray, curves: Mapping[str, np.ndarray]) -> Figure:
+    """Draw curves (n,) by name over x (n,). labels: of the axes."""
+    figure, axes = new_figure(1, size=(6.4, 4.0))
+    axis = axes[0, 0]
+    for i, (name, values) in enumerate(curves.items()):
+        axis.plot(x, values, color=COLOURS[i % len(COLOURS)], label=plain(name))
+    axis.set_xlabel(labels[0])
+    axis.set_ylabel(labels[1])
+    axis.set_title(plain(title), fontsize=10)
+    axis.legend(frameon=False, fontsize=8)
+    return figure

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from twolink.robots.joint_layout import JointLayout, turns
 from twolink.robots.model import RobotModel
-from twolink.show.figure import COLOURS, label_right, new_figure, plain, save_figure
+from twolink.show.figure import COLOURS, label_right, new_figure, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,10 +50,9 @@ def plot_trajectory(
     curves: tuple[np.ndarray, np.ndarray, np.ndarray],
     energy: tuple[np.ndarray, np.ndarray],
     error: tuple[np.ndarray, np.ndarray | None],
-    path: Path | None,
     *,
     estimated: bool = False,
-) -> Path | Figure:
+) -> Figure:
     """Draw coordinates, velocities, energy and the error bar over time, one above the other.
 
     Angles, positions and quaternions have panels of their own. A joint has one colour in all of them, and its name
@@ -72,20 +70,12 @@ def plot_trajectory(
         Times (k,), s, and mechanical energy (k,), J.
     error : (t, bar)
         Times (n,), s, and the error bar (n,), rad or m; None when it was not verified.
-    path : Path or None
-        A .png, .svg or .pdf file; None to keep the figure.
     estimated : bool
         The error is an estimate and no bound.
 
     Returns
     -------
-    Path or Figure
-        The file, or the figure.
-
-    Raises
-    ------
-    ShowError
-        When the file cannot be written.
+    Figure
     """
     t, q, v = curves
     drawn = list(curves_of(robot, q, v))
@@ -107,7 +97,7 @@ def plot_trajectory(
     note = f"\nthe {len(joints)} of {moving} joints that move the most" if len(joints) < moving else ""
     figure.suptitle(plain(title) + note)
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines()] for axis in axes[:-2, 0]})
-    return figure if path is None else save_figure(figure, path)
+    return figure
 
 
 def curves_of(robot: RobotModel, q: np.ndarray, v: np.ndarray) -> Iterator[JointCurve]:
@@ -185,8 +175,7 @@ def plot_sensitivities(
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     along: tuple[np.ndarray, np.ndarray],
     moves: Mapping[str, np.ndarray],
-    path: Path | None,
-) -> Path | Figure:
+) -> Figure:
     """Draw a motion in a tube, and below it how far each parameter moves it, on a logarithmic axis.
 
     Parameters
@@ -199,17 +188,10 @@ def plot_sensitivities(
         The changes (n, nv, k) that make the tube; those of q in the tangent space.
     moves : mapping of names to ndarray (n,)
         How far each parameter moves q, rad or m.
-    path : Path or None
-        A .png, .svg or .pdf file; None to keep the figure.
 
     Returns
     -------
     Path or Figure
-
-    Raises
-    ------
-    ShowError
-        When the file cannot be written.
     """
     t, q, v = motion
     drawn, widths = list(curves_of(robot, q, v)), tube(robot, q, v, *along)
@@ -230,7 +212,7 @@ def plot_sensitivities(
     axes[-1, 0].set_xlim(t[0], t[-1] if t[-1] > t[0] else None)
     figure.suptitle(plain(title))
     label_right(figure, {axis: [(line, line.get_label()) for line in axis.get_lines()] for axis in axes[:, 0]})
-    return figure if path is None else save_figure(figure, path)
+    return figure
 
 
 def tube(robot: Robot, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray) -> list[np.ndarray]:
@@ -266,8 +248,7 @@ def plot_worlds(
     q: np.ndarray,
     varied: Mapping[str, np.ndarray],
     error: np.ndarray | None,
-    path: Path | None,
-) -> Path | Figure:
+) -> Figure:
     """Draw the coordinates of n worlds, and their error bars.
 
     Parameters
@@ -284,8 +265,6 @@ def plot_worlds(
         What differs between the worlds; the first one gives the colours.
     error : (n,) or None
         Their error bars, rad or m.
-    path : Path or None
-        A .png, .svg or .pdf file; None to keep the figure.
 
     Returns
     -------
@@ -314,7 +293,7 @@ def plot_worlds(
         axes[-1, 0].set_xlabel(plain(name))
     few = f", {len(some)} of them drawn" if len(some) < count else ""
     figure.suptitle(plain(f"{title}: {count} worlds{few}"))
-    return figure if path is None else save_figure(figure, path)
+    return figure
 
 
 def _panels(robot: RobotModel, q: np.ndarray) -> dict[str, np.ndarray]:

@@ -27,8 +27,15 @@ from twolink.io.files import write_atomic
 from twolink.io.tables import require_format
 from twolink.show.meshcat_scene import require_pieces, scene_nodes
 from twolink.show.meshcat_shapes import Floats, Json
-from twolink.show.motion_samples import check_motion, resample
-from twolink.show.viewer_data import Contacts, contact_data, joint_frames, motion_data, robot_data
+from twolink.show.viewer_data import (
+    Contacts,
+    check_motion,
+    contact_data,
+    joint_frames,
+    motion_data,
+    resample,
+    robot_data,
+)
 
 VIEWER = Path(__file__).with_name("viewer")
 _MODULES = ("elements", "motion", "robot", "overlays", "stage", "timeline", "viewer")  # each after those it imports

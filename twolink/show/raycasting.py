@@ -231,7 +231,7 @@ def _triangle_mesh(scene: Any, triangles: NDArray[np.float32]) -> Any:
     return TriangleMesh(scene, triangles)
 
 
-class _Group(NamedTuple):
+class _ArrowGroup(NamedTuple):
     """Arrows of one colour in each of n pictures: k points and forces, NaN where there is none."""
 
     colour: tuple[int, int, int]
@@ -263,7 +263,7 @@ class Arrows:
         for acting, colour in ((contacts, CONTACT_COLOUR), (forces, FORCE_COLOUR)):
             if acting:
                 points, newtons = (np.concatenate(both, axis=1) for both in zip(*acting.values(), strict=True))
-                self._groups.append(_Group(colour, points[rows], newtons[rows], _strongest(newtons)))
+                self._groups.append(_ArrowGroup(colour, points[rows], newtons[rows], _strongest(newtons)))
 
     def over(self, image: Image, k: int) -> Image:
         """Picture k (height, width, 3) with its arrows."""

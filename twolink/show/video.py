@@ -15,10 +15,9 @@ from twolink.io.progress import Report
 from twolink.io.tables import require_format
 from twolink.show.figure import COLOURS, new_figure, plain
 from twolink.show.meshcat_scene import look_at, poses, require_pieces
-from twolink.show.motion_samples import check_motion, resample, time_digits
 from twolink.show.raycasting import CONTACT_COLOUR, FORCE_COLOUR, Arrows, Camera, Picture
 from twolink.show.surfaces import Floats, surfaces
-from twolink.show.viewer_data import Contacts
+from twolink.show.viewer_data import Contacts, check_motion, resample, time_digits
 
 FORMATS = (".mp4", ".webm", ".gif", ".png")
 CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.scene_equations import equations_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted, plot_lines
 from twolink.simulation.scene_run import simulate
 from twolink.simulation.text import Result
 from twolink.simulation.trajectory import Trajectory
@@ -38,7 +38,7 @@ NODES = 6  # of Gauss's quadrature between two samples
 
 
 @dataclass(frozen=True, repr=False)
-class EnergyBalance(Result):
+class EnergyBalance(Result, Plotted):
     """The energy balance at the samples t (n,) [s]; all in J.
 
     run: the trajectory. stored (n,): kinetic and potential energy. work: of each effect since the start, by its name,
@@ -70,14 +70,10 @@ class EnergyBalance(Result):
             "residual": float(np.abs(self.residual).max()),
         }
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw stored energy, works and losses over time into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_lines
-
+    def _figure(self) -> Figure:
         curves = {"stored": self.stored - self.stored[0], **self.work, "impacts and releases": -self.lost}
-        return plot_lines(
-            path, self.run.title or self.run.robot.name, ("t (s)", "energy since the start (J)"), self.t, curves
-        )
+        title = self.run.title or self.run.robot.name
+        return plot_lines(title, ("t (s)", "energy since the start (J)"), self.t, curves)
 
     def __str__(self) -> str:
         entries = {"stored, at first": self.stored[0], **{name: w[-1] for name, w in self.work.items()}}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +27,7 @@ from twolink.integrate.taylor_code import Precision
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import Plotted, plot_bars
 from twolink.simulation.refinement import DIGITS, PATIENCE, first_choice, precisions_of
 from twolink.simulation.sampling import duration_for, formerly, sample_times, with_ends
 from twolink.simulation.text import Result
@@ -54,7 +54,7 @@ class Share:
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation(Result):
+class Explanation(Result, Plotted):
     """How a scene is computed.
 
     Parameters
@@ -102,13 +102,10 @@ class Explanation(Result):
     duration: float
     expected_seconds: float
 
-    def plot(self, path: str | Path | None = None) -> Path | Figure:
-        """Draw the operations that each effect adds into a .png, .svg or .pdf; without a path the figure."""
-        from twolink.show.result_plot import plot_bars
-
+    def _figure(self) -> Figure:
         names, counts = [share.effect for share in self.shares], [share.operations for share in self.shares]
         title = f"{self.scene}: {self.operations} operations an evaluation"
-        return plot_bars(path, title, "operations that the effect adds", names, counts)
+        return plot_bars(title, "operations that the effect adds", names, counts)
 
     def __repr__(self) -> str:
         lines = [

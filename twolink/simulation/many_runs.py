@@ -18,6 +18,7 @@ from twolink.io.tables import write_table
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
+from twolink.show.figure import Plotted
 from twolink.simulation.cost import Cost
 from twolink.simulation.text import Result, as_data
 from twolink.simulation.trajectory import Trajectory
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Worlds(Result):
+class Worlds(Result, Plotted):
     """Where many worlds ended. `len` is their number; `worlds[i]` is the run of one of them, at the samples kept.
 
     Parameters
@@ -166,24 +167,7 @@ class Worlds(Result):
         """Write the columns, one row a world, to .csv, .parquet or .npz; all keep every digit. Returns the path."""
         return write_table(Path(path), self.columns(), {"title": self.scene.title, "robot": self.robot.name})
 
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
-        """Draw all worlds: coordinates over time, or without samples at the end, coloured by what differs; error bars.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path or matplotlib.figure.Figure
-            The path; without one the figure, which notebooks show.
-
-        Raises
-        ------
-        ShowError
-            The file cannot be written.
-        """
+    def _figure(self) -> Figure:
         from twolink.show.motion_plots import plot_worlds
 
         before = self.samples_t < self.t
@@ -192,7 +176,7 @@ class Worlds(Result):
         q[-1, self.ends < self.t] = np.nan  # of an earlier time
         at_end = None if len(self.samples_t) else self.q
         return plot_worlds(self.robot, self.scene.title or self.robot.name, t, q if at_end is None else self.q[None],
-                           self.varied(), self.error, None if path is None else Path(path))  # fmt: skip
+                           self.varied(), self.error)  # fmt: skip
 
     def __repr__(self) -> str:
         met = self.within_accuracy

@@ -20,6 +20,7 @@ from twolink.integrate.solution import Progress
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
+from twolink.show.figure import save_figure
 from twolink.simulation.error_bar import ROUNDING, SLACK, error_bar
 from twolink.simulation.sampling import duration_for, formerly, only_at, sample_times, with_ends
 from twolink.simulation.scene_run import run_of
@@ -115,8 +116,8 @@ class Sensitivities(Result):
         run, along = self.run, (steps[shown] * self.q[shown], steps[shown] * self.v[shown])
         words = f"{shown} ± {100 * change:g} %" if self.values.get(shown) else f"{shown} ± {change:g}"
         title = f"{run.title or run.robot.name}\n{words}"
-        file = None if path is None else Path(path)
-        return plot_sensitivities(run.robot, title, (run.t, run.q, run.v), along, moves, file)
+        figure = plot_sensitivities(run.robot, title, (run.t, run.q, run.v), along, moves)
+        return figure if path is None else save_figure(figure, Path(path))
 
     def __repr__(self) -> str:
         worst = max((float(bar[-1]) for bar in self.error.values()), default=0.0)

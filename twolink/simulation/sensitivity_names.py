@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from twolink.algorithms.differences import derivative
+from twolink.algorithms.dual_numbers import derivative
 from twolink.effects.loops import Loop
 from twolink.errors import SceneError
 from twolink.integrate.assembly import RANK, assembled

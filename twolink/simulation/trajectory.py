@@ -21,6 +21,7 @@ from twolink.integrate.event import Event
 from twolink.io.tables import write_table
 from twolink.io.text import facts_html
 from twolink.scenes import Scene
+from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
@@ -38,7 +39,7 @@ SHOWN_EVENTS = 5  # in notebooks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Result):
+class Trajectory(Result, Plotted):
     """A motion and how far it can be trusted.
 
     Parameters
@@ -327,37 +328,14 @@ class Trajectory(Result):
                    recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
                    recorded_contacts=samples.contacts, recorded_forces=samples.forces)  # fmt: skip
 
-    @overload
-    def plot(self) -> Figure: ...
-
-    @overload
-    def plot(self, path: str | os.PathLike[str]) -> Path: ...
-
-    def plot(self, path: str | os.PathLike[str] | None = None) -> Path | Figure:
-        """Draw coordinates, velocities, energy and the error bar over time.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            A .png, .svg or .pdf file.
-
-        Returns
-        -------
-        Path or matplotlib.figure.Figure
-            The path; without one the figure, which notebooks show.
-
-        Raises
-        ------
-        ShowError
-            The file's ending is another one, or it cannot be written.
-        """
+    def _figure(self) -> Figure:
         from twolink.show.motion_plots import plot_trajectory
 
         title = self.title or f"{self.robot.name}: {self.end:g} s"
         at = None if self.solution is None else self.at
         curves, energy = tables.drawn_curves(self._samples, at, self.robots)
         return plot_trajectory(self.robot, title, curves, energy, (self.t, self.error),
-                               None if path is None else Path(path), estimated=self.estimated)  # fmt: skip
+                               estimated=self.estimated)  # fmt: skip
 
     @overload
     def playback(self, *, speed: float | None = ..., trails: Sequence[str] | None = ...,
@@ -483,7 +461,7 @@ class Trajectory(Result):
                   on_skipped=on_skipped or _log_skipped)  # fmt: skip
 
     def _speed(self, speed: float | None) -> float:
-        from twolink.show.motion_samples import usual_speed
+        from twolink.show.viewer_data import usual_speed
 
         return usual_speed(float(self.t[-1] - self.t[0])) if speed is None else speed
 

@@ -11,7 +11,8 @@ from twolink.dynamics import Robot
 from twolink.dynamics.robot_record import find_robot, require_same
 from twolink.errors import AccuracyError, SceneError, import_extra, require_known
 from twolink.integrate.event import Event
-from twolink.io.tables import joint_columns, read_table
+from twolink.io.tables import read_table
+from twolink.robots.joint_layout import joint_columns
 
 EXTRA = "sweeps"  # of twolink, which installs xarray and pandas
 # Before the names of contacts and of forces on links, for columns (n, 6 k); the name of a note.

@@ -5,11 +5,9 @@ of every run; figures and tables of it. This room knows no command line and no s
 """
 
 from twolink.sweeps.design import make_design, planned_runs
-from twolink.sweeps.plot import plot_sweep
-from twolink.sweeps.results import SweepStatus, sweep_frame, sweep_status, write_sweep_table
+from twolink.sweeps.results import SweepStatus, plot_sweep, sweep_frame, sweep_status, write_sweep_table
 from twolink.sweeps.runs import run_scene
-from twolink.sweeps.studies import bundled_studies, load_study, run_study, study_of
-from twolink.sweeps.sweeping import open_sweep, sweep
+from twolink.sweeps.sweeping import bundled_studies, load_study, open_sweep, run_study, study_of, sweep
 
 __all__ = ["SweepStatus", "bundled_studies", "load_study", "make_design", "open_sweep", "planned_runs", "plot_sweep",
            "run_scene", "run_study", "study_of", "sweep", "sweep_frame", "sweep_status",

@@ -23,7 +23,7 @@ GONE_AFTER = 30.0  # s: without a scheduler
 LOOK = 2.0  # s: between two looks at the number of workers
 
 
-class Engine:
+class BlockEngine:
     """What computes tasks.
 
     submit: gives a future of a task's columns. width: how many workers there are. restart: after workers died. check:
@@ -49,7 +49,7 @@ class Engine:
         """End what is ours."""
 
 
-class LocalProcesses(Engine):
+class LocalProcesses(BlockEngine):
     """Processes of this machine, one thread each. They end with this one, however it ends."""
 
     def __init__(self, workers: int | None = None) -> None:
@@ -116,7 +116,7 @@ class _Spawn(SpawnContext):
     Process = _SpawnProcess
 
 
-class Futures(Engine):
+class Futures(BlockEngine):
     """An executor of the caller: submitit's, mpi4py's, a pool."""
 
     def __init__(self, executor: Executor) -> None:
@@ -128,7 +128,7 @@ class Futures(Engine):
         return self._executor.submit(compute, task)
 
 
-class Dask(Engine):
+class Dask(BlockEngine):
     """A Dask cluster. client: the caller's, or an address."""
 
     def __init__(self, client: Any) -> None:
@@ -176,9 +176,9 @@ def cluster_lost() -> TwolinkError:
 
 
 @contextlib.contextmanager
-def engine_of(executor: Any, workers: int | None) -> Iterator[Engine]:
+def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
     """The engine for None, a Dask client or its address, or an executor. Raises SceneError for anything else."""
-    engine: Engine
+    engine: BlockEngine
     if executor is None:
         engine = LocalProcesses(workers)
     elif isinstance(executor, str) or _is_client(executor):

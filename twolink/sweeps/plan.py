@@ -8,7 +8,6 @@ import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import msgspec
@@ -17,42 +16,13 @@ from twolink._version import __version__
 from twolink.dynamics.robot_record import robot_notes
 from twolink.effects.effect import plain
 from twolink.errors import SceneError
+from twolink.io.fingerprints import processor, versions
 from twolink.scenes import Scene
-from twolink.sweeps.design import RUN, Block, Design, block_shape
+from twolink.sweeps.design import OF_VARIANTS, RUN, Block, Design, block_shape
 from twolink.sweeps.outputs import Request, Variable, variables
-from twolink.sweeps.quantities import OF_VARIANTS
 from twolink.sweeps.runs import Columns, Task, ways
 
 LIBRARIES = ("pin", "heyoka", "numpy", "scipy", "zarr", "xarray")
-
-
-def origin() -> dict[str, Any]:
-    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
-    return {"twolink": __version__, "versions": _versions(), "machine": f"{platform.machine()}, {_processor()}",
-            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
-            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    found = {}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = ""
-    return found
-
-
-@functools.cache
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            return next((line.partition(":")[2].strip() for line in file if line.startswith("model name")), "")
-    except OSError:
-        return platform.processor()
-
-
 BATCH, SINGLE = 4096, 64  # runs of a block at most
 LEAST_BATCH = 64  # fewer do not fill the vectors of a batch
 PARTS = 32  # blocks at least, so that workers end together
@@ -61,8 +31,15 @@ LONGEST_NAME = 200  # bytes
 WAYS_FROM = 4096  # runs of which the ways are told
 
 
+def origin() -> dict[str, Any]:
+    """Versions, machine (kind of processor and system, no names) and the time (UTC)."""
+    return {"twolink": __version__, "versions": versions(LIBRARIES), "machine": f"{platform.machine()}, {processor()}",
+            "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+            "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())}  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
-class Plan:
+class SweepPlan:
     """A sweep: the scene, its runs, and what is kept of them. sizes: of a block along each dimension."""
 
     scene: Scene
@@ -107,7 +84,7 @@ class Plan:
         return _ways(self.scene, self.request, self.design, WAYS_FROM)
 
 
-def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> Plan:
+def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None) -> SweepPlan:
     """The plan. chunk: the number of runs of a block; by default what keeps workers busy. Raises SceneError."""
     if "robot" in design.quantities:
         _check_robots(design, request)
@@ -122,7 +99,7 @@ def make_plan(scene: Scene, design: Design, request: Request, chunk: int | None)
         chunk = max(1, min(most, max(least, -(-design.runs // PARTS)), MAX_NUMBERS // numbers))
     elif not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
         raise SceneError(f"expected a number of runs, got {chunk!r}", argument="chunk", remedy="such as 1000")
-    return Plan(scene, design, request, block_shape(design.shape, chunk))
+    return SweepPlan(scene, design, request, block_shape(design.shape, chunk))
 
 
 def _check_robots(design: Design, request: Request) -> None:

@@ -26,7 +26,7 @@ from twolink.simulation.sampling import sample_times
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.world_solving import can_be_finer
 from twolink.simulation.worlds import differs_beyond_numbers, simulate_many
-from twolink.sweeps.design import Design
+from twolink.sweeps.design import OF_VARIANTS, Design, RunInputs, renamed, run_inputs, variant
 from twolink.sweeps.outputs import (
     DONE,
     FAILED,
@@ -37,7 +37,6 @@ from twolink.sweeps.outputs import (
     function_of,
     variables,
 )
-from twolink.sweeps.quantities import OF_VARIANTS, RunInputs, renamed, run_inputs, variant
 
 SAMPLED = 200.0  # samples a second of runs that functions get, as `simulate` has them
 LONGEST_REASON = 300
@@ -101,7 +100,7 @@ def _compute(scene: Scene, task: Task) -> Columns:
         except TwolinkError as error:  # an effect does not fit the robot, or there is no such robot
             out["status"][rows], out["reason"][rows] = FAILED, str(error)[:LONGEST_REASON]
             continue
-        group = _Group(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
+        group = _VariantRuns(request, run_inputs(own, of.off, of.accuracy, quantities, some), kinds, out, rows)
         (_batch if way(own, of, request, quantities)[0] else _one_by_one)(group, np.arange(len(rows)))
     return out
 
@@ -157,7 +156,7 @@ def ways(scene: Scene, request: Request, quantities: dict[str, Parameter], value
 
 
 @dataclass(frozen=True, eq=False)
-class _Group:
+class _VariantRuns:
     """Runs of one variant, and where their results go: the rows (n,) of `out`."""
 
     request: Request
@@ -178,7 +177,7 @@ class _Group:
         self.put(np.array([i]), status=FAILED, reason=" ".join(text.split())[:LONGEST_REASON])
 
 
-def _batch(group: _Group, some: np.ndarray) -> None:
+def _batch(group: _VariantRuns, some: np.ndarray) -> None:
     """Solve some of the runs in one batch; where that is refused, in two halves, down to the run that is."""
     asked, own, times = group.request, group.inputs, group.request.times
     parameters = {name: numbers[some] for name, numbers in own.parameters.items()}
@@ -212,7 +211,7 @@ def _batch(group: _Group, some: np.ndarray) -> None:
         group.put(some, q_samples=q.swapaxes(0, 1), v_samples=v.swapaxes(0, 1))
 
 
-def _one_by_one(group: _Group, some: np.ndarray) -> None:
+def _one_by_one(group: _VariantRuns, some: np.ndarray) -> None:
     """Solve some of the runs one after the other."""
     asked = group.request
     times = asked.times
@@ -227,7 +226,7 @@ def _one_by_one(group: _Group, some: np.ndarray) -> None:
             group.fail(int(i), error)
 
 
-def _one(group: _Group, i: int, times: np.ndarray) -> None:
+def _one(group: _VariantRuns, i: int, times: np.ndarray) -> None:
     asked, own = group.request, group.inputs
     values = {name: float(numbers[i]) for name, numbers in own.parameters.items()}
     scene = scene_with(own.scene, values) if values else own.scene
@@ -255,7 +254,7 @@ def _one(group: _Group, i: int, times: np.ndarray) -> None:
     group.put(here, status=status, reason=reason)
 
 
-def _put_samples(group: _Group, i: int, run: Trajectory) -> None:
+def _put_samples(group: _VariantRuns, i: int, run: Trajectory) -> None:
     """The samples of a run; missing behind the event that ended it."""
     times = np.array(group.request.t_eval)
     reached = np.flatnonzero(np.isin(times, run.t))

@@ -18,7 +18,7 @@ import numpy as np
 from twolink.errors import SceneError, TwolinkError, import_extra
 from twolink.sweeps.design import RUN, Block, blocks
 from twolink.sweeps.outputs import PENDING, TEXT, coordinates
-from twolink.sweeps.plan import Plan, difference, dimension_of, origin
+from twolink.sweeps.plan import SweepPlan, difference, dimension_of, origin
 
 EXTRA = "sweeps"
 FORMAT = 1
@@ -28,7 +28,7 @@ Columns = dict[str, np.ndarray]
 class SweepStore:
     """The store of a plan. Its arrays by name; path: its folder."""
 
-    def __init__(self, path: Path, plan: Plan, group: Any) -> None:
+    def __init__(self, path: Path, plan: SweepPlan, group: Any) -> None:
         self.path, self.plan, self._group = path, plan, group
         self._arrays = {variable.name: group[variable.name] for variable in plan.variables}
         chunks = self._arrays["status"].chunks
@@ -104,7 +104,7 @@ class SweepStore:
                     os.close(handle)
 
 
-def open_store(path: Path, plan: Plan) -> SweepStore:
+def open_store(path: Path, plan: SweepPlan) -> SweepStore:
     """The store of a plan: a new one, the old one, or the old one extended by new values.
 
     Raises
@@ -152,7 +152,7 @@ def _beside(path: Path, what: str) -> Path:
     return path.with_name(f".{path.name}.{what}")
 
 
-def _create(zarr: Any, path: Path, plan: Plan) -> Any:
+def _create(zarr: Any, path: Path, plan: SweepPlan) -> Any:
     """A new store without results: made beside the path, then moved there whole."""
     made = _beside(path, "new")
     shutil.rmtree(made, ignore_errors=True)
@@ -165,7 +165,7 @@ def _create(zarr: Any, path: Path, plan: Plan) -> Any:
     return zarr.open_group(str(path), mode="r+")
 
 
-def _fill_new(zarr: Any, path: Path, plan: Plan, before: Mapping[str, Any] | None = None) -> Any:
+def _fill_new(zarr: Any, path: Path, plan: SweepPlan, before: Mapping[str, Any] | None = None) -> Any:
     """A store without results. before: the record of the store whose results it will have."""
     design, robot = plan.design, plan.scene.robot
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -230,7 +230,7 @@ def _first_places(path: Path, name: str, old: np.ndarray, new: np.ndarray) -> np
 
 
 def _extended(
-    zarr: Any, path: Path, plan: Plan, old: Any, record: Mapping[str, Any], places: list[np.ndarray]
+    zarr: Any, path: Path, plan: SweepPlan, old: Any, record: Mapping[str, Any], places: list[np.ndarray]
 ) -> SweepStore:  # fmt: skip
     """A store with the old results at their places among the new ones, which replaces the old store."""
     made, before = _beside(path, "new"), _beside(path, "before")

@@ -1,23 +1,29 @@
-"""sweep: many runs of a scene into a store."""
+"""sweep: many runs of a scene into a store; and studies, sweeps as TOML files, from a path or bundled with twolink."""
 
 import dataclasses
 import logging
+import math
 import os
+import tomllib
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from numpy.typing import ArrayLike
 
-from twolink.errors import SceneError, import_extra, require_extra
+from twolink.errors import SceneError, import_extra, nearest, require_extra
 from twolink.io.progress import Report
-from twolink.scenes import Scene
+from twolink.io.text import read_text, split_path
+from twolink.scenes import Scene, load_scene
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.sampling import duration_for, formerly, sample_times
+from twolink.simulation.trajectory import Trajectory
 from twolink.sweeps.design import make_design
-from twolink.sweeps.engines import Engine, engine_of
+from twolink.sweeps.engines import BlockEngine, engine_of
 from twolink.sweeps.outputs import Request, check_outputs
-from twolink.sweeps.plan import Plan, make_plan
+from twolink.sweeps.plan import SweepPlan, make_plan
 from twolink.sweeps.runs import compute
 from twolink.sweeps.store import EXTRA, locked, open_store, read_record
 from twolink.sweeps.working import work
@@ -133,7 +139,7 @@ def sweep(
     return open_sweep(path)
 
 
-def _compile(plan: Plan, engine: Engine) -> None:
+def _compile(plan: SweepPlan, engine: BlockEngine) -> None:
     """Compile what runs need, once: workers load it.
 
     Of batches here, by a part of the first run. Other runs need a whole one to meet all their modes; a worker takes it,
@@ -164,3 +170,87 @@ def open_sweep(path: str | os.PathLike[str]) -> Any:
     xarray = import_extra("xarray", EXTRA)
     read_record(Path(path))
     return xarray.open_zarr(str(path), consolidated=False, chunks=None)
+
+
+def landing(run: Trajectory) -> float:
+    """Where the ball of a pitch lands, m; NaN where it does not."""
+    if not any(event.what == "landed" for event in run.events):
+        return math.nan
+    return float(run.robot.frame_pose(run.robot.normalize(run.q[-1]), "ball")[1][0])
+
+
+MAX_BYTES = 2**20
+REMEDY = "give ranges in place of long lists"
+
+
+class SweepFigure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the figure of a study shows: the arguments of `plot_sweep`."""
+
+    variable: str = ""
+    turns: bool = False
+
+
+class SweepStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A sweep: the arguments of `sweep`, and its figure."""
+
+    scene: str
+    vary: dict[str, Any]
+    title: str = ""
+    accuracy: float = 1e-6
+    duration: float | None = None
+    design: str = "grid"
+    count: int | None = None
+    seed: int = 0
+    outputs: tuple[str, ...] = ("final",)
+    t_eval: tuple[float, ...] | None = None
+    samples_per_second: float = 200.0
+    figure: SweepFigure = SweepFigure()
+
+
+def bundled_studies() -> tuple[str, ...]:
+    """The names of the studies that come with twolink."""
+    folder = resources.files("twolink.sweeps") / "bundled"
+    return tuple(sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml")))
+
+
+def load_study(source: str) -> SweepStudy:
+    """A bundled study by its name, or one from a TOML file. Raises SceneError, code "unknown-study" or "schema"."""
+    if source.endswith(".toml"):
+        text = read_text(Path(source), SceneError, MAX_BYTES, REMEDY)
+    elif source in bundled_studies():
+        text = (resources.files("twolink.sweeps") / "bundled" / f"{source}.toml").read_text(encoding="utf-8")
+    else:
+        raise SceneError(f"there is no study {source!r}", argument="source", code="unknown-study",
+                         remedy=f"{nearest(source, bundled_studies())} (a file's name ends in .toml)")  # fmt: skip
+    try:
+        study = msgspec.convert(_content(text, source), SweepStudy)
+    except msgspec.ValidationError as error:
+        what, path = split_path(str(error))
+        raise SceneError(what, where=f"{source}: {path}".rstrip(": "), remedy="see a bundled study for an example",
+                         code="schema") from None  # fmt: skip
+    beside = Path(source).parent / study.scene
+    return msgspec.structs.replace(study, scene=str(beside)) if study.scene.endswith(".toml") else study
+
+
+def _content(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:
+        raise SceneError(f"not TOML: {error}", where=source, remedy="check that line", code="not-toml") from None
+
+
+def study_of(source: str) -> SweepStudy:
+    """A study by its name or file; or one of a scene in which nothing varies yet."""
+    if source in bundled_studies():
+        return load_study(source)
+    if source.endswith(".toml") and "vary" in _content(read_text(Path(source), SceneError, MAX_BYTES, REMEDY), source):
+        return load_study(source)
+    return SweepStudy(source, {})
+
+
+def run_study(study: SweepStudy, out: str | os.PathLike[str], **options: Any) -> Any:
+    """Run a study into a store; options: executor, workers, chunk and progress of `sweep`. Returns its Dataset."""
+    given = msgspec.structs.asdict(study)
+    for name in ("scene", "title", "figure"):
+        del given[name]
+    return sweep(load_scene(study.scene), out=out, **given, **options)

@@ -12,9 +12,9 @@ import numpy as np
 from twolink.errors import TwolinkError
 from twolink.io.progress import Report
 from twolink.sweeps.design import Block
-from twolink.sweeps.engines import Engine, cluster_lost
+from twolink.sweeps.engines import BlockEngine, cluster_lost
 from twolink.sweeps.outputs import ABANDONED
-from twolink.sweeps.plan import Plan
+from twolink.sweeps.plan import SweepPlan
 from twolink.sweeps.runs import Columns, Task
 from twolink.sweeps.store import SweepStore
 
@@ -46,9 +46,9 @@ class _Block:
 class _Work:
     """The blocks of a store on their way through an engine."""
 
-    def __init__(self, store: SweepStore, engine: Engine, report: Report, done: int) -> None:
+    def __init__(self, store: SweepStore, engine: BlockEngine, report: Report, done: int) -> None:
         self.store, self.engine, self.report = store, engine, report
-        self.plan: Plan = store.plan
+        self.plan: SweepPlan = store.plan
         self.done, self.begun, self.begin = done, done, time.monotonic()
         self.again: deque[_Part] = deque()  # to be tried again, one after the other
         self.under_way: dict[Any, _Part] = {}
@@ -166,7 +166,7 @@ def _finished(futures: Collection[Any]) -> set[Any]:
     return done
 
 
-def work(store: SweepStore, engine: Engine, report: Report) -> None:
+def work(store: SweepStore, engine: BlockEngine, report: Report) -> None:
     """Compute and write all runs of a store that are pending.
 
     Raises

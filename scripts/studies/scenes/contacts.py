@@ -1,6 +1,6 @@
 """Random scenes with contacts, by kinds, for the study of silent wrong numbers.
 
-billiard, spin, incline: with exact motions, see `contact_motions`. Without:
+billiard, spin, incline: with exact motions, see `motions`. Without:
 tumble    a block, capsule, cylinder or convex body that falls on the ground
 edges     a ball that falls on a fixed box, cylinder, capsule or ball
 arm       an arm of 2 or 3 joints that hits a table, or itself
@@ -19,21 +19,23 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from scripts.studies.scenes.contact_motions import billiard, incline, spin
-from scripts.studies.scenes.contact_parts import (
-    LINK,
+from scripts.studies.scenes.motions import billiard, incline, spin
+from scripts.studies.scenes.robots import (
     Case,
     Moments,
     Truth,
     accuracy_of,
+    body,
     direction,
     free_robot,
+    gravity,
     law,
     reach,
+    robot_of,
     times,
     turn,
+    uniform,
 )
-from scripts.studies.scenes.robots import JOINT, LIMIT, gravity, uniform
 from twolink import effects as fx
 from twolink.robots.collisions import AnyShape
 
@@ -91,21 +93,20 @@ def edges(random: np.random.Generator) -> Case:
 def arm(random: np.random.Generator) -> Case:
     """Links of spheres and capsules on hinges, over a table; the last one's end and the others may hit it."""
     count, planar = int(random.integers(2, 4)), random.random() < 0.5
-    text, shapes, before = '<link name="world"/>', {}, 0.0
+    text, shapes, before = "", {}, 0.0
     for k in range(count):
         length, radius = uniform(random, 0.25, 0.5), uniform(random, 0.03, 0.06)
         mass = uniform(random, 0.3, 3.0)
-        text += LINK.format(name=f"l{k}", com=f"0 0 {-length / 2}", mass=mass,
-                            i=(mass * length**2 / 9, mass * length**2 / 9, mass * radius**2))  # fmt: skip
         axis = "0 1 0" if planar else " ".join(map(repr, map(float, direction(random))))
-        text += JOINT.format(name=f"j{k}", kind="revolute", parent=f"l{k - 1}" if k else "world", child=f"l{k}",
-                             at=f"0 0 {-before}", axis=axis, limit=LIMIT)  # fmt: skip
+        text += body(f"l{k}", mass, (mass * length**2 / 9, mass * length**2 / 9, mass * radius**2), "revolute", f"j{k}",
+                     parent=f"l{k - 1}" if k else "world", com=f"0 0 {-length / 2}", at=f"0 0 {-before}",
+                     axis=axis)  # fmt: skip
         kind = str(random.choice(["sphere", "capsule", "box"]))
         middle, end = (0.0, 0.0, -length / 2), (0.0, 0.0, -length)
         shapes[f"l{k}"] = ({"sphere": fx.Sphere(radius, end), "capsule": fx.Capsule(radius, length, middle),
                             "box": fx.Box((radius, 2 * radius, 2 * radius), end)}[kind],)  # fmt: skip
         before = length + 0.02
-    robot = tl.load_robot(f'<robot name="arm">{text}</robot>')
+    robot = robot_of(text)
     q, v = random.uniform(0.5, 1.6, count) * random.choice([-1, 1]), random.uniform(-3, 3, count)
     high = min(-uniform(random, 0.1, 0.7), lowest(robot, q, shapes) - 0.02)
     table = fx.Plane(height=high)

@@ -24,17 +24,16 @@ import mpmath as mp
 import numpy as np
 
 import twolink as tl
-from scripts.studies.scenes.events import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
+from scripts.studies.scenes.motions import Motion, between_stops, bouncing_ball, elastic_ball, stick_slip
 from scripts.studies.scenes.robots import (
-    JOINT,
-    LIMIT,
-    LINK,
+    body,
     constants,
     double_pendulum,
     frequency,
     gravity,
     pendulum,
     random_scene,
+    robot_of,
     rods_text,
     slider,
     uniform,
@@ -237,10 +236,7 @@ def whirling(random: np.random.Generator) -> Case:
 def free_body(random: np.random.Generator) -> Case:
     """A body on a planar joint that turns evenly, while its centre of mass moves on a parabola."""
     x, y = (float(k) / 16 for k in random.integers(-8, 9, 2))
-    text = LINK.format(name="body", com=f"{x} {y} 0", mass=1.0, i=0.25) + JOINT.format(
-        name="joint", kind="planar", parent="world", child="body", at="0 0 0", axis="0 0 1", limit=LIMIT
-    )
-    robot = tl.load_robot(f'<robot name="plate"><link name="world"/>{text}</robot>')
+    robot = robot_of(body("body", 1.0, 0.25, "planar", com=f"{x} {y} 0"))
     vx, vy, rate = (float(k) / 16 for k in random.integers(-32, 33, 3))
     g = float(random.integers(0, 3)) * 2.5
 
@@ -264,11 +260,8 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
     plain = tl.Scene(tree, q0, effects=[gravity(g)])
     text, closing = rods_text(chain), []
     for k, weight in enumerate(weights, 1):
-        text += f'<link name="rail{k}"/>' + LINK.format(name=f"weight{k}", com="0 0 0", mass=weight, i=0.0625)
-        text += JOINT.format(name=f"x{k}", kind="prismatic", parent="world", child=f"rail{k}", at="0 0 0",
-                             axis="1 0 0", limit=LIMIT)  # fmt: skip
-        text += JOINT.format(name=f"z{k}", kind="prismatic", parent=f"rail{k}", child=f"weight{k}", at="0 0 0",
-                             axis="0 0 1", limit=LIMIT)  # fmt: skip
+        text += body(f"rail{k}", 0.0, 0.0, "prismatic", f"x{k}", axis="1 0 0")
+        text += body(f"weight{k}", weight, 0.0625, "prismatic", f"z{k}", parent=f"rail{k}")
         closing.append(fx.PointLoop(f"rod{k}", f"weight{k}", point_a=(0.0, 0.0, -1.0)))
 
     def everything(angles: np.ndarray) -> np.ndarray:
@@ -276,7 +269,7 @@ def gantry(shared: np.random.Generator, random: np.random.Generator, rods: int, 
         x, z = -np.cumsum(np.sin(absolute), axis=1), -np.cumsum(np.cos(absolute), axis=1)
         return np.concatenate([angles, np.stack([x, z], axis=2).reshape(len(angles), -1)], axis=1)
 
-    robot = tl.load_robot(f'<robot name="gantry"><link name="world"/>{text}</robot>')
+    robot = robot_of(text)
     places = [joint.q.start for name in _names(rods) for joint in robot.joints if joint.name == name]
     q = np.empty(robot.nq)
     q[places] = everything(q0[None])[0]

@@ -1,6 +1,8 @@
-"""Robots of the scenes: pendulums, sliders and rods, whose motions are known, and random chains and trees."""
+"""Parts of the scenes: robots whose motions are known, random chains and trees, free bodies, and random numbers."""
 
 import functools
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import mpmath as mp
 import numpy as np
@@ -8,11 +10,9 @@ import numpy as np
 import twolink as tl
 from twolink import effects as fx
 from twolink.hard import truths
+from twolink.robots.collisions import AnyShape
 
-LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
-<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>
-<axis xyz="{axis}"/>{limit}</joint>"""
+Moments = tuple[float, float, float]
 LIMIT = '<limit lower="-1e6" upper="1e6" effort="1e6" velocity="1e6"/>'
 
 
@@ -23,41 +23,51 @@ FLOATING = 0.15  # the share of robots with a floating base, which have 1 or 2 j
 GRAVITY = 0.8
 
 
+def body(
+    name: str, mass: float, moments: float | Moments, kind: str, joint: str = "joint", *, parent: str = "world",
+    com: str = "0 0 0", at: str = "0 0 0", axis: str = "0 0 1",
+) -> str:  # fmt: skip
+    """A link and the joint that holds it. moments: of inertia, about the centre of mass."""
+    x, y, z = moments if isinstance(moments, tuple) else (moments,) * 3
+    limit = LIMIT if kind in ("revolute", "prismatic", "planar") else ""
+    return f"""<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
+<inertia ixx="{x}" iyy="{y}" izz="{z}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{name}"/><origin xyz="{at}"/>
+<axis xyz="{axis}"/>{limit}</joint>"""
+
+
+def robot_of(bodies: str, ground: str = "world") -> tl.Robot:
+    """The robot of some bodies and the link they begin at."""
+    return tl.load_robot(f'<robot name="made"><link name="{ground}"/>{bodies}</robot>')
+
+
 @functools.lru_cache(64)
 def pendulum(kind: str, mass: float, com: float, inertia: float) -> tl.Robot:
     """One rod about y, its centre of mass `com` [m] above the joint."""
-    text = LINK.format(name="rod", com=f"0 0 {com}", mass=mass, i=inertia)
-    limit = "" if kind == "continuous" else LIMIT
-    text += JOINT.format(name="joint", kind=kind, parent="world", child="rod", at="0 0 0", axis="0 1 0", limit=limit)
-    return tl.load_robot(f'<robot name="pendulum"><link name="world"/>{text}</robot>')
+    return robot_of(body("rod", mass, inertia, kind, com=f"0 0 {com}", axis="0 1 0"))
 
 
 @functools.lru_cache(64)
 def slider(mass: float) -> tl.Robot:
     """A body that slides along z."""
-    text = LINK.format(name="body", com="0 0 0", mass=mass, i=0.25)
-    text += JOINT.format(name="joint", kind="prismatic", parent="world", child="body", at="0 0 0", axis="0 0 1",
-                         limit=LIMIT)  # fmt: skip
-    return tl.load_robot(f'<robot name="slider"><link name="world"/>{text}</robot>')
+    return robot_of(body("body", mass, 0.25, "prismatic"))
 
 
 def double_pendulum(rods: list[tuple[float, float, float]], weights: list[float] | None = None) -> tl.Robot:
     """Rods of 1 m about y that hang from each other, with weights at their ends."""
     text = rods_text(rods)
     for k, weight in enumerate(weights or [], 1):
-        text += LINK.format(name=f"end{k}", com="0 0 0", mass=weight, i=0)
-        text += JOINT.format(name=f"fixed{k}", kind="fixed", parent=f"rod{k}", child=f"end{k}", at="0 0 -1",
-                             axis="0 1 0", limit="")  # fmt: skip
-    return tl.load_robot(f'<robot name="rods"><link name="world"/>{text}</robot>')
+        text += body(f"end{k}", weight, 0, "fixed", f"fixed{k}", parent=f"rod{k}", at="0 0 -1", axis="0 1 0")
+    return robot_of(text)
 
 
 def rods_text(rods: list[tuple[float, float, float]]) -> str:
     """Rods (mass, centre of mass below the joint, inertia) of 1 m that hang from each other."""
     text = ""
     for k, (mass, com, inertia) in enumerate(rods, 1):
-        text += LINK.format(name=f"rod{k}", com=f"0 0 {-com}", mass=mass, i=inertia)
-        text += JOINT.format(name=f"joint{k}", kind="revolute", parent="world" if k == 1 else f"rod{k - 1}",
-                             child=f"rod{k}", at=f"0 0 {-int(k > 1)}", axis="0 1 0", limit=LIMIT)  # fmt: skip
+        before = "world" if k == 1 else f"rod{k - 1}"
+        text += body(f"rod{k}", mass, inertia, "revolute", f"joint{k}", parent=before, com=f"0 0 {-com}",
+                     at=f"0 0 {-int(k > 1)}", axis="0 1 0")  # fmt: skip
     return text
 
 
@@ -150,3 +160,70 @@ def _angles(random: np.random.Generator) -> np.ndarray:
 
 def _numbers(values: np.ndarray, digits: int = 6) -> str:
     return " ".join(f"{value:.{digits}f}" for value in values)
+
+
+Truth = Callable[[np.ndarray], np.ndarray]
+"""Positions (n, 3 k) at times (n,) of the k free bodies."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene to simulate. truth: None where there is none. way: how contacts are computed, None: as the scene asks."""
+
+    what: str
+    scene: tl.Scene
+    duration: float
+    accuracy: float
+    truth: Truth | None = None
+    way: str | None = None
+
+
+def free_robot(*parts: tuple[str, float, Moments], base: bool = False) -> tl.Robot:
+    """Free bodies (name, mass, moments of inertia about the link's origin). base: with a fixed link "base"."""
+    ground = "base" if base else "ground"
+    return robot_of("".join(body(*part, "floating", f"{part[0]}_joint", parent=ground) for part in parts), ground)
+
+
+def accuracy_of(random: np.random.Generator, finest: float = -10.0) -> float:
+    return float(10 ** random.uniform(finest, -4))
+
+
+def free_positions(q: np.ndarray, width: int) -> np.ndarray:
+    """The positions (n, width) of free bodies, three columns each, of their configurations (n, nq)."""
+    return q[:, [7 * (k // 3) + k % 3 for k in range(width)]]
+
+
+def direction(random: np.random.Generator) -> np.ndarray:
+    """A random unit vector."""
+    v = random.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))
+
+
+def turn(random: np.random.Generator) -> list[float]:
+    """A random quaternion."""
+    q = random.normal(size=4)
+    return list(map(float, q / np.linalg.norm(q)))
+
+
+def times(mass: float, moments: Moments) -> Moments:
+    """The moments of inertia of a body of this mass."""
+    x, y, z = moments
+    return mass * x, mass * y, mass * z
+
+
+def reach(shape: AnyShape) -> float:
+    """A radius about the link's origin that holds the shape."""
+    match shape:
+        case fx.Sphere():
+            return float(shape.radius + np.linalg.norm(shape.point))
+        case fx.Box():
+            return float(np.linalg.norm(shape.size) / 2)
+        case fx.Convex():
+            return float(np.linalg.norm(shape.vertices, axis=1).max())
+    return float(shape.radius + shape.length / 2 + (0.3 * shape.radius if isinstance(shape, fx.Cylinder) else 0.0))
+
+
+def law(random: np.random.Generator) -> dict[str, float]:
+    """Friction and restitution, either may be 0."""
+    return {"friction": float(random.choice([0.0, uniform(random, 0.05, 0.7)], p=[0.3, 0.7])),
+            "restitution": float(random.choice([0.0, uniform(random, 0.1, 0.9)]))}  # fmt: skip

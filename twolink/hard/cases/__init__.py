@@ -14,7 +14,7 @@ from twolink.errors import SceneError, require_known
 from twolink.hard.case import SCENES, Case, RefusalCase, SimulationCase
 from twolink.scenes import Scene, load_scene
 
-MODULES = ("smooth", "chains", "loops", "events", "contacts", "refusals")
+MODULES = ("smooth", "loops", "events", "refusals")
 ACCURACIES = (1e-3, 1e-6, 1e-9)
 
 

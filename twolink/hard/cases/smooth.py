@@ -1,4 +1,4 @@
-"""Cases without loops and events: pendulums, spinning bodies, stiff springs, extreme scales, and inputs in time."""
+"""Smooth cases without loops and events: pendulums, chains, spinning bodies, stiff springs, extreme scales, inputs."""
 
 import functools
 import math
@@ -12,7 +12,8 @@ from twolink.dynamics import Robot, load_robot
 from twolink.effects import Gravity
 from twolink.hard import truths
 from twolink.hard.case import Track
-from twolink.lagrange.pinocchio_arm import arm_urdf
+from twolink.hard.high_precision import CHAINS
+from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 
 G = 9.81
@@ -23,6 +24,26 @@ CREEP_D, CREEP_K = 1e8, 1e8
 SLIDER_K, SLIDER_M, SLIDER_X = 1e-3, 1e-12, 1e-6
 GEAR_K, GEAR_I, GEAR_J, GEAR_N = 1e-15, 1e-21, 4e-21, -2.0
 GEAR_W = (GEAR_K / (GEAR_I + GEAR_N**2 * GEAR_J)) ** 0.5
+_LINK = """<link name="link{k}"><inertial><origin xyz="0.5 0 0"/><mass value="{mass!r}"/>
+<inertia ixx="0" iyy="{moment!r}" izz="{moment!r}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="joint{k}" type="revolute"><parent link="link{before}"/><child link="link{k}"/>
+<origin xyz="{at} 0 0"{turned}/><axis xyz="0 -1 0"/>
+<limit lower="-1e9" upper="1e9" effort="1e9" velocity="1e9"/></joint>"""
+_DOWN = f' rpy="0 {math.pi / 2!r} 0"'
+
+
+def chain_urdf(masses: Sequence[float]) -> str:
+    """Rods of 1 m, one hinged to the end of the other; q = 0 hangs straight down."""
+    parts = [
+        _LINK.format(k=k, before=k - 1, mass=m, moment=m / 12, at=0 if k == 1 else 1, turned=_DOWN if k == 1 else "")
+        for k, m in enumerate(masses, 1)
+    ]
+    return f'<robot name="chain{len(masses)}"><link name="link0"/>{"".join(parts)}</robot>'
+
+
+def _chain(masses: Sequence[float], angle: float) -> Scene:
+    start = [angle] + [0.0] * (len(masses) - 1)
+    return Scene(load_robot(chain_urdf(masses)), start, effects=[Gravity((0.0, 0.0, -9.81))], duration=1.0)
 
 
 def _rods(m1: float, m2: float, q: Sequence[float]) -> Scene:
@@ -70,7 +91,9 @@ def _pieces(times: tuple[float, ...], forces: tuple[float, ...]) -> truths.Exact
     return exact
 
 
+CHAIN_SCENES = {name: functools.partial(_chain, masses, angle) for name, masses, angle in CHAINS}
 SCENES = {
+    **CHAIN_SCENES,
     # Of 3 kg, so that m l^2 / 12 is a double exactly.
     **dict.fromkeys(("chaos", "chaos-30s", "chaos-30s-quad"), functools.partial(_rods, 3.0, 3.0, (0.0, 0.0))),
     "light-tip": functools.partial(_rods, 1.0, 1e-9, (0.3, -0.5)),
@@ -103,5 +126,6 @@ ERRORS = {
     "quaternion-stays-unit": _quaternion_length,
     "governor": _spin_change,
     **{name: truths.stored(reference) for name, reference in STORED.items()},
+    **{name: truths.stored(name) for name in CHAIN_SCENES},
     **{name: truths.configuration_error(exact) for name, exact in EXACT.items()},
 }

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twolink.algorithms.differences import derivative
+from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.formulas import projected

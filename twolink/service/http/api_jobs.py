@@ -21,6 +21,7 @@ from twolink.errors import TwolinkError
 from twolink.io.tables import read_table
 from twolink.service.http.components import Service, Shared
 from twolink.service.store.store import ACTIVE, LISTED_JOBS
+from twolink.service.work.requests import JOB_KINDS
 from twolink.service.work.scene_tasks import SAMPLES
 
 MEDIA = {
@@ -272,11 +273,5 @@ HANDLERS = [
     figure,
     run,
 ]
-for _path, _kind, _summary in (
-    ("simulations", "simulation", "Simulate a scene"),
-    ("studies", "study", "Study what accuracy costs"),
-    ("sensitivities", "sensitivity", "Derivatives of a simulated motion"),
-    ("identifications", "identification", "Parameters from measurements"),
-    ("sweeps", "sweep", "Run a scene many times"),
-):
-    HANDLERS += [_begun(_path, _kind, _summary), *_shared(_path, _kind)]
+for _kind, _about in JOB_KINDS.items():
+    HANDLERS += [_begun(_about.path, _kind, _about.summary), *_shared(_about.path, _kind)]

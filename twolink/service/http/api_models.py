@@ -22,8 +22,7 @@ from twolink.service.http.components import Service, Shared, catalogue
 from twolink.service.http.messages import OCTETS, UNSPECIFIED, XML, ZIP, accepts_gzip, body_limit, media_type, too_large
 from twolink.service.problems import JSON, Refusal, decode_unique
 from twolink.service.settings import Quotas
-from twolink.service.work.job_requests import version_key
-from twolink.service.work.query_answers import QUERIES
+from twolink.service.work.requests import QUERIES, version_key
 from twolink.service.work.robot_tasks import ReceivedRobot, RobotOptions
 
 _PARAMETERS = ("root", "mimic", "unphysical", "urdf", "gravity", "lock")  # of uploads whose body is not JSON

@@ -15,12 +15,12 @@ from litestar import Litestar, MediaType, Request, Response, get
 from litestar.params import FromPath
 
 from twolink._version import __version__
-from twolink.service.http.access import PAGE_POLICY
 from twolink.service.http.components import PREFIX, Shared
+from twolink.service.http.messages import PAGE_POLICY
 from twolink.service.problems import JSON, MEDIA_TYPE, Problem, Refusal
 from twolink.service.store.archives import NPZ
-from twolink.service.work import job_requests, metrics
-from twolink.service.work.query_answers import QUERIES, body_of
+from twolink.service.work import metrics, requests
+from twolink.service.work.requests import QUERIES, body_of
 from twolink.service.work.robot_tasks import RobotOptions
 from twolink.show.playback import VIEWER, viewer_script
 
@@ -28,14 +28,10 @@ Json = dict[str, Any]
 _TEXT = {"type": "string"}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _BODIES = {
-    "/v1/scenes/validate": job_requests.SceneRequest,
-    "/v1/scenes/explain": job_requests.ExplainRequest,
-    "/v1/scenes/linearize": job_requests.LinearizationRequest,
-    "/v1/simulations": job_requests.SimulationRequest,
-    "/v1/studies": job_requests.StudyRequest,
-    "/v1/sensitivities": job_requests.SensitivityRequest,
-    "/v1/identifications": job_requests.IdentificationRequest,
-    "/v1/sweeps": job_requests.SweepRequest,
+    "/v1/scenes/validate": requests.SceneRequest,
+    "/v1/scenes/explain": requests.ExplainRequest,
+    "/v1/scenes/linearize": requests.LinearizationRequest,
+    **{f"/v1/{kind.path}": kind.request for kind in requests.JOB_KINDS.values()},
 }
 _ABOUT = (
     "q is a configuration (nq numbers), v a velocity, a an acceleration, tau joint torques (nv numbers each), zero "

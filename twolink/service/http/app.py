@@ -13,13 +13,15 @@ from litestar.openapi import OpenAPIConfig
 from twolink._version import __version__
 from twolink.dynamics.queries import Query
 from twolink.service.http import api_jobs, api_models, api_site
-from twolink.service.http.access import DENY_ALL, AccessControl, cors_headers
 from twolink.service.http.components import PREFIX, Service
 from twolink.service.http.messages import (
+    DENY_ALL,
     SECURITY,
+    AccessControl,
     Header,
     body_limit,
     compressed,
+    cors_headers,
     header,
     media_type,
     read_body,
@@ -30,8 +32,8 @@ from twolink.service.http.messages import (
 from twolink.service.logs import REQUEST_ID, AccessLog, Answered, request_id
 from twolink.service.problems import JSON, Refusal, answer_of
 from twolink.service.settings import Settings
-from twolink.service.work.query_answers import QUERIES
-from twolink.service.work.sharing import HOLD, Hold, Shares, client_of_scope, hold
+from twolink.service.work.requests import QUERIES
+from twolink.service.work.sharing import HOLD, RequestMemory, Shares, client_of_scope, hold
 
 _PARTS = (api_models, api_jobs, api_site)
 _HANDLERS = [handler for part in _PARTS for handler in part.HANDLERS]
@@ -95,7 +97,7 @@ class Shell:
             await send(message)
 
         self._under_way += 1
-        mine = Hold(self._memory, client_of_scope(scope))
+        mine = RequestMemory(self._memory, client_of_scope(scope))
         HOLD.set(mine)  # uvicorn answers each request in a task of its own
         try:
             asked = scope if scope["method"] != "HEAD" else {**scope, "method": "GET"}

@@ -28,14 +28,12 @@ from twolink.robots.catalogue import catalogue_names
 from twolink.service.http.messages import UNSPECIFIED, body_limit, header, media_type, read_body, while_connected
 from twolink.service.problems import JSON, Refusal
 from twolink.service.settings import Settings
-from twolink.service.store.archives import NPZ
+from twolink.service.store.archives import NPZ, RobotCache, read_robot
 from twolink.service.store.data_folder import PARTS
-from twolink.service.store.robots import RobotCache, read_robot
 from twolink.service.store.store import KeyedLocks, Store
-from twolink.service.work.job_requests import JobRequest, prepare
 from twolink.service.work.jobs import Jobs
 from twolink.service.work.metrics import Metrics
-from twolink.service.work.query_answers import answer_query, arguments_from_json, count_of
+from twolink.service.work.requests import JobRequest, answer_query, arguments_from_json, count_of, prepare
 from twolink.service.work.sandbox import protection
 from twolink.service.work.worker_pool import Workers
 from twolink.service.work.worker_process import WorkerMemory

@@ -20,15 +20,12 @@ import msgspec
 from twolink.service.problems import Problem, Refusal, error_from, problem_of
 from twolink.service.settings import Settings
 from twolink.service.store.store import ACTIVE, RESUMED, Job, KeyedLocks, Store
-from twolink.service.work.job_requests import JobRequest
 from twolink.service.work.metrics import Metrics
+from twolink.service.work.requests import JOB_KINDS, JobRequest
 from twolink.service.work.sharing import NO_TASK, Shares, Turns, hold
 from twolink.service.work.worker_pool import Workers
 
 View = dict[str, Any]
-_TASKS = {
-    "simulation": "simulate", "study": "study", "sensitivity": "sense", "identification": "identify", "sweep": "sweep",
-}  # fmt: skip
 _PULSE = 0.1  # seconds between looks at a job's progress
 _KEEP_ALIVE = 10.0  # seconds between signs of life in a stream of events
 _RETRY = 2.0  # seconds between attempts to store how a job ended
@@ -161,7 +158,7 @@ class Jobs:
             if running.kind == "sweep" and self._senders is not None:
                 robot = await workers.run("pack_robot", seconds, body=body, robots=robots)
                 workers, arguments = self._senders, {**arguments, "robot": robot, "cluster": self._dask}
-            return await workers.run(_TASKS[running.kind], seconds, on_progress=note, **arguments)
+            return await workers.run(JOB_KINDS[running.kind].task, seconds, on_progress=note, **arguments)
         except Refusal as refusal:
             if refusal.code == "cluster-lost":
                 _log.error("the Dask scheduler %s cannot be reached", self._dask)

@@ -17,9 +17,17 @@ from twolink.robots import load_model
 from twolink.robots.catalogue import catalogue_names
 from twolink.service.problems import JSON
 from twolink.service.settings import Quotas
-from twolink.service.store.archives import GZIP_LEVEL, choose_urdf, read_npz, save_npz, unpack, upload_folders
-from twolink.service.store.robots import RobotCache, write_robot
-from twolink.service.work.query_answers import (
+from twolink.service.store.archives import (
+    GZIP_LEVEL,
+    RobotCache,
+    choose_urdf,
+    read_npz,
+    save_npz,
+    unpack,
+    upload_folders,
+    write_robot,
+)
+from twolink.service.work.requests import (
     QUERIES,
     answer_query,
     arguments_from_json,

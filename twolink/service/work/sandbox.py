@@ -16,6 +16,7 @@ import os
 import platform
 import struct
 import sys
+import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -35,34 +36,9 @@ _OF_NETWORK = ("/etc", Path.home() / ".config" / "dask", "/proc/stat", "/proc/ne
 _TCP, _SIGNALS_AND_SOCKETS = 0b11, 0b11  # what is refused from version 4 on, and from 6 on
 
 _X86_64, _AARCH64 = 0xC000003E, 0xC00000B7  # AUDIT_ARCH_...
-# System calls that no task needs, with their numbers on x86-64 and ARM. None: there is no such call.
-_Calls = dict[str, tuple[int | None, int | None]]
-_NETWORK: _Calls = {
-    "socket": (41, 198), "socketpair": (53, 199), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201),
-    "accept": (43, 202), "accept4": (288, 242), "sendto": (44, 206), "sendmsg": (46, 211), "sendmmsg": (307, 269),
-    "recvfrom": (45, 207), "recvmsg": (47, 212), "recvmmsg": (299, 243),
-}  # fmt: skip
-_OTHERS: _Calls = {
-    # programs and processes, and memory and messages shared with them
-    "execve": (59, 221), "execveat": (322, 281), "fork": (57, None), "vfork": (58, None), "kill": (62, 129),
-    "tkill": (200, 130), "rt_sigqueueinfo": (129, 138), "rt_tgsigqueueinfo": (297, 240), "ptrace": (101, 117),
-    "process_vm_readv": (310, 270), "process_vm_writev": (311, 271), "kcmp": (312, 272), "pidfd_open": (434, 434),
-    "pidfd_getfd": (438, 438), "pidfd_send_signal": (424, 424), "process_madvise": (440, 440),
-    "shmget": (29, 194), "shmat": (30, 196), "msgget": (68, 186), "semget": (64, 190), "mq_open": (240, 180),
-    # owners and permissions of files, which Landlock does not limit
-    "chown": (92, None), "lchown": (94, None), "fchown": (93, 55), "fchownat": (260, 54), "setxattr": (188, 5),
-    "lsetxattr": (189, 6), "fsetxattr": (190, 7), "removexattr": (197, 14), "lremovexattr": (198, 15),
-    # parts of the kernel where most of its faults were
-    "io_uring_setup": (425, 425), "io_uring_enter": (426, 426), "io_uring_register": (427, 427), "bpf": (321, 280),
-    "perf_event_open": (298, 241), "userfaultfd": (323, 282), "keyctl": (250, 219), "add_key": (248, 217),
-    "request_key": (249, 218), "mount": (165, 40), "umount2": (166, 39), "pivot_root": (155, 41), "chroot": (161, 51),
-    "unshare": (272, 97), "setns": (308, 268), "open_tree": (428, 428), "move_mount": (429, 429), "fsopen": (430, 430),
-    "fsconfig": (431, 431), "fsmount": (432, 432), "fspick": (433, 433), "mount_setattr": (442, 442),
-    "init_module": (175, 105), "finit_module": (313, 273), "delete_module": (176, 106), "kexec_load": (246, 104),
-    "kexec_file_load": (320, 294), "reboot": (169, 142), "swapon": (167, 224), "swapoff": (168, 225),
-    "name_to_handle_at": (303, 264), "open_by_handle_at": (304, 265), "personality": (135, 92),
-}  # fmt: skip
-_REFUSED = _NETWORK | _OTHERS
+_Calls = dict[str, list[int]]
+_CALLS: dict[str, _Calls] = tomllib.loads(Path(__file__).with_name("system_calls.toml").read_text("utf-8"))
+_REFUSED = _CALLS["network"] | _CALLS["others"]
 _CLONE, _CLONE3, _NEW_THREAD = (56, 220), 435, 0x10000
 _ALLOW, _KILL, _REFUSE = 0x7FFF0000, 0x80000000, 0x00050000  # SECCOMP_RET_ALLOW, KILL_PROCESS, ERRNO | number
 _LOAD, _EQUAL, _NOT_LESS, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # instructions of the filter
@@ -117,7 +93,7 @@ def restrict(writable: Sequence[Path], *, network: bool = False) -> None:
     if can.landlock:
         _limit_files(can.landlock, writable, network)
     if can.seccomp:
-        _limit_calls(_OTHERS if network else _REFUSED)
+        _limit_calls(_CALLS["others"] if network else _REFUSED)
 
 
 def _program() -> Iterable[str | Path]:
@@ -175,7 +151,7 @@ def _limit_calls(calls: _Calls) -> None:
 def _filter(processor: int, calls: _Calls) -> list[tuple[int, int, int, int]]:
     """The instructions (code, steps to jump if true, if false, value) that judge a system call."""
     column = 0 if processor == _X86_64 else 1
-    numbers = [number for pair in calls.values() if (number := pair[column]) is not None]
+    numbers = [pair[column] for pair in calls.values() if len(pair) > column]
     refused = [(_EQUAL, len(numbers) - k + 2, 0, number) for k, number in enumerate(numbers)]
     return [
         (_LOAD, 0, 0, 4),  # the processor's kind: 32-bit calls have other numbers

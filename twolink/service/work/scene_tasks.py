@@ -22,14 +22,19 @@ from twolink.scenes.file import scene_from_data
 from twolink.scenes.file_format import RobotEntry, SceneFile
 from twolink.service.problems import Refusal, decode_unique
 from twolink.service.settings import Quotas
-from twolink.service.store.robots import read_robot, write_robot
-from twolink.service.work.job_requests import ExplainRequest, RunRequest, SceneRequest, SimulationRequest, StudyRequest
-from twolink.service.work.query_answers import link_poses
+from twolink.service.store.archives import read_robot, write_robot
+from twolink.service.work.requests import (
+    ExplainRequest,
+    RunRequest,
+    SceneRequest,
+    SimulationRequest,
+    StudyRequest,
+    link_poses,
+)
 from twolink.service.work.robot_tasks import robot_by_id
 from twolink.service.work.worker import Report
 from twolink.show.meshcat_scene import plane_direction
-from twolink.show.motion_samples import resample
-from twolink.show.viewer_data import contact_data
+from twolink.show.viewer_data import contact_data, resample
 from twolink.simulation.explanation import explain as explain_scene
 from twolink.simulation.scene_run import simulate as simulate_scene
 from twolink.simulation.trajectory import Trajectory

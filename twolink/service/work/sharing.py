@@ -58,7 +58,7 @@ class Shares:
                 del self._by_client[client]
 
 
-class Hold:
+class RequestMemory:
     """The memory of one request, in bytes: its body, what is made of it, and its answer until it is sent."""
 
     def __init__(self, shares: Shares, client: str) -> None:
@@ -85,12 +85,12 @@ class Hold:
             self._bytes = count
 
 
-HOLD: ContextVar[Hold] = ContextVar("HOLD")
+HOLD: ContextVar[RequestMemory] = ContextVar("HOLD")
 
 
-def hold() -> Hold:
+def hold() -> RequestMemory:
     """What the request under way holds; outside of requests, something without limits."""
-    return HOLD.get(None) or Hold(Shares(math.inf), _NOBODY)
+    return HOLD.get(None) or RequestMemory(Shares(math.inf), _NOBODY)
 
 
 def busy(what: str, where: str) -> Refusal:
@@ -171,7 +171,7 @@ class Turns:
         self._free += 1
 
 
-class _Record(msgspec.Struct):
+class _Deaths(msgspec.Struct):
     """Digests of the tasks under way, and how many processes died while each was."""
 
     under_way: list[str] = []
@@ -194,7 +194,7 @@ class SweepThreads(ThreadPoolExecutor):
     def __init__(self, folder: Path, *, died: bool) -> None:
         super().__init__(thread_count())
         self._file, self._lock = folder / "deaths.json", threading.Lock()
-        record = msgspec.json.decode(self._file.read_bytes(), type=_Record) if self._file.exists() else _Record()
+        record = msgspec.json.decode(self._file.read_bytes(), type=_Deaths) if self._file.exists() else _Deaths()
         if died and not record.under_way:
             raise Refusal(422, "the worker process died between the runs", code=NO_TASK, remedy="try again")
         self._deaths = Counter(record.deaths)
@@ -226,7 +226,7 @@ class SweepThreads(ThreadPoolExecutor):
                 self._write()
 
     def _write(self) -> None:
-        content = msgspec.json.encode(_Record(self._under_way, self._deaths))
+        content = msgspec.json.encode(_Deaths(self._under_way, self._deaths))
         write_atomic(self._file, lambda file: file.write(content))
 
 

@@ -20,7 +20,7 @@ from twolink.scenes.file_format import RobotEntry, scene_content
 from twolink.service.problems import Refusal
 from twolink.service.settings import Quotas
 from twolink.service.store.data_folder import size_of
-from twolink.service.work.job_requests import SweepRequest
+from twolink.service.work.requests import SweepRequest
 from twolink.service.work.scene_tasks import allowed_scene, packed, scene_of
 from twolink.service.work.sharing import SweepThreads
 from twolink.service.work.worker import Report

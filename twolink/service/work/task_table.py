@@ -10,7 +10,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.io.tables import parse_csv
 from twolink.service.problems import decode_unique
 from twolink.service.settings import Quotas
-from twolink.service.work.job_requests import (
+from twolink.service.work.requests import (
     IdentificationRequest,
     LinearizationRequest,
     SceneRequest,
@@ -32,7 +32,7 @@ from twolink.service.work.scene_tasks import (
 from twolink.service.work.sweep_tasks import export_sweep, pack_robot, sweep, sweep_columns, sweep_run
 from twolink.service.work.worker import Report
 from twolink.simulation.sensitivities import sensitivities
-from twolink.sweeps.quantities import quantities as quantities_of
+from twolink.sweeps.design import quantities as quantities_of
 
 _NUMBER_BYTES = 20  # of a number as JSON
 _SHOWN = 2000  # samples of residuals in a record

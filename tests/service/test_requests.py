@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twolink.io import fingerprints
-from twolink.service.work import job_requests
+from twolink.service.work import requests
 
 
 @pytest.fixture
@@ -19,13 +19,13 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def forget() -> None:
-    job_requests.version_key.cache_clear()
+    requests.version_key.cache_clear()
     fingerprints.code_key.cache_clear()
 
 
 def key(body: bytes = b'{"scene": "arm-swing", "wait": 1}') -> str:
     forget()
-    return job_requests.prepare(kind="simulation", body=body).key
+    return requests.prepare(kind="simulation", body=body).key
 
 
 def test_results_of_other_code_scenes_or_libraries_are_not_given(
@@ -39,6 +39,6 @@ def test_results_of_other_code_scenes_or_libraries_are_not_given(
     keys.append(key())
     scene.write_text("duration = 1.0")
     keys.append(key())
-    monkeypatch.setattr(fingerprints, "_version", lambda _: "99")
+    monkeypatch.setattr(fingerprints, "versions", lambda names: dict.fromkeys(names, "99"))
     keys.append(key())
     assert len(set(keys)) == 4

@@ -1,10 +1,11 @@
-"""What the dynamics queries over HTTP mean: bodies as arguments, their size, and the answers. It knows no HTTP."""
+"""The bodies of requests: of dynamics queries, as arguments with their answers; about scenes; and for jobs."""
 
 import functools
+import hashlib
 import math
 from collections import ChainMap
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,7 +18,10 @@ from twolink.dynamics.arguments import configuration, rows
 from twolink.dynamics.queries import OPTIONS, Numbers, Query
 from twolink.dynamics.robot_record import link_frames
 from twolink.errors import QueryError
-from twolink.service.problems import Refusal, require_unique_keys
+from twolink.io.fingerprints import code_key, files_digest
+from twolink.robots.catalogue import our_urdfs
+from twolink.scenes.file_format import SceneFile
+from twolink.service.problems import Refusal, decode_unique, require_unique_keys
 from twolink.service.settings import Quotas
 
 _JSON_NUMBER = 32  # bytes of memory for a number on its way to JSON: an object, and a place in a list
@@ -155,3 +159,150 @@ def answer_query(robot: Robot, query: Query, arguments: dict[str, Any]) -> dict[
     """The answer by the names of its results. Raises QueryError."""
     options = {name: arguments.pop(name) for name in query.options if name in arguments}
     return query.answer(robot, arguments, **options)
+
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+Wait = Annotated[float, msgspec.Meta(ge=0, le=30)]
+
+
+class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """scene: the name of a bundled scene, or a scene file's content, its robot by id."""
+
+    scene: str | SceneFile
+
+
+class RunRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """duration: simulated seconds (the scene's own when left out). t_eval, samples_per_second: as of `tl.simulate`."""
+
+    duration: Positive | None = None
+    t_eval: Annotated[list[float], msgspec.Meta(min_length=1)] | None = None
+    samples_per_second: Positive = 200.0
+
+    def samples(self, seconds: float) -> float:
+        """The number of samples of a run of so many seconds."""
+        return seconds * self.samples_per_second if self.t_eval is None else len(self.t_eval)
+
+
+class ExplainRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.explain`: accuracy in rad or m."""
+
+    accuracy: Positive = 1e-6
+    method: str = "auto"
+    contact: Literal["located", "stepped"] | None = None
+
+
+class SimulationRequest(ExplainRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.simulate`. wait: seconds to wait for the answer, before a job's state is sent instead."""
+
+    verify: bool = True
+    precision: Literal["auto", "double", "extended", "quad"] = "auto"
+    tolerance: Positive | None = None
+    step: Positive | None = None
+    wait: Wait = 2.0
+
+
+class LinearizationRequest(SceneRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.linearize`: the state, the scene's own where it is left out."""
+
+    q: list[float] | None = None
+    v: list[float] | None = None
+
+
+class SensitivityRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """As `tl.sensitivities`. wait: as of simulations."""
+
+    wrt: Annotated[list[str], msgspec.Meta(min_length=1, max_length=50)]
+    accuracy: Positive = 1e-6
+    samples_per_second: Positive = 50.0
+    wait: Wait = 2.0
+
+
+class IdentificationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """As `tl.identify`. robot: an id. data: the text of a CSV file, as `twolink identify` takes it. wait: as above."""
+
+    robot: str
+    data: str
+    parameters: Annotated[list[str], msgspec.Meta(max_length=500)] | None = None
+    method: Literal["weighted", "ordinary", "robust", "total"] = "weighted"
+    confidence: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.95
+    wait: Wait = 2.0
+
+
+class StudyRequest(RunRequest, frozen=True, forbid_unknown_fields=True):
+    """As `tl.accuracy_study`. wait: as of simulations."""
+
+    methods: Annotated[list[str], msgspec.Meta(max_length=50)] | None = None
+    tolerances: Annotated[list[Positive], msgspec.Meta(max_length=50)] | None = None
+    samples_per_second: Positive = 50.0
+    repeats: Annotated[int, msgspec.Meta(ge=1, le=50)] = 7
+    budget: Annotated[float, msgspec.Meta(gt=0, le=60)] = 1.0
+    wait: Wait = 0.0
+
+
+class SweepRequest(RunRequest, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """As `tl.sweep`. wait: as of simulations.
+
+    vary: by name values, or {"range": [first, last, count]}; of samples {"uniform": [low, high]} or {"normal": [mean,
+    standard deviation]}. outputs: final, samples, events, energy, cost.
+    """
+
+    vary: Annotated[dict[str, list[float | bool | str] | dict[str, list[float]]], msgspec.Meta(min_length=1)]
+    accuracy: Positive = 1e-6
+    design: Literal["grid", "list", "random", "sobol", "latin-hypercube"] = "grid"
+    count: Annotated[int, msgspec.Meta(ge=1)] | None = None
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+    outputs: Annotated[tuple[str, ...], msgspec.Meta(max_length=50)] = ("final",)
+    verify: bool = True
+    wait: Wait = 0.0
+
+    def samples(self, seconds: float) -> float:
+        """The number of samples of a run of so many seconds that are kept."""
+        return super().samples(seconds) if "samples" in self.outputs else 0.0
+
+
+Request = SimulationRequest | StudyRequest | SensitivityRequest | IdentificationRequest | SweepRequest
+
+
+class JobKind(NamedTuple):
+    """A kind of job: its path below /v1, its request, the worker's task that does it, and what it is for."""
+
+    path: str
+    request: type[Request]
+    task: str
+    summary: str
+
+
+JOB_KINDS = {
+    "simulation": JobKind("simulations", SimulationRequest, "simulate", "Simulate a scene"),
+    "study": JobKind("studies", StudyRequest, "study", "Study what accuracy costs"),
+    "sensitivity": JobKind("sensitivities", SensitivityRequest, "sense", "Derivatives of a simulated motion"),
+    "identification": JobKind("identifications", IdentificationRequest, "identify", "Parameters from measurements"),
+    "sweep": JobKind("sweeps", SweepRequest, "sweep", "Run a scene many times"),
+}
+
+
+class JobRequest(msgspec.Struct, frozen=True):
+    """A request for a job as the service keeps it. content: its JSON without `wait`, fields in order.
+
+    key: the id of the job, which depends on the content alone and on what computes its result (`version_key`).
+    """
+
+    key: str
+    wait: float
+    content: bytes
+
+
+@functools.cache
+def version_key() -> str:
+    """A digest of what computes results: our code, scenes and robots, and the versions of libraries."""
+    return code_key() + files_digest(our_urdfs().glob("*.urdf"))
+
+
+def prepare(*, kind: str, body: bytes) -> JobRequest:
+    """Check the body of a request for a job. Raises what `decode_unique` raises."""
+    request = decode_unique(body, JOB_KINDS[kind].request)
+    fields = msgspec.to_builtins(request)
+    del fields["wait"]
+    content = msgspec.json.encode(fields, order="sorted")
+    digest = hashlib.sha256(version_key().encode() + content).hexdigest()
+    return JobRequest(f"{kind}-{digest[:20]}", request.wait, content)
