@@ -12,6 +12,7 @@ from twolink.effects.controllers import ComputedTorque as ComputedTorque
 from twolink.effects.controllers import GravityCompensation as GravityCompensation
 from twolink.effects.controllers import JointPD as JointPD
 from twolink.effects.controllers import StateFeedback as StateFeedback
+from twolink.effects.drives import ActuatorLag as ActuatorLag
 from twolink.effects.effect import Effect as Effect
 from twolink.effects.forces import AirDrag as AirDrag
 from twolink.effects.forces import FrameWrench as FrameWrench

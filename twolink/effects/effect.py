@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
@@ -29,6 +30,7 @@ JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]
 class Loads:
     """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
 
+    rates: of the states of effects, by name, per second.
     sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
     """
 
@@ -38,6 +40,14 @@ class Loads:
         self.tau: list[Scalar] = [0.0] * motion.mech.nv
         self.wrenches: dict[int, list[Scalar]] = {}
         self.limits: list[tuple[str, Scalar]] = []  # of effort, by name: distances to them, which pass 0
+
+        self.rates: dict[str, Scalar] = {}
+
+    def of_motor(self, motion: Motion) -> Loads:
+        """Loads of what drives a motor: their torques are its own; rates, limits and wrenches are common."""
+        own = copy.copy(self)
+        own._motion, own.tau = motion, [0.0] * motion.mech.nv
+        return own
 
     def torque(self, dof: int, value: Scalar) -> None:
         """Add a joint torque or force, N m or N."""
@@ -73,6 +83,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         """Whether what it does is smooth to any order, as Taylor's method needs."""
         return True
 
+    @property
+    def changes(self) -> bool:
+        """Whether it changes constants of the robot."""
+        return type(self).change is not Effect.change
+
     def check(self, robot: Robot) -> None:
         """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.
 
@@ -84,6 +99,14 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
+
+    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+        """The states z of the effect beside q and v, by name, and their values at the start, of a motion at t = 0.
+
+        `act` finds them in `motion.states`, and gives z' by `loads.rates`.
+        """
+        del motion
+        return {}
 
     def notes(self, robot: Robot) -> Sequence[str]:
         """What `explain` says of the effect beside its fields, one line each."""

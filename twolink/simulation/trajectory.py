@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -60,7 +60,7 @@ class Trajectory(Result):
         Ctrl-C ended it early; the samples so far are kept.
     accuracy : float or None
         The accuracy asked for, rad or m.
-    precise : ndarray (n, nq + nv) or None
+    precise : ndarray (n, nq + nv + states) or None
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
@@ -81,6 +81,8 @@ class Trajectory(Result):
         loaded one.
     scene : Scene or None
         What was simulated; None for a loaded trajectory.
+    states : mapping of str to ndarray (n,)
+        The states of effects at the samples, by name, such as "elbow.current"; in the units that the effects say.
     """
 
     robot: Robot
@@ -102,6 +104,7 @@ class Trajectory(Result):
     recorded_forces: tables.Contacts | None = None
     certificate: Certificate | None = None
     scene: Scene | None = None
+    states: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -230,10 +233,10 @@ class Trajectory(Result):
 
     @property
     def _samples(self) -> tables.Samples:
-        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error)
+        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), energy, error."""
+        """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), z.STATE, energy, error."""
         return tables.columns(self._samples)
 
     def to_xarray(self) -> Any:
@@ -288,7 +291,7 @@ class Trajectory(Result):
             record["contacts"] = self.contact_record
         if self.precise is not None:  # as texts, because readers of JSON take numbers as doubles
             digits = [str(x) for x in self.precise[-1]]
-            record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :]}
+            record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :][: self.robot.nv]}
         return {name: as_data(value) for name, value in record.items()}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -325,7 +328,8 @@ class Trajectory(Result):
         samples = tables.read_samples(Path(path), robot)
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
                    recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
-                   recorded_contacts=samples.contacts, recorded_forces=samples.forces)  # fmt: skip
+                   recorded_contacts=samples.contacts, recorded_forces=samples.forces,
+                   states=samples.states)  # fmt: skip
 
     @overload
     def plot(self) -> Figure: ...
