@@ -44,14 +44,29 @@ class Loads:
         self.rates: dict[str, Scalar] = {}
 
     def of_motor(self, motion: Motion) -> Loads:
-        """Loads of what drives a motor: their torques are its own; rates, limits and wrenches are common."""
+        """Loads of what drives a motor: their torques are its own; rates and limits are common."""
         own = copy.copy(self)
-        own._motion, own.tau = motion, [0.0] * motion.mech.nv
+        own._motion, own.tau, own.wrenches = motion, [0.0] * motion.mech.nv, {}
         return own
+
+    def beyond(self, name: str, lower: Scalar, upper: Scalar, xp: Any) -> tuple[Any, Any]:
+        """Whether a value is below, or above, two limits, from its distances to them (above 0 within).
+
+        Events locate where they pass 0, so that no step crosses what is not smooth.
+        """
+        before = len(self.limits) // 2
+        self.limits += [(f"{name}, lower", lower), (f"{name}, upper", upper)]
+        if self.sides is None:
+            return xp.less(lower, 0.0), xp.less(upper, 0.0)
+        return xp.less(self.sides[before], -0.5), xp.less(0.5, self.sides[before])
 
     def torque(self, dof: int, value: Scalar) -> None:
         """Add a joint torque or force, N m or N."""
         self.tau[dof] = plus(self.tau[dof], value)
+
+    def torques(self, values: Sequence[Scalar]) -> None:
+        """Add torques (nv) of all degrees of freedom."""
+        self.tau = [plus(own, value) for own, value in zip(self.tau, values, strict=True)]
 
     def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
         """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
@@ -122,6 +137,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 def number(x: Any) -> Any:
     """A number as a float, which formulas fold as a constant; a run-time parameter in its place as it is."""
     return float(x) if isinstance(x, (int, float, np.number)) else x
+
+
+def inverse(x: Any) -> Any:
+    """1 / x of a number of an effect."""
+    return 1.0 / number(x)
 
 
 def plain(value: Any) -> Any:

@@ -77,7 +77,7 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
         for place, effect in zip(equations.places, equations.effects, strict=False):
             if not has_own(effect):
                 found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
-                         if value and path[0] != "effort"}  # fmt: skip
+                         if value and "effort" not in path}  # fmt: skip
                 chosen.update(found)
         while len(_structures) >= MAX_KEPT:
             del _structures[next(iter(_structures))]
