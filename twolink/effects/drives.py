@@ -312,35 +312,8 @@ class Gear(Drive, frozen=True):
         loads.torques(torques)
 
 
-class ElasticJoint(Drive, frozen=True):
-    """A motor on a spring, in series with the joint: J w' = tau - f, f = k d + c d^3 + b (w - v), d = theta - q.
-
-    theta and w are angle and speed of the motor, as the joint sees them; f is the torque on the joint. A harmonic drive
-    stiffens: c > 0.
-
-    Parameters
-    ----------
-    of : Effect
-        What drives the motor; its angles and speeds are theta and w.
-    stiffness : mapping of joint to float
-        k, N m/rad or N/m, not negative. Joints with one coordinate.
-    inertia : mapping of joint to float
-        J, kg m^2 or kg, above 0; of a motor behind a gear N^2 times its own.
-    cubic : mapping of joint to float
-        c, N m/rad^3 or N/m^3, not negative; 0 by default.
-    damping : mapping of joint to float
-        b, N m s/rad or N s/m, not negative; 0 by default.
-
-    Notes
-    -----
-    States: "JOINT.motor", theta, and "JOINT.motor_speed", w. At the start the spring is relaxed, and the motor moves as
-    the joint does. The motor's own turning does not act on the links that carry it.
-
-    References
-    ----------
-    Spong 1987, Journal of Dynamic Systems, Measurement, and Control 109(4), 310-318. Tuttle, Seering 1996, IEEE
-    Transactions on Robotics and Automation 12(3), 368-374 (cubic stiffness of harmonic drives).
-    """
+class MotorOnSpring(Drive, frozen=True):
+    """A motor with a coordinate of its own, theta and its speed w, in the joint's units: J w' = tau - f."""
 
     stiffness: Mapping[str, NotNegative] = {}
     inertia: Mapping[str, NotNegative] = {}
@@ -384,14 +357,53 @@ class ElasticJoint(Drive, frozen=True):
         loads.torques(torques)
 
     def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
-        """f, from d and its rate."""
-        del loads, xp
+        """f, the torque on the joint, from d = theta - q and its rate."""
+        raise NotImplementedError
+
+    def spring(self, joint: str, twist: Scalar, rate: Scalar) -> Scalar:
+        """k d + c d^3 + b d'."""
         cubic = times(number(self.cubic.get(joint, 0.0)), times(twist, times(twist, twist)))
         return plus(times(number(self.stiffness[joint]), twist), cubic,
                     times(number(self.damping.get(joint, 0.0)), rate))  # fmt: skip
 
 
-class Backlash(ElasticJoint, frozen=True):
+class ElasticJoint(MotorOnSpring, frozen=True):
+    """A motor on a spring, in series with the joint: J w' = tau - f, f = k d + c d^3 + b (w - v), d = theta - q.
+
+    theta and w are angle and speed of the motor, as the joint sees them; f is the torque on the joint. A harmonic drive
+    stiffens: c > 0.
+
+    Parameters
+    ----------
+    of : Effect
+        What drives the motor; its angles and speeds are theta and w.
+    stiffness : mapping of joint to float
+        k, N m/rad or N/m, not negative. Joints with one coordinate.
+    inertia : mapping of joint to float
+        J, kg m^2 or kg, above 0; of a motor behind a gear N^2 times its own.
+    cubic : mapping of joint to float
+        c, N m/rad^3 or N/m^3, not negative; 0 by default.
+    damping : mapping of joint to float
+        b, N m s/rad or N s/m, not negative; 0 by default.
+
+    Notes
+    -----
+    States: "JOINT.motor", theta, and "JOINT.motor_speed", w. At the start the spring is relaxed, and the motor moves as
+    the joint does. The motor's own turning does not act on the links that carry it.
+
+    References
+    ----------
+    Spong 1987, Journal of Dynamic Systems, Measurement, and Control 109(4), 310-318. Tuttle, Seering 1996, IEEE
+    Transactions on Robotics and Automation 12(3), 368-374 (cubic stiffness of harmonic drives).
+    """
+
+    def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
+        """k d + c d^3 + b d'."""
+        del loads, xp
+        return self.spring(joint, twist, rate)
+
+
+class Backlash(MotorOnSpring, frozen=True):
     """A motor that drives the joint with play: J w' = tau - f, f = k p + c p^3 + b |p| (w - v).
 
     p is how far the flanks are pressed, from d = theta - q: 0 while |d| < gap / 2.
@@ -435,4 +447,4 @@ class Backlash(ElasticJoint, frozen=True):
         below, above = loads.beyond(joint, plus(twist, half), minus(half, twist), xp)
         pressed = xp.where(below, plus(twist, half), xp.where(above, minus(twist, half), 0.0))
         size = xp.where(below, negative(pressed), pressed)
-        return super().force(joint, pressed, times(size, rate), loads, xp)
+        return self.spring(joint, pressed, times(size, rate))

@@ -141,7 +141,7 @@ def starting_states(effects: Sequence[Effect], motion: Motion) -> dict[str, Any]
         for name, value in effect.states(motion).items():
             if name in found:
                 raise SceneError(f"two effects have a state {name!r}", where="effects", code="state-twice",
-                                 remedy="keep one of a kind on a joint")  # fmt: skip
+                                 remedy="keep one of a kind on a joint, or give muscles other names")  # fmt: skip
             found[name] = value
     return found
 
