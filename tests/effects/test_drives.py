@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import twolink as tl
+from twolink.scenes.parameters import parameters_of
 
 fx = tl.effects
 WHEEL = tl.load_robot("friction_pendulum")
@@ -151,7 +152,7 @@ def test_sensitivities_through_a_whole_drive(name: str) -> None:
     def run(k: float) -> np.ndarray:
         if name == "q":
             return tl.simulate_many(geared(), q=[[k]], accuracy=1e-10).q[0]
-        value = tl.scenes.parameters.parameters_of(geared())[name].nominal
+        value = parameters_of(geared())[name].nominal
         return tl.simulate_many(geared(), parameters={name: [value + k]}, accuracy=1e-10).q[0]
 
     h = 1e-5 if name.endswith("inertia.axle") else 1e-3
@@ -294,7 +295,10 @@ def test_what_does_not_follow_states_refuses() -> None:
         with pytest.raises(tl.errors.SceneError) as caught:
             ask()
         assert caught.value.code == "states-of-effects"
-    stepped = tl.Scene(WHEEL, effects=[*LAGGED.effects, fx.JointStops({J: (-1.0, 1.0)})])
+    ball = tl.load_robot("bouncing_ball")
+    ground = fx.Contact(("ground",), shapes={"ball": (fx.Sphere(0.1),)})
+    lag = fx.ActuatorLag(fx.Torque({"height": 1.0}), {"height": 0.1})
+    stepped = tl.Scene(ball, [0.5], effects=[fx.Gravity(), ground, lag])
     with pytest.raises(tl.errors.SceneError) as caught:
         tl.simulate(stepped, contact="stepped")
     assert caught.value.code == "not-stepped"

@@ -29,7 +29,8 @@ FILES = {
                  'of = {type = "torque", inputs = {elbow = 2}}',
                  E.Backlash(E.Torque({"elbow": 2.0}), {"elbow": 9.0}, {"elbow": 1.0}, gap={"elbow": 0.1})),
     "dc-motor": ('resistance = {elbow = 1}\ninductance = {elbow = 0.1}\nconstant = {elbow = 0.2}\n'
-                 'voltage = {elbow = {kind = "sine", amplitude = 12, frequency = 2}}\nwinding = {capacity = 9, cooling = 1}',
+                 'voltage = {elbow = {kind = "sine", amplitude = 12, frequency = 2}}\n'
+                 'winding = {capacity = 9, cooling = 1}',
                  E.DCMotor(None, {"elbow": 1.0}, {"elbow": 0.1}, {"elbow": 0.2}, {"elbow": E.Sine(12.0, 2.0)},
                            winding=E.Winding(9.0, 1.0))),
     "elastic-joint": ('stiffness = {elbow = 9}\ninertia = {elbow = 1}\ncubic = {elbow = 5}\n'
@@ -38,7 +39,8 @@ FILES = {
                                      {"elbow": 5.0})),
     "gear": ('ratio = {elbow = -9}\nefficiency = {elbow = 0.8}\nof = {type = "torque", inputs = {elbow = 2}}',
              E.Gear(E.Torque({"elbow": 2.0}), {"elbow": -9.0}, {"elbow": 0.8})),
-    "lu-gre-friction": ("stiffness = {elbow = 1e3}\ncoulomb = {elbow = 1}", E.LuGreFriction({"elbow": 1e3}, {"elbow": 1.0})),
+    "lu-gre-friction": ("stiffness = {elbow = 1e3}\ncoulomb = {elbow = 1}",
+                        E.LuGreFriction({"elbow": 1e3}, {"elbow": 1.0})),
     "muscle": ('name = "biceps"\narm = {elbow = 0.03}\nforce = 800\nlength = 0.1\nexcitation = 0.5',
                E.Muscle("biceps", {"elbow": 0.03}, 800.0, 0.1, 0.5)),
     "pid": ('target = {elbow = 1}\nkp = {elbow = 10}\nki = {elbow = 1}\nside = "motor"',

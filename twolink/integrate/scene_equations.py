@@ -158,9 +158,8 @@ def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Ar
     """States (moving, n) with what effects begin with behind states (q, v) (nq + nv, n). values (n,): of parameters."""
     if not equations.space.states:
         return x
-    effects = with_effect_numbers(equations, values or {}).effects
-    if equations.switching is not None:
-        effects = equations.switching.every
+    acting, switching = with_effect_numbers(equations, values or {}).effects, equations.switching
+    effects = acting if switching is None else switching.every
     model, nq = equations.robot.model, equations.space.nq
     motion = Motion(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
     states = starting_states(effects, motion).values()

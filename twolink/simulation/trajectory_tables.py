@@ -98,10 +98,10 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
     states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
+    contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
     samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
                       notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
-                      *(_forces(marks, kind, n, label) if EVENTS in notes else None
-                        for kind in (CONTACT, FORCE)), states=states)  # fmt: skip
+                      contacts, forces, states)  # fmt: skip
     wanted = columns(samples)
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]
