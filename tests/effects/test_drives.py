@@ -1,6 +1,7 @@
 """Drives: closed forms, exact pieces of motion, and second implementations integrated by SciPy."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import twolink as tl
+from twolink.algorithms.motion import Motion
+from twolink.effects.effect import Loads
 from twolink.scenes.parameters import parameters_of
 
 fx = tl.effects
@@ -106,7 +109,7 @@ def geared(**changed: object) -> tl.Scene:
     pid = fx.PID(of_all(1.0), of_all(40.0), of_all(30.0), of_all(2.0), of_all(0.01), of_all(12.0))
     motor = fx.DCMotor(pid, of_all(1.2), of_all(0.01), of_all(0.05), winding=fx.Winding(20.0, 0.5, magnet=0.001))
     gear = {"ratio": of_all(20.0), "efficiency": of_all(0.8), "backward": of_all(0.7), "inertia": of_all(1e-4),
-            "scale": 0.05, **changed}  # fmt: skip
+            "power": 0.5, **changed}  # fmt: skip
     return scene(fx.Gravity(), fx.Gear(motor, **gear), duration=2.0)
 
 
@@ -117,7 +120,7 @@ def geared_rate(_t: float, x: Sequence[float]) -> list[float]:
     r, k = 1.2 * (1 + 0.00393 * theta), 0.05 * (1 - 0.001 * theta)
     tau = k * i
     mean, half = (0.8 + 1 / 0.7) / 2, (1 / 0.7 - 0.8) / 2
-    joint = 20 * (mean * tau - half * abs(tau) * np.tanh(v / 0.05))
+    joint = 20 * tau * (mean - half * np.tanh(20 * tau * v / 0.5))
     return [v, (joint - WEIGHT * np.sin(q)) / (I + 400 * 1e-4), 30 * (1 - q) + 30 / 40 * (u - wanted), (v - w) / 0.01,
             (u - r * i - k * 20 * v) / 0.01, (r * i * i - 0.5 * theta) / 20]  # fmt: skip
 
@@ -323,6 +326,38 @@ def test_refusals(effect: fx.Effect, where: str) -> None:
         scene(effect)
     assert str(caught.value.where).startswith(f"effects[0].{where}")
     assert caught.value.remedy
+
+
+class Valve(fx.Effect, frozen=True):
+    """An effect of a user's own with a state: p' = c (u - p), force p."""
+
+    joint: str
+    c: float
+
+    def states(self, motion: Motion) -> dict[str, float]:
+        del motion
+        return {"pressure": 0.0}
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        loads.rates["pressure"] = self.c * (1.0 - motion.states["pressure"])
+        loads.torque(motion.coordinate(self.joint)[1], motion.states["pressure"])
+
+
+def test_states_of_an_effect_of_ones_own_in_files_and_tables(tmp_path: Path) -> None:
+    run = tl.simulate(scene(Valve(J, 20.0)), accuracy=1e-9)
+    assert np.abs(run.states["pressure"] - (1 - np.exp(-20 * run.t))).max() < 1e-9
+    for name in ("run.npz", "run.csv", "run.parquet"):
+        again = tl.Trajectory.load(run.save(tmp_path / name), WHEEL)
+        assert np.array_equal(again.states["pressure"], run.states["pressure"])
+    assert run.to_dict()["states"] == {"pressure": run.states["pressure"][-1]}
+    assert np.array_equal(run.to_xarray()["z.pressure"].values, run.to_pandas()["z.pressure"])
+    assert "3 states" in tl.explain(scene(Valve(J, 20.0))).text()
+
+
+def test_states_in_quadruple_precision() -> None:
+    run = tl.simulate(LAGGED, accuracy=1e-18)
+    assert run.error.max() < 1e-18
+    assert run.precise.shape[1] == 3
 
 
 def test_two_of_a_kind_are_refused() -> None:

@@ -225,7 +225,7 @@ class DCMotor(Drive, frozen=True):
 class Gear(Drive, frozen=True):
     """A stiff gear: the motor's angle is N q, and the joint's torque N tau less what the gear loses.
 
-        tau_q = N (a tau - b |tau| tanh(v / s)),   a = (e + 1 / e_b) / 2,   b = (1 / e_b - e) / 2
+        tau_q = N tau (a - b tanh(N tau v / P)),   a = (e + 1 / e_b) / 2,   b = (1 / e_b - e) / 2
 
     Driven by the motor the joint has N tau e, and driven by the joint it needs N tau / e_b.
 
@@ -241,8 +241,8 @@ class Gear(Drive, frozen=True):
         e_b, the same from the joint to the motor; e by default.
     inertia : mapping of joint to float
         Of the rotor, kg m^2: N^2 times it is added to the joint's armature.
-    scale : float
-        s, rad/s or m/s, above 0: the speed of the joint at which the loss changes its direction.
+    power : float
+        P, W, above 0: the power at which the loss has three quarters of its size; below it the gear creeps.
 
     References
     ----------
@@ -254,12 +254,7 @@ class Gear(Drive, frozen=True):
     efficiency: Mapping[str, NotNegative] = {}
     backward: Mapping[str, NotNegative] = {}
     inertia: Mapping[str, NotNegative] = {}
-    scale: float = 0.01
-
-    @property
-    def analytic(self) -> bool:
-        """Whether nothing is lost: |tau| is not smooth."""
-        return not self.efficiency and super().analytic
+    power: float = 0.1
 
     @property
     def changes(self) -> bool:
@@ -269,7 +264,7 @@ class Gear(Drive, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require ratios, and efficiencies of at most 1."""
         self.check_inside(robot, self.ratio, "ratio")
-        finite(self.scale, "scale", least=np.finfo(float).tiny)
+        finite(self.power, "power", least=np.finfo(float).tiny)
         for name in ("efficiency", "inertia"):
             check_subset(getattr(self, name), self.ratio, name, "joint with a ratio")
         check_subset(self.backward, self.efficiency, "backward", "joint with an efficiency")
@@ -297,18 +292,17 @@ class Gear(Drive, frozen=True):
                                  for joint, n in self.ratio.items()})  # fmt: skip
 
     def act(self, motion: Motion, loads: Loads) -> None:
-        """Add N (a tau - b |tau| tanh(v / s))."""
-        torques, xp = self.inside(self.seen_inside(motion), loads), motion.xp
+        """Add N tau (a - b tanh(N tau v / P))."""
+        torques = self.inside(self.seen_inside(motion), loads)
         for joint, ratio in self.ratio.items():
             dof = motion.coordinate(joint)[1]
-            tau = torques[dof]
+            tau = times(number(ratio), torques[dof])
             if joint in self.efficiency:
                 forward, backward = number(self.efficiency[joint]), self.backward.get(joint, self.efficiency[joint])
-                size = xp.where(xp.less(tau, 0.0), negative(tau), tau)
-                way = xp.tanh(times(inverse(self.scale), motion.v[dof]))
                 mean, half = 0.5 * (forward + inverse(backward)), 0.5 * (inverse(backward) - forward)
-                tau = minus(times(mean, tau), times(half, times(size, way)))
-            torques[dof] = times(number(ratio), tau)
+                way = motion.xp.tanh(times(inverse(self.power), times(tau, motion.v[dof])))
+                tau = times(tau, minus(mean, times(half, way)))
+            torques[dof] = tau
         loads.torques(torques)
 
 

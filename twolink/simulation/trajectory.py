@@ -277,6 +277,7 @@ class Trajectory(Result):
             when the run is not verified), bound ("verified", "estimated" or ""), accuracy,
             trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
             cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
+            states: those of effects at the end, by name, where there are some.
             contacts: of stepped contacts `Trajectory.contact_record`.
             q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
         """
@@ -287,6 +288,8 @@ class Trajectory(Result):
             "energy_drift": np.ptp(self.energy), "q": self.q[-1], "v": self.v[-1], "cost": self.cost,
             "events": self.events, "interrupted": self.interrupted,
         }  # fmt: skip
+        if self.states:
+            record["states"] = {name: values[-1] for name, values in self.states.items()}
         if self.contact_record is not None:
             record["contacts"] = self.contact_record
         if self.precise is not None:  # as texts, because readers of JSON take numbers as doubles

@@ -121,6 +121,8 @@ def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
     """
     equations, known = equations_of(scene), parameters_of(scene)
     constant = any(name not in known or not known[name].acts for name in names)
+    if equations.has_events and equations.space.states:  # play, whose kinks are to be located
+        return True
     if constant or equations.switching is not None or (names and equations.constraints is not None):
         return True
     try:
