@@ -16,6 +16,7 @@ from twolink.algorithms.motion import Motion
 from twolink.algorithms.spatial import Scalar, minus, negative, plus, times
 from twolink.dynamics import Robot
 from twolink.effects.checks import above_zero, check_effect, check_joints, check_subset
+from twolink.effects.constants import Rotor
 from twolink.effects.effect import Effect, Loads, NotNegative, check_name, finite, inverse, number
 from twolink.effects.inputs import Input, value_at
 from twolink.effects.loops import Loop
@@ -171,8 +172,7 @@ class DCMotor(Drive, frozen=True):
 
     References
     ----------
-    Siciliano et al., Robotics, 2009, section 5.2.1. Krishnan, Permanent Magnet Synchronous and Brushless DC Motor
-    Drives, 2010, section 1.5 (temperature).
+    Siciliano et al., Robotics, 2009, section 5.2.1.
     """
 
     resistance: Mapping[str, NotNegative] = {}
@@ -246,8 +246,7 @@ class Gear(Drive, frozen=True):
 
     References
     ----------
-    Siciliano et al., Robotics, 2009, section 5.1. Giberti, Cinquemani, Legnani 2010, Mechatronics 20(1), 131-145
-    (efficiency by direction).
+    Siciliano et al., Robotics, 2009, section 5.1.1.
     """
 
     ratio: Mapping[str, float] = {}
@@ -279,10 +278,7 @@ class Gear(Drive, frozen=True):
     def change(self, model: pin.Model) -> None:
         """Add N^2 times the rotor's inertia to the armature."""
         super().change(model)
-        armature = np.array(model.armature)
-        for joint, inertia in self.inertia.items():
-            armature[model.idx_vs[model.getJointId(joint)]] += float(self.ratio[joint]) ** 2 * inertia
-        model.armature = armature
+        Rotor(self.inertia, self.ratio).change(model)
 
     def seen_inside(self, motion: Motion) -> Motion:
         """N q and N v."""
