@@ -351,7 +351,9 @@ def test_states_of_an_effect_of_ones_own_in_files_and_tables(tmp_path: Path) -> 
         assert np.array_equal(again.states["pressure"], run.states["pressure"])
     assert run.to_dict()["states"] == {"pressure": run.states["pressure"][-1]}
     assert np.array_equal(run.to_xarray()["z.pressure"].values, run.to_pandas()["z.pressure"])
-    assert "3 states" in tl.explain(scene(Valve(J, 20.0))).text()
+    text = tl.explain(scene(Valve(J, 20.0))).text()
+    assert "3 states" in text
+    assert "pressure" in text
 
 
 def test_states_in_quadruple_precision() -> None:
