@@ -23,6 +23,28 @@ FILES = {
                 E.Contact(("ground", ("tip", E.Plane(height=-9.0))), 0.5, shapes={"tip": (E.Sphere(0.1),)})),
     "frame-wrench": ('frame = "tip"\naxes = "frame"\nforce = [0, 0, {kind = "polynomial", coefficients = [1, 2]}]',
                      E.FrameWrench("tip", (0.0, 0.0, E.Polynomial((1.0, 2.0))), axes="frame")),
+    "actuator-lag": ('time = {elbow = 0.1}\nof = {type = "torque", inputs = {elbow = 2}}',
+                     E.ActuatorLag(E.Torque({"elbow": 2.0}), {"elbow": 0.1})),
+    "backlash": ('stiffness = {elbow = 9}\ninertia = {elbow = 1}\ngap = {elbow = 0.1}\n'
+                 'of = {type = "torque", inputs = {elbow = 2}}',
+                 E.Backlash(E.Torque({"elbow": 2.0}), {"elbow": 9.0}, {"elbow": 1.0}, gap={"elbow": 0.1})),
+    "dc-motor": ('resistance = {elbow = 1}\ninductance = {elbow = 0.1}\nconstant = {elbow = 0.2}\n'
+                 'voltage = {elbow = {kind = "sine", amplitude = 12, frequency = 2}}\n'
+                 'winding = {capacity = 9, cooling = 1}',
+                 E.DCMotor(None, {"elbow": 1.0}, {"elbow": 0.1}, {"elbow": 0.2}, {"elbow": E.Sine(12.0, 2.0)},
+                           winding=E.Winding(9.0, 1.0))),
+    "elastic-joint": ('stiffness = {elbow = 9}\ninertia = {elbow = 1}\ncubic = {elbow = 5}\n'
+                      'of = {type = "gear", ratio = {elbow = 9}, of = {type = "torque", inputs = {elbow = 2}}}',
+                      E.ElasticJoint(E.Gear(E.Torque({"elbow": 2.0}), {"elbow": 9.0}), {"elbow": 9.0}, {"elbow": 1.0},
+                                     {"elbow": 5.0})),
+    "gear": ('ratio = {elbow = -9}\nefficiency = {elbow = 0.8}\nof = {type = "torque", inputs = {elbow = 2}}',
+             E.Gear(E.Torque({"elbow": 2.0}), {"elbow": -9.0}, {"elbow": 0.8})),
+    "lu-gre-friction": ("stiffness = {elbow = 1e3}\ncoulomb = {elbow = 1}",
+                        E.LuGreFriction({"elbow": 1e3}, {"elbow": 1.0})),
+    "muscle": ('name = "biceps"\narm = {elbow = 0.03}\nforce = 800\nlength = 0.1\nexcitation = 0.5',
+               E.Muscle("biceps", {"elbow": 0.03}, 800.0, 0.1, 0.5)),
+    "pid": ('target = {elbow = 1}\nkp = {elbow = 10}\nki = {elbow = 1}\nside = "motor"',
+            E.PID({"elbow": 1.0}, {"elbow": 10.0}, {"elbow": 1.0}, side="motor")),
     "gravity": ("field = [0, 0, -1.62]", E.Gravity((0.0, 0.0, -1.62))),
     "gravity-compensation": ('joints = ["elbow"]\neffort = {elbow = 5}',
                              E.GravityCompensation(("elbow",), {"elbow": 5.0})),

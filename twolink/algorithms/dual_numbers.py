@@ -203,6 +203,13 @@ class DualNamespace:
         root = self.xp.sqrt(x.value)
         return x.function(root, 0.5 / root)
 
+    def exp(self, x: Any) -> Any:
+        """The exponential."""
+        if not isinstance(x, Dual):
+            return self.xp.exp(x)
+        value = self.xp.exp(x.value)
+        return x.function(value, value)
+
     def tanh(self, x: Any) -> Any:
         """The hyperbolic tangent."""
         if not isinstance(x, Dual):

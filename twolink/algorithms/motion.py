@@ -1,5 +1,9 @@
 """The robot in motion: where its joints and frames are and how they move. Over plain arithmetic."""
 
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
 from typing import Any
 
 import pinocchio as pin
@@ -30,12 +34,23 @@ GROUND = "universe"  # the world, whose points are given in its coordinates; Pin
 class Motion:
     """A robot in motion: q (nq), v (nv) and the time t, as numbers, arrays of a batch, or expressions.
 
-    mech: the robot's constants. xp: the namespace of sin, cos, sqrt, tanh, where, less. What is asked for is computed
-    once; what is not asked for leaves no operation behind.
+    mech: the robot's constants. xp: the namespace of sin, cos, sqrt, exp, tanh, where, less. states: those of effects,
+    by name. links: the motion of the robot itself, where this is one of its motors (`driven_by`). What is asked for is
+    computed once; what is not asked for leaves no operation behind.
     """
 
-    def __init__(self, model: pin.Model, mech: Mechanism, q: Scalars, v: Scalars, t: Scalar, xp: Any) -> None:
+    def __init__(
+        self,
+        model: pin.Model,
+        mech: Mechanism,
+        q: Scalars,
+        v: Scalars,
+        t: Scalar,
+        xp: Any,
+        states: Mapping[str, Scalar] | None = None,
+    ) -> None:
         self.model, self.mech, self.q, self.v, self.t, self.xp = model, mech, q, v, t, xp
+        self.states, self.links = states or {}, self
         self._own: list[Pose] | None = None
         self._world: dict[int, Pose] = {0: AT_PARENT}
         self._velocity: dict[int, Spatial] = {0: STILL}
@@ -50,12 +65,23 @@ class Motion:
         supports = [[*self.mech.support(self.frame(frame)[0]), 0] for frame in frames]
         return next(i for i in supports[0] if all(i in support for support in supports))
 
-    def seen_from(self, body: int) -> "Motion":
+    def seen_from(self, body: int) -> Motion:
         """The same motion as that body and what it carries see it, which its own joints do not change."""
         if body == 0:
             return self
         seen = Motion(self.model, self.mech, self.q, self.v, self.t, self.xp)
         seen._own, seen._world, seen._velocity = self.own(), {body: AT_PARENT}, {body: STILL}
+        return seen
+
+    def driven_by(self, motors: Mapping[str, tuple[Scalar, Scalar]]) -> Motion:
+        """The motion of motors in the place of joints of one coordinate: by joint the motor's angle and its speed."""
+        seen = copy.copy(self)
+        seen.q, seen.v, seen._own, seen._world, seen._velocity = (
+            list(self.q), list(self.v), None, {0: AT_PARENT}, {0: STILL}
+        )  # fmt: skip
+        for joint, (angle, speed) in motors.items():
+            entry, dof = self.coordinate(joint)
+            seen.q[entry], seen.v[dof] = angle, speed
         return seen
 
     def own(self) -> list[Pose]:

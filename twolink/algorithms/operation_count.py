@@ -50,7 +50,7 @@ class Symbol:
 class Tape:
     """All operations made, each once; it is also the namespace `xp` of the recursions."""
 
-    sin, cos, sqrt, tanh, less, where = map(_function, ("sin", "cos", "sqrt", "tanh", "less", "where"))
+    sin, cos, sqrt, exp, tanh, less, where = map(_function, ("sin", "cos", "sqrt", "exp", "tanh", "less", "where"))
     symbol = Symbol
 
     def __init__(self) -> None:

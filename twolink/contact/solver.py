@@ -50,6 +50,10 @@ def stepper_of(scene: Scene) -> Stepper:
         q, v = looped.space.rows(looped.start)
         _smooth[scene] = looped, looped if looped.constraints is None else make_equations(scene.robot, q, v, free)
     with_loops, equations = _smooth[scene]
+    if equations.space.states:
+        raise SceneError(f"effects with states of their own, such as {equations.space.states[0]!r}, cannot be stepped",
+                         argument="contact", remedy='contact="located", or leave them out',
+                         code="not-stepped")  # fmt: skip
     loops = None if with_loops.constraints is None else LoopRows(with_loops, with_loops.constraints)
     stepper = Stepper(equations, effects, stops, holds, loops)
     overlap, pair = stepper.overlap(equations.start[: equations.space.nq])

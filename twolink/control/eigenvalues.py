@@ -58,6 +58,8 @@ def stability_of(values: Array, errors: Array, mass: Array, derivatives: Array, 
         return "saddle" if (values.real < -errors).any() else "unstable"
     if (values.real < -errors).all():
         return "asymptotically stable"
+    if len(derivatives) > nv:  # states of effects: no second-order form
+        return "unknown"
     stiffness, damping = -mass @ derivatives[:, :nv], -mass @ derivatives[:, nv : 2 * nv]
     allowed = float(np.linalg.norm(mass, 2)) * error * nv + 8.0 * EPS * float(np.abs(stiffness).max(initial=0.0))
     symmetric = float(np.abs(stiffness - stiffness.T).max(initial=0.0)) <= 2.0 * allowed

@@ -19,6 +19,7 @@ from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, unbalanced_forces
+from twolink.integrate.scene_equations import require_no_states
 from twolink.integrate.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
@@ -122,6 +123,7 @@ def equilibria(
     contacts hold at rest are not looked for.
     """
     equations = driven(scene, (), np.zeros(0))
+    require_no_states(equations, "equilibria")
     if depends_on_time(equations):
         raise SceneError("its forces depend on time: it has no equilibrium", where="scene", code="depends-on-time",
                          remedy="leave out effects with functions of time")  # fmt: skip

@@ -9,7 +9,7 @@ from twolink.control.linearization import AT_REST, Linearization, linearize
 from twolink.control.smooth import depends_on_time
 from twolink.effects.controllers import Limits, StateFeedback
 from twolink.errors import SceneError
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, require_no_states
 from twolink.scenes import Scene
 
 RESIDUAL = 1e-8  # of the Riccati equation, relative
@@ -68,6 +68,7 @@ def lqr(
     ----------
     Anderson and Moore: Optimal Control: Linear Quadratic Methods, 1990, chapter 3.
     """
+    require_no_states(equations_of(scene), "lqr")
     if depends_on_time(equations_of(scene)):
         raise SceneError("its forces depend on time; a regulator holds a robot at rest in constant ones", where="scene",
                          remedy="leave out effects with functions of time", code="depends-on-time")  # fmt: skip

@@ -33,7 +33,9 @@ AT_REST = 1e-9  # relative: accelerations below it are those of an equilibrium t
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization(Result, Plotted):
-    """Linear equations of small motions: x' = A x + B u, with x = (dq, dv) in the tangent space.
+    """Linear equations of small motions: x' = A x + B u, with x = (dq, dv, dz) in the tangent space.
+
+    dz are the changes of the states of effects.
 
     With closed loops, dq and dv are those of d independent degrees of freedom, which the others follow; else d = nv.
 
@@ -49,20 +51,20 @@ class Linearization(Result, Plotted):
         Their times, s.
     tau : ndarray (m,)
         The torques at the inputs, besides those of the scene, N m or N.
-    A : ndarray (..., 2 d, 2 d)
-    B : ndarray (..., 2 d, m)
-    a : ndarray (..., nv)
-        The accelerations at the states, per s^2.
+    A : ndarray (..., 2 d + s, 2 d + s)
+    B : ndarray (..., 2 d + s, m)
+    a : ndarray (..., nv + s)
+        The accelerations at the states, per s^2, and the rates of the s states of effects.
     names : tuple of str
-        Of the rows of A and B: "q.JOINT" for each independent degree of freedom, then "v.JOINT".
+        Of the rows of A and B: "q.JOINT" for each independent degree of freedom, "v.JOINT", and "z.STATE" of effects.
     inputs : tuple of str
         Of the columns of B: joint names.
     error : float
         Bound on the error of every entry of A and B, from differences of Pinocchio's accelerations.
     independent : tuple of int
         The independent degrees of freedom.
-    lift : ndarray (..., 2 nv, 2 d)
-        The changes (dq, dv) of all degrees of freedom by x.
+    lift : ndarray (..., 2 nv + s, 2 d + s)
+        The changes (dq, dv) of all degrees of freedom by x, and of the s states of effects.
     """
 
     robot: Robot
@@ -238,25 +240,28 @@ def linearize(
     for i, own in enumerate(here):
         groups.setdefault(own.content, []).append(i)
     nv, x = scene.robot.nv, np.array([own.start for own in here]).T
+    tangent, states_of_effects = equations.space.tangent, equations.space.states
     independent, lift = freedom(here[0], times, x)
-    derivatives, a, error = np.empty((len(times), nv, 2 * nv + len(joints))), np.empty((len(times), nv)), 0.0
+    rows_of_rates = equations.space.moving - equations.space.nq
+    derivatives = np.empty((len(times), rows_of_rates, tangent + len(joints)))
+    a, error = np.empty((len(times), rows_of_rates)), 0.0
     for places in groups.values():
         own, at = here[places[0]], times[places]
         a[places], derivatives[places] = derivatives_of(accelerations, own, at, x[:, places])
         error = max(error, certified(own, at, x[:, places], derivatives[places]))
-    top = np.broadcast_to(np.eye(nv, 2 * nv + len(joints), nv), derivatives.shape).copy()
-    top[:, :, :nv] -= _adjoint(scene.robot, x[equations.space.nq : equations.moving].T)
+    top = np.broadcast_to(np.eye(nv, tangent + len(joints), nv), (len(times), nv, tangent + len(joints))).copy()
+    top[:, :, :nv] -= _adjoint(scene.robot, x[equations.space.v_rows].T)
     whole = np.concatenate([top, derivatives], axis=1)
-    rows = [*independent, *(nv + k for k in independent)]
+    rows = [*independent, *(nv + k for k in independent), *range(2 * nv, tangent)]
 
     def shaped(values: np.ndarray) -> np.ndarray:
         return values.reshape((*batch, *values.shape[1:]))
 
     q, v = equations.space.rows(x)
-    names = state_names(scene.robot)
+    names = (*state_names(scene.robot), *(f"z.{name}" for name in states_of_effects))
     return Linearization(
-        scene.robot, shaped(q), shaped(v), shaped(times), torques, shaped(whole[:, rows, : 2 * nv] @ lift),
-        shaped(whole[:, rows, 2 * nv :]), shaped(a), tuple(names[k] for k in rows), joints,
+        scene.robot, shaped(q), shaped(v), shaped(times), torques, shaped(whole[:, rows, :tangent] @ lift),
+        shaped(whole[:, rows, tangent:]), shaped(a), tuple(names[k] for k in rows), joints,
         error * float(np.abs(lift).sum(axis=1).max(initial=1.0)), independent, shaped(lift),
     )  # fmt: skip
 

@@ -20,7 +20,7 @@ from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.equations import Equations
 from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, require_no_states
 from twolink.integrate.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
@@ -306,6 +306,7 @@ def periodic_motion(
     """
     period = positive(period, "period", SceneError, "such as 2.5", expected="a time above 0 s")
     equations, accuracy = equations_of(scene), accuracy_of(accuracy)
+    require_no_states(equations, "periodic_motion")
     autonomous = not depends_on_time(equations)
     if isinstance(segments, bool) or not isinstance(segments, int) or segments < 1:
         raise SceneError(f"expected a whole number from 1, got {segments!r}", argument="segments", remedy="such as 4")

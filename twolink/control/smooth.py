@@ -30,7 +30,7 @@ from twolink.integrate.formulas import accelerations
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of
 from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import with_parameters
+from twolink.integrate.scene_equations import with_parameters, with_starting_states
 from twolink.integrate.state import Array
 from twolink.integrate.variational_steps import tangent_basis
 
@@ -51,6 +51,7 @@ def equations_at(equations: Equations, t: float, q: Array, v: Array) -> Equation
     x = np.concatenate([q, v])
     if equations.constraints is not None:
         x = assembled(equations.constraints, x)
+    x = with_starting_states(equations, x)
     if not equations.has_events:
         return replace(equations, start=np.concatenate([x, equations.layout.numbers_at(t)]))
     run = RunState(replace(equations, start=np.concatenate([x, equations.start[equations.moving :]])), t, 0.0)
@@ -124,19 +125,19 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
     Returns
     -------
     rows : ndarray (n, m)
-    derivatives : ndarray (n, m, 2 nv + p)
-        By q in the tangent space, v, and the parameters. NaN where the equations have none.
+    derivatives : ndarray (n, m, tangent + p)
+        By q in the tangent space, v, the states of effects, and the parameters. NaN where the equations have none.
     """
     space, names, n = equations.space, equations.parameters, len(t)
-    nq, nv, moving, count = space.nq, space.nv, space.moving, 2 * space.nv + len(names)
+    nq, nv, moving, count = space.nq, space.nv, space.moving, space.tangent + len(names)
     seeds = np.zeros((moving, n, count))
     seeds[:nq, :, :nv] = tangent_basis(space, x[:nq]).transpose(0, 2, 1)
-    seeds[nq:moving, :, nv : 2 * nv] = np.eye(nv)[:, None]
+    seeds[nq:moving, :, nv : space.tangent] = np.eye(moving - nq)[:, None]
     state = np.empty(len(x), dtype=object)
     state[:] = [Dual(row[:, None], [seed]) for row, seed in zip(x[:moving], seeds, strict=True)] + [
         Dual(row[:, None], [0.0]) for row in x[moving:]
     ]
-    units = np.eye(count)[2 * nv :]
+    units = np.eye(count)[space.tangent :]
     values = {name: Dual(np.full((n, 1), nominal_value(equations, name)), [np.broadcast_to(unit, (n, count))])
               for name, unit in zip(names, units, strict=True)}  # fmt: skip
     xp = DualNamespace(Numbers)
@@ -155,14 +156,15 @@ def derivatives_of(formula: Formula, equations: Equations, t: Array, x: Array) -
 
 
 def derivatives_by_differences(equations: Equations, t: float, x: Array) -> tuple[Array, float]:
-    """The derivatives (nv, 2 nv + p) at one state x (size,) by differences, and a bound on their error.
+    """The derivatives (nv + states, tangent + p) at one state x (size,) by differences, and a bound on their error.
 
     Each column is taken with shorter and shorter steps; the error is the distance of the two next to each other that
     agree best.
     """
-    nv, names, columns, worst = equations.space.nv, equations.parameters, list[Array](), 0.0
-    for k in range(2 * nv + len(names)):
-        before, column, least = np.full(nv, np.nan), np.full(nv, np.nan), np.inf
+    space, columns, worst = equations.space, list[Array](), 0.0
+    for k in range(space.tangent + len(equations.parameters)):
+        before = column = np.full(space.moving - space.nq, np.nan)
+        least = np.inf
         for step in STEPS:
             a = _accelerations_beside(equations, t, x, k, step * SHIFTS)
             found = (a[:, ::2] - a[:, 1::2]) @ WEIGHTS / step
@@ -178,7 +180,7 @@ def derivatives_by_differences(equations: Equations, t: float, x: Array) -> tupl
 
 
 def certified(equations: Equations, t: Array, x: Array, derivatives: Array) -> float:
-    """A bound on the error of derivatives (n, nv, .), from differences at some of the states.
+    """A bound on the error of derivatives (n, ., .), from differences at some of the states.
 
     Raises CertificationError where they disagree.
     """
@@ -199,10 +201,10 @@ def certified(equations: Equations, t: Array, x: Array, derivatives: Array) -> f
 
 
 def _accelerations_beside(equations: Equations, t: float, x: Array, k: int, shifts: Array) -> Array:
-    """Pinocchio's accelerations (nv, m) at the state moved along direction k of (dq, dv, parameters) by shifts (m,)."""
+    """(a, z') (., m) by Pinocchio at the state moved along direction k of (dq, dv, dz, parameters) by shifts (m,)."""
     space, out = equations.space, np.repeat(x[:, None], len(shifts), axis=1)
-    if k >= 2 * space.nv:
-        name = equations.parameters[k - 2 * space.nv]
+    if k >= space.tangent:
+        name = equations.parameters[k - space.tangent]
         values = nominal_value(equations, name) + shifts
         others = (replace(with_effect_numbers(equations, {name: value}), parameters=()) for value in values)
         out = np.concatenate([rate(other, t, x[:, None]) for other in others], axis=1)
@@ -216,7 +218,7 @@ def _accelerations_beside(equations: Equations, t: float, x: Array, k: int, shif
 
 
 class Freedom(NamedTuple):
-    """independent (d): degrees of freedom. lift (n, 2 nv, 2 d): the changes (dq, dv) of all by those of these."""
+    """independent (d): degrees of freedom. lift (n, 2 nv + s, 2 d + s): (dq, dv, dz) by the changes of these and dz."""
 
     independent: tuple[int, ...]
     lift: Array
@@ -227,19 +229,20 @@ def freedom(equations: Equations, t: Array, x: Array) -> Freedom:
 
     Raises SceneError where the loops are in a singular position, code "singular-position".
     """
-    nv, constraints = equations.space.nv, equations.constraints
+    nv, size, constraints = equations.space.nv, equations.space.tangent, equations.constraints
     if constraints is None:
-        return Freedom(tuple(range(nv)), np.broadcast_to(np.eye(2 * nv), (len(t), 2 * nv, 2 * nv)))
+        return Freedom(tuple(range(nv)), np.broadcast_to(np.eye(size), (len(t), size, size)))
     rows = np.array([_jacobian(constraints, q) for q in x[: equations.space.nq].T])
     dependent = _dependent(rows)
     independent = tuple(k for k in range(nv) if k not in dependent)
     d, own = len(independent), list(independent)
     turning = derivatives_of(_velocities, equations, t, x)[1][:, :, :nv]
     inverse = np.linalg.inv(rows[:, :, dependent])
-    lift = np.zeros((len(t), 2 * nv, 2 * d))
+    lift = np.zeros((len(t), size, 2 * d + size - 2 * nv))
+    lift[:, 2 * nv :, 2 * d :] = np.eye(size - 2 * nv)
     lift[:, own, range(d)] = lift[:, [nv + k for k in own], range(d, 2 * d)] = 1.0
     along = -inverse @ rows[:, :, own]
-    lift[:, dependent, :d] = lift[:, [nv + k for k in dependent], d:] = along
+    lift[:, dependent, :d] = lift[:, [nv + k for k in dependent], d : 2 * d] = along
     lift[:, [nv + k for k in dependent], :d] = -inverse @ turning @ lift[:, :nv, :d]
     return Freedom(independent, lift)
 
@@ -257,7 +260,7 @@ def _jacobian(constraints: Constraints, q: Array) -> Array:
 def _velocities(equations: Equations, mech: Mechanism, _t: Any, x: Any, xp: Any) -> list[Any]:
     """J v of the kept rows."""
     nq, constraints = equations.space.nq, equations.constraints
-    return [] if constraints is None else constraints.velocities(mech, x[:nq], x[nq : equations.moving], xp)
+    return [] if constraints is None else constraints.velocities(mech, x[:nq], x[equations.space.v_rows], xp)
 
 
 def _dependent(rows: Array) -> list[int]:

@@ -139,6 +139,14 @@ def check_subset(values: Any, joints: Iterable[str], field: str, what: str) -> N
         check_name(joint, joints, field, what)
 
 
+def above_zero(values: Mapping[str, float], field: str) -> None:
+    """Require numbers above 0. Raises SceneError."""
+    for joint, value in values.items():
+        if not value > 0.0:
+            raise SceneError(f"expected a number above 0, got {value!r}", where=f"{field}.{joint}",
+                             remedy="leave the joint out, or give a larger one")  # fmt: skip
+
+
 def check_values_or_urdf(
     values: Mapping[str, float] | None, urdf: Any, robot: Robot, field: str, what: str = ""
 ) -> None:

@@ -10,7 +10,7 @@ from twolink.algorithms.spatial import Scalar, Vec, add, cross, dot, minus, nega
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import configuration
 from twolink.effects.checks import check_joint, check_joints, check_subset, single_joints
-from twolink.effects.effect import Effect, Loads, NotNegative, check_name, number
+from twolink.effects.effect import Effect, Loads, NotNegative, check_name, inverse, number
 from twolink.effects.inputs import Input, Sampled, derivatives_at, value_at
 from twolink.errors import SceneError
 from twolink.robots.joint_layout import joint_layouts
@@ -74,6 +74,96 @@ class JointPD(Effect, frozen=True):
                 value_at(self.feedforward.get(joint, 0.0), motion.t, motion.xp),
             )
             loads.torque(dof, clamped(torque, joint, self.effort, motion, loads))
+
+
+class PID(Effect, frozen=True):
+    """Proportional-integral-derivative control, with a filtered derivative and anti-windup.
+
+        u = kp e + I - kd w,   e = target - q,   I' = ki e + (tau - u) / T,   F w' = v - w,   tau = u within its limits
+
+    Parameters
+    ----------
+    target : mapping of joint to input
+        rad or m: numbers or functions of time. Joints with one coordinate.
+    kp : mapping of joint to float
+        N m/rad or N/m, not negative; for every joint with a target. Inside a motor, V in place of N m.
+    ki : mapping of joint to float
+        N m/(rad s) or N/(m s), not negative; 0 by default.
+    kd : mapping of joint to float
+        N m s/rad or N s/m, not negative; 0 by default.
+    filter : mapping of joint to float
+        F, the time constant of the filter of the velocity, s; 0 by default: w = v.
+    effort : mapping of joint to float, "urdf" or None
+        Limits L of tau, -L <= tau <= L, N m or N: by joint, the URDF's, or none.
+    tracking : mapping of joint to float
+        T, s, above 0: how soon the integral leaves what is beyond the limits; kp / ki by default.
+    side : {"joint", "motor"}
+        Inside a gear or an elastic joint, whether q and v are those of the joint, or of the motor.
+
+    Notes
+    -----
+    States: "JOINT.integral", I, of joints with ki, and "JOINT.filter", w, of joints with a filter, which begins at v.
+    The derivative is that of q alone: a jump of the target gives no impulse.
+
+    References
+    ----------
+    Åström, Hägglund, PID Controllers: Theory, Design, and Tuning, 1995, sections 3.2 to 3.5 (tracking anti-windup).
+    """
+
+    target: Mapping[str, Input]
+    kp: Mapping[str, NotNegative]
+    ki: Mapping[str, NotNegative] = {}
+    kd: Mapping[str, NotNegative] = {}
+    filter: Mapping[str, NotNegative] = {}
+    effort: Limits = None
+    tracking: Mapping[str, NotNegative] = {}
+    side: Literal["joint", "motor"] = "joint"
+
+    @property
+    def analytic(self) -> bool:
+        """Whether there are no limits: a torque is not smooth where it reaches its limit."""
+        return self.effort is None
+
+    def check(self, robot: Robot) -> None:
+        """Require joints with one coordinate, all with a target and kp."""
+        check_joints(self.target, robot, "target", coordinates=True)
+        for name in ("kp", "ki", "kd", "filter", "tracking"):
+            check_subset(getattr(self, name), self.target, name, "joint with a target")
+        for joint in self.target:
+            check_name(joint, self.kp, "kp", "gain for joint")
+        for joint in self.ki:
+            if self.effort is not None and not self.tracking.get(joint, self.kp[joint]):
+                raise SceneError("an integral without kp needs a time", where=f"tracking.{joint}",
+                                 remedy=f"tracking={{{joint!r}: 0.1}}")  # fmt: skip
+        check_limits(self.effort, self.target, robot)
+
+    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+        """I and w."""
+        seen = motion.links if self.side == "joint" else motion
+        speeds = {f"{joint}.filter": seen.v[seen.coordinate(joint)[1]] for joint, time in self.filter.items() if time}
+        return {**{f"{joint}.integral": 0.0 for joint, gain in self.ki.items() if gain}, **speeds}
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add tau, and give I' and w'."""
+        seen = motion.links if self.side == "joint" else motion
+        for joint, target in self.target.items():
+            entry, dof = seen.coordinate(joint)
+            error = minus(value_at(target, seen.t, seen.xp), seen.q[entry])
+            speed, integral = seen.v[dof], motion.states.get(f"{joint}.integral", 0.0)
+            if (name := f"{joint}.filter") in motion.states:
+                loads.rates[name] = times(minus(speed, motion.states[name]), inverse(self.filter[joint]))
+                speed = motion.states[name]
+            damping = times(negative(number(self.kd.get(joint, 0.0))), speed)
+            wanted = plus(times(number(self.kp[joint]), error), integral, damping)
+            torque = clamped(wanted, joint, self.effort, motion, loads)
+            if f"{joint}.integral" in motion.states:
+                gain = number(self.ki[joint])
+                rate = times(gain, error)
+                if torque is not wanted:
+                    pace = inverse(self.tracking[joint]) if joint in self.tracking else gain / number(self.kp[joint])
+                    rate = plus(rate, times(pace, minus(torque, wanted)))
+                loads.rates[f"{joint}.integral"] = rate
+            loads.torque(dof, torque)
 
 
 class GravityCompensation(Effect, frozen=True):
@@ -323,12 +413,8 @@ def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: L
     limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
     if limit is None:
         return torque
-    limit, xp, before = number(limit), motion.xp, len(loads.limits) // 2
-    loads.limits += [(f"{joint}, lower", plus(torque, limit)), (f"{joint}, upper", minus(limit, torque))]
-    below, above = xp.less(torque, -limit), xp.less(limit, torque)
-    if loads.sides is not None:
-        side = loads.sides[before]
-        below, above = xp.less(side, -0.5), xp.less(0.5, side)
+    limit, xp = number(limit), motion.xp
+    below, above = loads.beyond(joint, plus(torque, limit), minus(limit, torque), xp)
     return xp.where(below, -limit, xp.where(above, limit, torque))
 
 

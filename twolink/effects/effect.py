@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
@@ -29,6 +30,7 @@ JointName = Annotated[str, msgspec.Meta(extra_json_schema={"format": "joint"})]
 class Loads:
     """Torques tau (nv) and, by body, the wrench (force, moment) at its joint's origin along its own axes.
 
+    rates: of the states of effects, by name, per second.
     sides: of each limit of effort, on which side it stays, -1 below, 0 within, 1 above; None: as the torque is.
     """
 
@@ -39,9 +41,32 @@ class Loads:
         self.wrenches: dict[int, list[Scalar]] = {}
         self.limits: list[tuple[str, Scalar]] = []  # of effort, by name: distances to them, which pass 0
 
+        self.rates: dict[str, Scalar] = {}
+
+    def of_motor(self, motion: Motion) -> Loads:
+        """Loads of what drives a motor: their torques are its own; rates and limits are common."""
+        own = copy.copy(self)
+        own._motion, own.tau, own.wrenches = motion, [0.0] * motion.mech.nv, {}
+        return own
+
+    def beyond(self, name: str, lower: Scalar, upper: Scalar, xp: Any) -> tuple[Any, Any]:
+        """Whether a value is below, or above, two limits, from its distances to them (above 0 within).
+
+        Events locate where they pass 0, so that no step crosses what is not smooth.
+        """
+        before = len(self.limits) // 2
+        self.limits += [(f"{name}, lower", lower), (f"{name}, upper", upper)]
+        if self.sides is None:
+            return xp.less(lower, 0.0), xp.less(upper, 0.0)
+        return xp.less(self.sides[before], -0.5), xp.less(0.5, self.sides[before])
+
     def torque(self, dof: int, value: Scalar) -> None:
         """Add a joint torque or force, N m or N."""
         self.tau[dof] = plus(self.tau[dof], value)
+
+    def torques(self, values: Sequence[Scalar]) -> None:
+        """Add torques (nv) of all degrees of freedom."""
+        self.tau = [plus(own, value) for own, value in zip(self.tau, values, strict=True)]
 
     def force(self, frame: str, force: Vec, moment: Vec = ZERO, point: Vec = ZERO) -> None:
         """Add a force [N] at a point of a frame, and a moment [N m], both along the world's axes."""
@@ -73,6 +98,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
         """Whether what it does is smooth to any order, as Taylor's method needs."""
         return True
 
+    @property
+    def changes(self) -> bool:
+        """Whether it changes constants of the robot."""
+        return type(self).change is not Effect.change
+
     def check(self, robot: Robot) -> None:
         """Raise SceneError where the effect does not fit the robot; `where` begins with the field's name.
 
@@ -84,6 +114,14 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 
     def act(self, motion: Motion, loads: Loads) -> None:
         """Add the torques on joints and the wrenches on bodies that the effect gives to a motion."""
+
+    def states(self, motion: Motion) -> Mapping[str, Scalar]:
+        """The states z of the effect beside q and v, by name, and their values at the start, of a motion at t = 0.
+
+        `act` finds them in `motion.states`, and gives z' by `loads.rates`.
+        """
+        del motion
+        return {}
 
     def notes(self, robot: Robot) -> Sequence[str]:
         """What `explain` says of the effect beside its fields, one line each."""
@@ -99,6 +137,11 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
 def number(x: Any) -> Any:
     """A number as a float, which formulas fold as a constant; a run-time parameter in its place as it is."""
     return float(x) if isinstance(x, (int, float, np.number)) else x
+
+
+def inverse(x: Any) -> Any:
+    """1 / x of a number of an effect."""
+    return 1.0 / number(x)
 
 
 def plain(value: Any) -> Any:

@@ -6,10 +6,30 @@ from typing import ClassVar, Literal
 
 from twolink.algorithms.functions import frame_pose
 from twolink.algorithms.motion import Motion
-from twolink.algorithms.spatial import Vec, add, cross, dot, force_to_parent, plus, reciprocal, scale, times
+from twolink.algorithms.spatial import (
+    Vec,
+    add,
+    cross,
+    dot,
+    force_to_parent,
+    minus,
+    negative,
+    plus,
+    reciprocal,
+    scale,
+    times,
+)
 from twolink.dynamics import Robot
-from twolink.effects.checks import check_frame, check_joints, check_subset, check_values_or_urdf, floats, values_by_dof
-from twolink.effects.effect import Effect, LinkName, Loads, NotNegative, finite, number
+from twolink.effects.checks import (
+    above_zero,
+    check_frame,
+    check_joints,
+    check_subset,
+    check_values_or_urdf,
+    floats,
+    values_by_dof,
+)
+from twolink.effects.effect import Effect, LinkName, Loads, NotNegative, check_name, finite, inverse, number
 from twolink.effects.inputs import Input, value_at
 from twolink.errors import SceneError
 
@@ -118,6 +138,78 @@ class SmoothFriction(Effect, frozen=True):
         for k, f in values_by_dof(self.friction, motion.model.friction, motion).items():
             if f:
                 loads.torque(k, times(-f, motion.xp.tanh(times(1.0 / self.scale, motion.v[k]))))
+
+
+class LuGreFriction(Effect, frozen=True):
+    """LuGre friction in joints: bristles bend, slip as Stribeck's curve says, and creep before they do.
+
+        z' = v - |v| z / g,   tau = -(k z + d z' + f v),   k g = c + (s - c) exp(-(v / w)^2)
+
+    Parameters
+    ----------
+    stiffness : mapping of joint to float
+        k of the bristles, N m/rad or N/m, above 0. Joints with one degree of freedom.
+    coulomb : mapping of joint to float
+        c, N m or N, above 0; for each joint with a stiffness.
+    static : mapping of joint to float
+        s, N m or N: to break away; c by default.
+    stribeck : mapping of joint to float
+        w, rad/s or m/s, above 0: the speed at which friction falls from s to c; for each joint with a static friction.
+    damping : mapping of joint to float
+        d of the bristles, N m s/rad or N s/m; 0 by default.
+    viscous : mapping of joint to float
+        f, N m s/rad or N s/m; 0 by default.
+
+    Notes
+    -----
+    States: "JOINT.bristle", k z, N m or N, 0 at the start. Beside `DryFriction`, which needs no stiffness and holds a
+    joint exactly, it has presliding displacement, hysteresis and varying break-away forces. The equations are stiff.
+
+    References
+    ----------
+    Canudas de Wit, Olsson, Åström, Lischinsky 1995, IEEE Transactions on Automatic Control 40(3), 419-425.
+    """
+
+    stiffness: Mapping[str, NotNegative]
+    coulomb: Mapping[str, NotNegative]
+    static: Mapping[str, NotNegative] = {}
+    stribeck: Mapping[str, NotNegative] = {}
+    damping: Mapping[str, NotNegative] = {}
+    viscous: Mapping[str, NotNegative] = {}
+
+    analytic: ClassVar[bool] = False  # where v passes 0
+
+    def check(self, robot: Robot) -> None:
+        """Require k and c of each joint, and w of each static friction."""
+        check_joints(self.stiffness, robot, "stiffness", dofs=True)
+        for name in ("coulomb", "static", "damping", "viscous"):
+            check_subset(getattr(self, name), self.stiffness, name, "joint with a stiffness")
+        check_subset(self.stribeck, self.static, "stribeck", "joint with a static friction")
+        for name, joints in (("coulomb", self.stiffness), ("stribeck", self.static)):
+            for joint in joints:
+                check_name(joint, getattr(self, name), name, f"{name} for joint")
+        for name in ("stiffness", "coulomb", "stribeck"):
+            above_zero(getattr(self, name), name)
+
+    def states(self, motion: Motion) -> Mapping[str, float]:
+        """k z."""
+        del motion
+        return {f"{joint}.bristle": 0.0 for joint in self.stiffness}
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add tau, and give k z'."""
+        xp = motion.xp
+        for joint, stiffness in self.stiffness.items():
+            dof, bent = motion.dofs(joint)[0], motion.states[f"{joint}.bristle"]
+            v, slip = motion.v[dof], number(self.coulomb[joint])
+            if joint in self.static:
+                ratio = times(inverse(self.stribeck[joint]), v)
+                slip = plus(slip, times(minus(number(self.static[joint]), slip), xp.exp(negative(times(ratio, ratio)))))
+            speed = xp.where(xp.less(v, 0.0), negative(v), v)
+            rate = times(number(stiffness), minus(v, speed * bent / slip))
+            loads.rates[f"{joint}.bristle"] = rate
+            damping = times(times(number(self.damping.get(joint, 0.0)), inverse(stiffness)), rate)
+            loads.torque(dof, negative(plus(bent, damping, times(number(self.viscous.get(joint, 0.0)), v))))
 
 
 Three = tuple[Input, Input, Input]

@@ -324,6 +324,8 @@ def with_pieces(effect: _E, piece: Callable[[Sampled | Slot], Any]) -> _E:
 def _replaced(signal: Any, change: Callable[[Sampled | Slot], Any]) -> Any:
     if isinstance(signal, (Sampled, Slot)):
         return change(signal)
+    if isinstance(signal, Effect):
+        return with_pieces(signal, change)
     if isinstance(signal, Mapping):
         return {key: _replaced(value, change) for key, value in signal.items()}
     if isinstance(signal, (tuple, list)):

@@ -31,14 +31,14 @@ Outputs = dict[str, list[str]]  # by joint
 _SERIAL = itertools.count()
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 _ARITHMETIC = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
-_NAMESPACE = ("sin", "cos", "sqrt", "tanh", "less", "where")  # what xp has in every use
+_NAMESPACE = ("sin", "cos", "sqrt", "exp", "tanh", "less", "where")  # what xp has in every use
 _CHOICE = "write motion.xp.where(motion.xp.less(a, b), value_if_less, value_if_not)"
 _INSTEAD = {
     "power": "write products, such as q * q * q",
     "absolute": "write motion.xp.sqrt(q * q + epsilon), which is smooth at 0",
     "tan": "write motion.xp.sin(q) / motion.xp.cos(q)",
     **dict.fromkeys(("greater", "less", "greater_equal", "less_equal", "maximum", "minimum", "sign", "clip"), _CHOICE),
-    **{name: f"write motion.xp.{name}" for name in ("sin", "cos", "sqrt", "tanh")},
+    **{name: f"write motion.xp.{name}" for name in ("sin", "cos", "sqrt", "exp", "tanh")},
 }
 
 
@@ -67,9 +67,15 @@ def check_own_formula(effect: Effect, robot: Robot) -> None:
                          remedy="write analytic: ClassVar[bool] = False in the class")  # fmt: skip
 
 
+def has_own(effect: Effect) -> bool:
+    """Whether the effect, or what is inside it, is one of a user's own."""
+    inside = getattr(effect, "of", None)
+    return not type(effect).__module__.startswith("twolink.") or (isinstance(inside, Effect) and has_own(inside))
+
+
 def formula_fingerprint(effect: Effect, model: pin.Model) -> str:
-    """A digest of what an effect of a user's own computes for a robot; "" of one of twolink's."""
-    if not is_own(effect):
+    """A digest of what an effect of a user's own computes for a robot, or one inside; "" of one of twolink's."""
+    if not has_own(effect):
         return ""
     return hashlib.sha256(repr(_trial(effect, model)[1]).encode()).hexdigest()
 
@@ -79,6 +85,7 @@ def _trial(effect: Effect, model: pin.Model) -> tuple[Tape, Outputs]:
     tape = _StrictTape()
     q, v = ([tape.variable() for _ in range(count)] for count in (model.nq, model.nv))
     motion = _StrictMotion(model, mechanism(model), q, v, tape.variable(), tape)
+    motion.states = {name: tape.variable() for name in effect.states(motion)}
     return tape, _outputs(effect, motion, tape.formula)
 
 
@@ -93,6 +100,7 @@ def _require_repeatable(effect: Effect, robot: Robot, formulas: Outputs) -> None
         """What `act` adds at a state."""
         q, v = robot.integrate(robot.neutral, np.full(model.nv, shift)), np.full(model.nv, -shift)
         motion = Motion(model, mechanism(model), list(q), list(v), shift, Numbers)
+        motion.states = dict.fromkeys(effect.states(motion), shift)
         with np.errstate(all="ignore"):
             return _outputs(effect, motion, _number)
 
@@ -119,6 +127,7 @@ def _outputs(effect: Effect, motion: Motion, read: Callable[[Any], str]) -> Outp
         added = [[*loads.tau[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]], *loads.wrenches.get(i, ())]
                  for i in range(1, model.njoints)]  # fmt: skip
         outputs = {name: [read(x) for x in own] for name, own in zip(list(model.names)[1:], added, strict=True)}
+        outputs |= {f"state {name}": [read(rate)] for name, rate in loads.rates.items()}
     except TwolinkError:
         raise
     except Exception as error:

@@ -203,6 +203,11 @@ class Switching:
         """The places of effects that do not act at first."""
         return frozenset(place for place, trigger in self.triggers if trigger.begins)
 
+    @property
+    def every(self) -> list[Effect]:
+        """The effects that act at some time."""
+        return [one for e in self.effects for one in (e.acting() if isinstance(e, SwitchingEffect) else (e,))]
+
     def acting(
         self, dropped: frozenset[int] = frozenset(), constraints: Sequence[tuple[int, Loop]] = ()
     ) -> tuple[tuple[int, Effect], ...]:
@@ -216,12 +221,12 @@ class Switching:
                 placed.append((place, effect))
             elif place not in dropped:
                 placed += [(place, own) for own in effect.acting()]
-        placed.sort(key=lambda one: isinstance(self.effects[one[0]], SwitchingEffect) and changes_robot(one[1]))
+        placed.sort(key=lambda one: isinstance(self.effects[one[0]], SwitchingEffect) and one[1].changes)
         return (*placed, *constraints)
 
     def robot_with(self, effects: Sequence[Effect]) -> Robot:
         """The robot with the constants that these effects change."""
-        changing, now = ([e for e in some if changes_robot(e)] for some in (self.effects, effects))
+        changing, now = ([e for e in some if e.changes] for some in (self.effects, effects))
         if changing == now:
             return self.robot
 
@@ -231,11 +236,6 @@ class Switching:
                 effect.change(model)
 
         return self.base.changed(change)
-
-
-def changes_robot(effect: Effect) -> bool:
-    """Whether an effect changes constants of the robot."""
-    return type(effect).change is not Effect.change
 
 
 def switching_of(base: Robot, robot: Robot, effects: Sequence[Effect]) -> Switching | None:

@@ -130,7 +130,7 @@ class Engage(SwitchingEffect, frozen=True):
     def check(self, robot: Robot) -> None:
         """Require an effect that gives forces alone and fits, and a time or a condition."""
         check_inner(self.of, robot, "engaged")
-        if isinstance(self.of, Loop) or type(self.of).change is not Effect.change:
+        if isinstance(self.of, Loop) or self.of.changes:
             what = f"{type(self.of).__name__} cannot begin during a motion: velocities would jump"
             raise SceneError(what, where="of", remedy="give a force, such as a controller or a spring")
         check_when(self.at, self.when, robot)

@@ -18,7 +18,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.measurements import SMALLEST, smooth
 from twolink.identification.unknowns import Unknowns
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, require_no_states
 from twolink.scenes import Scene
 from twolink.simulation.sensitivities import Sensitivities, sensitivities_at
 
@@ -111,6 +111,7 @@ class MultipleShooting:
     def __call__(self, z: np.ndarray, starts: Sequence[State], accuracy: float | None = None) -> Shot:
         """Simulate all segments. Raises TwolinkError where there is no such scene, or no such motion."""
         scene, robot = self.unknowns.scene_at(z), self.data.robot
+        require_no_states(equations_of(scene), "fit")
         by_z = self.unknowns.derivatives(z)[1]
         segments = []
         for number, start in enumerate([(scene.q, scene.v), *starts]):

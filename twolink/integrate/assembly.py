@@ -23,19 +23,19 @@ BETTER = 1.01  # how much larger the smallest singular value must become for an 
 
 
 def assembled(constraints: Constraints, x: Array) -> Array:
-    """The nearest state (nq + nv,) that fulfils the constraints.
+    """The nearest state (nq + nv,) that fulfils the constraints; what is behind it stays.
 
     Raises SceneError with the residual where there is none near.
     """
-    nq = constraints.space.nq
+    nq, v_rows = constraints.space.nq, constraints.space.v_rows
     q, residual = _closed(constraints, x[:nq])
     if not residual <= 100 * ASSEMBLED:
         raise SceneError(f"the loops cannot be closed: {residual:.2e} m or rad is left", where="effects",
                          remedy="check their points and axes, or start nearer to a closed position",
                          code="loops-open", residual=residual)  # fmt: skip
     jacobian = constraints.jacobian_at(q, constraints.all_rows)
-    v = x[nq:] - np.linalg.lstsq(jacobian, jacobian @ x[nq:], rcond=RANK)[0]
-    return np.concatenate([q, v])
+    v = x[v_rows] - np.linalg.lstsq(jacobian, jacobian @ x[v_rows], rcond=RANK)[0]
+    return np.concatenate([q, v, x[v_rows.stop :]])
 
 
 @np.errstate(all="ignore")

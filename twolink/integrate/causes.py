@@ -18,17 +18,17 @@ MOST_NAMES = 4
 @np.errstate(all="ignore")
 def cause(equations: Equations, t: float, x: Array) -> str:
     """What makes accelerations large or not finite at a state x (size,); "" where nothing stands out."""
-    robot, space, moving = equations.robot, equations.space, equations.moving
+    robot, space = equations.robot, equations.space
     names = [joint.name for joint in robot.joints for _ in range(joint.v.start, joint.v.stop)]
-    lost = ~np.isfinite(x[space.nq : moving])
+    lost = ~np.isfinite(x[space.v_rows])
     if not np.isfinite(x).all():
         return f"the velocity of {_named(names, lost)} is not finite" if lost.any() else ""
     light = _without_mass(pin.crba(robot.model, robot.model.createData(), x[: space.nq]))
     if light.any():
         return (f"there {_named(names, light)} can move without moving a mass, as the mass matrix is singular; give "
                 "the links between such joints inertias, or the joints armatures")  # fmt: skip
-    motion = motion_of(equations, equations.mechanism, t, x[:moving], Numbers)
-    loads = effect_loads(equations, motion, list(x[moving:]), equations.effects)
+    motion = motion_of(equations, equations.mechanism, t, x, Numbers)
+    loads = effect_loads(equations, motion, list(x[space.moving :]), equations.effects)
     wild = ~np.isfinite([float(np.squeeze(torque)) for torque in loads.tau])
     for i, wrench in loads.wrenches.items():
         if not np.isfinite([float(np.squeeze(entry)) for entry in wrench]).all():

@@ -227,7 +227,7 @@ class Constraints:
 def all_constraints(space: StateSpace, loops: Sequence[Loop], mech: Mechanism) -> Constraints:
     """All rows of the loops, redundant ones too."""
     tape = Tape()
-    variables = [tape.variable() for _ in range(space.moving)]
+    variables = [tape.variable() for _ in range(space.nq + space.nv)]
     motion = Motion(space.robot.model, mech, variables[: space.nq], variables[space.nq :], 0.0, tape)
     rows = [[*loop.rows(motion), *loop.velocity_rows(motion)] for loop in loops]
     owners = [range(j.v.start, j.v.stop) for j in space.robot.joints for _ in range(j.q.start, j.q.stop)]

@@ -66,7 +66,7 @@ def _found(equations: Equations, name: str) -> tuple[int, tuple[str, ...]] | Non
     else:
         found = [i for i, other in enumerate(equations.places) if other == int(place)]
     for i in found:
-        path = path_of(parts[i], rest if hasattr(parts[i], "of") else rest.removeprefix("of."))
+        path = path_of(parts[i], rest) or path_of(parts[i], rest.removeprefix("of."))
         return None if path is None else (i, path)
     return None
 

@@ -69,7 +69,7 @@ class Equations:
 
     @property
     def moving(self) -> int:
-        """How many rows of a state q and v are."""
+        """How many rows of a state q, v and z are."""
         return self.layout.moving
 
     @property
@@ -104,7 +104,7 @@ class Equations:
     def starting_at(
         self, x: Any, t: float, locks: Array | None = None, slots: Mapping[str, float] = NO_SLOTS
     ) -> Equations:
-        """The equations from another state (q, v) on, with the numbers of the piece at time t."""
+        """The equations from another state (q, v, z) on, with the numbers of the piece at time t."""
         numbers = self.layout.numbers_at(t, slots, locks)
         return replace(self, start=np.concatenate([x[: self.moving], numbers.astype(x.dtype)]))
 

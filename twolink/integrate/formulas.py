@@ -35,12 +35,13 @@ class Dynamics(NamedTuple):
 
 def motion_of(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> Motion:
     """The moving robot at a state x (size, ...)."""
-    nq = equations.space.nq
-    return Motion(equations.robot.model, mech, list(x[:nq]), list(x[nq : equations.moving]), t, xp)
+    space = equations.space
+    states = dict(zip(space.states, x[space.z_rows], strict=True))
+    return Motion(equations.robot.model, mech, list(x[: space.nq]), list(x[space.v_rows]), t, xp, states)
 
 
 def effect_loads(equations: Equations, motion: Motion, numbers: Sequence[Any], effects: Sequence[Effect]) -> Loads:
-    """Torques and wrenches of these effects. numbers: the rows of the state behind (q, v)."""
+    """Torques and wrenches of these effects. numbers: the rows of the state behind (q, v, z)."""
     loads = Loads(motion, equations.sides)
     for effect in equations.layout.with_numbers(effects, numbers):
         effect.act(motion, loads)
@@ -60,9 +61,8 @@ def dynamics(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> 
         # Rows of curved joints are taken as arrays, of a batch too.
         state = x if isinstance(x, np.ndarray) else _objects(x)
         loops = layout.with_numbers(constraints.loops, numbers)
-        a, multipliers = constraints.accelerations(
-            mech, state[: equations.moving], loads.tau, loads.wrenches, xp, free, loops
-        )
+        robot = state[: equations.space.v_rows.stop]
+        a, multipliers = constraints.accelerations(mech, robot, loads.tau, loads.wrenches, xp, free, loops)
         return Dynamics(a, multipliers, loads)
     at = poses(mech, motion.q, xp)
     h = newton_euler(mech, at, motion.v, [0.0] * mech.nv, loads.wrenches)
@@ -72,13 +72,20 @@ def dynamics(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> 
 
 
 def accelerations(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Scalar]:
-    """a (nv) of a state x (size,), by the formula with the fewest operations."""
+    """(a, z') of a state x (size,), by the formula of a with the fewest operations."""
     if equations.constraints is not None or equations.layout.lockable:
-        return dynamics(equations, mech, t, x, xp).a
+        solution = dynamics(equations, mech, t, x, xp)
+        return [*solution.a, *state_rates(equations, solution.loads)]
     motion = motion_of(equations, mech, t, x, xp)
     loads = effect_loads(equations, motion, list(x[equations.moving :]), equations.effects)
     arguments = {"q": motion.q, "v": motion.v, "tau": loads.tau, "f_ext": loads.wrenches}
-    return list(function(equations.robot.model, "forward_dynamics").variants[equations.variant](mech, arguments, xp))
+    a = function(equations.robot.model, "forward_dynamics").variants[equations.variant](mech, arguments, xp)
+    return [*a, *state_rates(equations, loads)]
+
+
+def state_rates(equations: Equations, loads: Loads) -> list[Scalar]:
+    """z' of the states of effects; 0 while an effect does not act."""
+    return [loads.rates.get(name, 0.0) for name in equations.space.states]
 
 
 def unbalanced_forces(equations: Equations, mech: Mechanism, t: Any, x: Any, xp: Any) -> list[Scalar]:
@@ -112,7 +119,7 @@ def constraint_forces(equations: Equations, mech: Mechanism, x: Array, xp: Any) 
     constraints = equations.constraints
     if constraints is None:
         return []
-    q, v = x[: equations.space.nq], x[equations.space.nq : equations.moving]
+    q, v = x[: equations.space.nq], x[equations.space.v_rows]
     loops = equations.layout.with_numbers(constraints.loops, list(x[equations.moving :]))
     return constraints.force_rows(mech, q, v, xp, constraints.jacobian(mech, q, xp), loops)
 
@@ -123,10 +130,10 @@ def traced_rate(equations: Equations, t: Any, x: Array, xp: Any, constants: Mapp
     equations = with_effect_numbers(equations, values)
     # Stages stray from unit lengths: there the acceleration is that of the nearest configuration, as by Pinocchio.
     unit = space.normalized(x, xp)
-    a = accelerations(equations, mechanism(equations.robot.model, physical(values)), t, unit, xp)
+    rates = accelerations(equations, mechanism(equations.robot.model, physical(values)), t, unit, xp)
     constant = [0.0] * (space.size - space.moving)
-    lifted = np.array([xp.lift(value) for value in (*a, *constant)], dtype=object)
-    return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), lifted])
+    lifted = np.array([xp.lift(value) for value in (*rates, *constant)], dtype=object)
+    return np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), lifted])
 
 
 def projected(equations: Equations, x: Array, xp: Any, constants: Mapping[str, Any] | None = None) -> Array:
@@ -135,9 +142,9 @@ def projected(equations: Equations, x: Array, xp: Any, constants: Mapping[str, A
     if equations.constraints is None:
         return x
     mech = equations.mechanism if xp is Numbers else mechanism(equations.robot.model, physical(constants or {}))
-    moving = equations.moving
-    free = equations.layout.free(list(x[moving:]))
-    return np.concatenate([equations.constraints.projected(mech, x[:moving], xp, free), x[moving:]])
+    robot = equations.space.v_rows.stop
+    free = equations.layout.free(list(x[equations.moving :]))
+    return np.concatenate([equations.constraints.projected(mech, x[:robot], xp, free), x[robot:]])
 
 
 def _objects(values: list[Any]) -> Array:

@@ -1,10 +1,11 @@
 """Layout: what each row of a state is.
 
-    x = (q, v, numbers)
+    x = (q, v, z, numbers)
 
-`numbers` are constant within a smooth piece: the coefficients of the polynomial that a table of samples is there, the
-slots by name, then for each lockable degree of freedom whether it is locked (1 or 0), and the friction torque on it.
-They are rows of the state, so that one compiled step serves all pieces and modes.
+z are the states of effects, by name. `numbers` are constant within a smooth piece: the coefficients of the polynomial
+that a table of samples is there, the slots by name, then for each lockable degree of freedom whether it is locked (1
+or 0), and the friction torque on it. They are rows of the state, so that one compiled step serves all pieces and
+modes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,8 +37,8 @@ class Layout:
 
     @property
     def moving(self) -> int:
-        """How many rows q and v are."""
-        return self.space.nq + self.space.nv
+        """How many rows q, v and z are."""
+        return self.space.moving
 
     def numbers_at(self, t: float, slots: Mapping[str, float] = NO_SLOTS, locks: Array | None = None) -> Array:
         """The numbers of the piece at time t, (size - moving,). locks: locked (1 or 0), then friction torques."""
@@ -55,7 +56,7 @@ class Layout:
         return free
 
     def moves(self, numbers: Array) -> Array:
-        """Of each entry of (q, v), 0 where its joint is locked and 1 where not, (nq + nv, n), by numbers (., n)."""
+        """Of each entry of (q, v, z), 0 where its joint is locked and 1 where not, (moving, n), by numbers (., n)."""
         moves = np.ones((self.moving, numbers.shape[1]))
         first = len(numbers) - 2 * len(self.lockable)
         for joint in self.space.robot.joints if self.lockable else ():
@@ -80,8 +81,8 @@ class Layout:
         return [with_pieces(effect, lambda table: pieces[id(table)]) for effect in effects]
 
 
-def layout_of(robot: Robot, effects: Sequence[Effect], lockable: Sequence[int]) -> Layout:
-    """The layout for a robot and the effects that act on it."""
+def layout_of(robot: Robot, effects: Sequence[Effect], lockable: Sequence[int], states: tuple[str, ...] = ()) -> Layout:
+    """The layout for a robot, the effects that act on it, and the names of their states."""
     tables = tuple({id(table): table for e in effects for table in tables_of(e)}.values())
     rows = sum(table.rows for table in tables) + 2 * len(lockable)
-    return Layout(StateSpace(robot, rows), tables, tuple(lockable))
+    return Layout(StateSpace(robot, rows, states), tables, tuple(lockable))

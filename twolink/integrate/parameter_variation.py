@@ -17,7 +17,7 @@ from twolink.algorithms.mechanism import mechanism, moments, nominal, parameter_
 from twolink.dynamics import Robot
 from twolink.effects import Effect, JointDamping
 from twolink.effects.loops import Loop
-from twolink.effects.switching import Switching, SwitchingEffect, changes_robot, switching_of
+from twolink.effects.switching import Switching, SwitchingEffect, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.effect_numbers import contact_numbers, physical, with_effect_numbers
 from twolink.integrate.equations import Equations
@@ -57,7 +57,7 @@ class ParameterVariation:
         self.values = [numbers[name] if name in numbers else nominal(model, name) for name in self.names]
         self._own = self.equations.switching or Switching(scene.base, scene.robot, scene.effects)
         self._kept: dict[tuple[int, float], Switching] = {}
-        released = any(isinstance(effect, SwitchingEffect) and any(map(changes_robot, effect.acting()))
+        released = any(isinstance(effect, SwitchingEffect) and any(inner.changes for inner in effect.acting())
                        for effect in scene.effects)  # fmt: skip
         self._through = [i for i, name in enumerate(self.names) if _changes(scene, name, released)]
         self._acting = [name for i, name in enumerate(self.names)
@@ -166,7 +166,7 @@ def _acts(scene: Scene, name: str) -> bool:
 def _changes(scene: Scene, name: str, released: bool) -> bool:
     """Whether a parameter acts through constants of the robot. released: some of these change when it is released."""
     if name.startswith(PREFIX):
-        return changes_robot(_part(scene, name))
+        return _part(scene, name).changes
     return (released and not name.endswith(DAMPING)) or name in moments(scene.robot.model)
 
 

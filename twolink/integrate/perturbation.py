@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twolink.integrate.methods import Method
-from twolink.integrate.state import Array
+from twolink.integrate.state import Array, StateSpace
 
 MIN_STEPS = 16.0  # of an adaptive method in a run
 ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
@@ -83,7 +83,7 @@ def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array]:
             np.array([one.rounding for one in perturbations]))  # fmt: skip
 
 
-def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, nq: int) -> Array:
+def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace) -> Array:
     """What is added to states.
 
     Parameters
@@ -93,18 +93,18 @@ def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Arra
     counts : ndarray (k, n)
         How many steps each has attempted before: they choose the random numbers, so that these do not depend on what
         else is solved.
-    x : ndarray (nq + nv, n)
+    x : ndarray (size, n)
         The states, of which the sizes count.
-    nq : int
-        How many entries are of q.
+    space : StateSpace
+        Of the states: which entries are of q and of v.
 
     Returns
     -------
-    ndarray (k, nq + nv, n)
+    ndarray (k, size, n)
     """
     first, rounding = _numbers(perturbations)
     size = rounding * np.abs(x)
-    for part in (size[:nq], size[nq:]):
+    for part in (size[: space.nq], size[space.v_rows]):
         np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
     random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
     return np.asarray(random * size)

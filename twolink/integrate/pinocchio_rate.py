@@ -14,7 +14,7 @@ from twolink.effects.loops import Loop
 from twolink.errors import QueryError
 from twolink.integrate.constraints import Constraints, locked_matrix
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.formulas import effect_loads, motion_of, state_rates
 from twolink.integrate.state import Array
 
 
@@ -22,15 +22,15 @@ def rate(equations: Equations, t: Any, x: Array) -> Array:
     """x' (size, n) of states x (size, n), at one time or a time each. NaN where a state is not finite."""
     space = equations.space
     q, v = space.rows(x)
+    behind = slice(space.nq, space.moving)  # v and z
     with np.errstate(all="ignore"):
         finite = np.isfinite(x).all(axis=0)
-    a = np.full_like(v, np.nan)
+    rates = np.full_like(x[behind], np.nan)
     if finite.any():
         at = t if np.ndim(t) == 0 else t[finite]
-        numbers = x[space.moving :, finite]
-        a[finite] = _accelerations(equations, at, q[finite], v[finite], numbers)
+        rates[:, finite] = _accelerations(equations, at, q[finite], v[finite], x[space.z_rows.start :, finite])
     constant = np.zeros((len(x) - space.moving, x.shape[1]))
-    return np.concatenate([space.rate(x[: space.nq], x[space.nq :]), a.T, constant])
+    return np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), rates, constant])
 
 
 _starts: WeakKeyDictionary[Equations, tuple[float, Array]] = WeakKeyDictionary()
@@ -45,16 +45,20 @@ def rate_at_start(equations: Equations, t: float) -> Array:
     return found
 
 
-def _accelerations(equations: Equations, t: Any, q: Array, v: Array, numbers: Array) -> Array:
-    """Accelerations (n, nv): by the articulated-body algorithm, or under constraints and locks by the mass matrix."""
+def _accelerations(equations: Equations, t: Any, q: Array, v: Array, behind: Array) -> Array:
+    """(a, z') (., n): by the articulated-body algorithm, or under constraints and locks by the mass matrix.
+
+    behind: z and the numbers of the piece, (., n).
+    """
     layout, constraints = equations.layout, equations.constraints
     bound = constraints is not None or bool(layout.lockable)
     if not equations.effects and not bound:
         with contextlib.suppress(QueryError):  # one state that overflows: the others are answered one by one
             rows, tau = slice(None) if len(q) > 1 else 0, np.zeros(v.shape[1])  # one state is answered without checks
-            return equations.robot.forward_dynamics(q[rows], v[rows], tau, engine="pinocchio").reshape(v.shape)
+            return equations.robot.forward_dynamics(q[rows], v[rows], tau, engine="pinocchio").reshape(v.shape).T
     with np.errstate(all="ignore"):  # what is not finite is NaN or infinite in the result
-        motion = motion_of(equations, equations.mechanism, t, np.concatenate([q.T, v.T]), Numbers)
+        x = np.concatenate([q.T, v.T, behind])
+        numbers, motion = x[equations.moving :], motion_of(equations, equations.mechanism, t, x, Numbers)
         loads = effect_loads(equations, motion, list(numbers), equations.effects)
         for k, torque in layout.friction(list(numbers)):
             loads.torque(k, torque)
@@ -78,7 +82,8 @@ def _accelerations(equations: Equations, t: Any, q: Array, v: Array, numbers: Ar
         else:
             loops = layout.with_numbers(constraints.loops, list(numbers[:, row]))
             out[row] = constrained_acceleration(constraints, q[row], v[row], right, mass, free[row], loops)
-    return out
+    rates = [np.broadcast_to(rate, len(q)) for rate in state_rates(equations, loads)]
+    return np.concatenate([out.T, *(rate[None] for rate in rates)])
 
 
 def constrained_acceleration(

@@ -1,8 +1,9 @@
 """Making the equations of motion of a scene, and keeping them as long as the scene."""
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -10,6 +11,7 @@ import pinocchio as pin
 
 from twolink.algorithms.functions import function
 from twolink.algorithms.mechanism import mechanism, nominal_values
+from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.dynamics import Robot
@@ -18,7 +20,7 @@ from twolink.effects import Effect
 from twolink.effects.effect import plain
 from twolink.effects.inputs import with_pieces
 from twolink.effects.loops import Loop
-from twolink.effects.own_effects import formula_fingerprint
+from twolink.effects.own_effects import formula_fingerprint, has_own
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
@@ -27,7 +29,7 @@ from twolink.integrate.effect_numbers import physical, with_effect_numbers
 from twolink.integrate.equations import Equations
 from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
-from twolink.integrate.state import Array
+from twolink.integrate.state import Array, StateSpace
 from twolink.io.fingerprints import kernel_key
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
@@ -73,9 +75,9 @@ def structure_of(equations: Equations) -> tuple[Equations, Array]:
             if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
                 chosen[name] = value
         for place, effect in zip(equations.places, equations.effects, strict=False):
-            if type(effect).__module__.startswith("twolink."):
+            if not has_own(effect):
                 found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
-                         if value and path[0] != "effort"}  # fmt: skip
+                         if value and "effort" not in path}  # fmt: skip
                 chosen.update(found)
         while len(_structures) >= MAX_KEPT:
             del _structures[next(iter(_structures))]
@@ -92,10 +94,12 @@ def make_equations(
     lockable: tuple[int, ...] = (),
     switching: Switching | None = None,
     parameters: tuple[str, ...] = (),
+    states: Mapping[str, float] | None = None,
 ) -> Equations:
     """Equations of a robot under effects, each with its place in the scene, from a state (q, v).
 
-    The robot has the constants that effects changed. lockable: degrees of freedom that may be held at rest.
+    The robot has the constants that effects changed. lockable: degrees of freedom that may be held at rest. states:
+    those of effects, which may act later; None: those that the effects begin with.
     """
     if robot.has_mimic:
         raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
@@ -103,16 +107,19 @@ def make_equations(
     mech = mechanism(robot.model)
     acting = [(place, e) for place, e in effects if type(e).act is not Effect.act]
     loops = [(place, e) for place, e in effects if isinstance(e, Loop)]
-    layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable)
     start, moved, constraints = np.concatenate([q, v]), np.zeros(len(q) + len(v)), None
     if loops:
-        rows = all_constraints(layout.space, [loop for _, loop in loops], mech)
+        rows = all_constraints(StateSpace(robot), [loop for _, loop in loops], mech)
         closed = assembled(rows, start)
         start, moved = closed, np.abs(closed - start)
         constraints = independent(rows, start[: robot.nq])
+    if states is None:
+        motion = Motion(robot.model, mech, list(start[: robot.nq]), list(start[robot.nq :]), 0.0, Numbers)
+        states = starting_states([e for _, e in effects] if switching is None else switching.every, motion)
+    layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable, tuple(states))
     equations = Equations(
         layout,
-        np.concatenate([start, layout.numbers_at(0.0)]),
+        np.concatenate([start, np.array(list(states.values()), dtype=float), layout.numbers_at(0.0)]),
         robot,
         mech,
         tuple(e for _, e in acting),
@@ -125,6 +132,38 @@ def make_equations(
     variant, operations = _fewest_operations(equations)
     limits, content = _effort_limits(equations), _content(equations)
     return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
+
+
+def starting_states(effects: Sequence[Effect], motion: Motion) -> dict[str, Any]:
+    """The states of effects at the start, by name. Raises SceneError, code "state-twice"."""
+    found: dict[str, Any] = {}
+    for effect in effects:
+        for name, value in effect.states(motion).items():
+            if name in found:
+                raise SceneError(f"two effects have a state {name!r}", where="effects", code="state-twice",
+                                 remedy="keep one of a kind on a joint, or give muscles other names")  # fmt: skip
+            found[name] = value
+    return found
+
+
+def require_no_states(equations: Equations, what: str) -> None:
+    """Require that no effect has states of its own. Raises SceneError, code "states-of-effects"."""
+    if equations.space.states:
+        raise SceneError(f"{what} does not follow states of effects, such as {equations.space.states[0]!r}",
+                         where="effects", remedy="leave these effects out, or simulate the scene",
+                         code="states-of-effects")  # fmt: skip
+
+
+def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Array] | None = None) -> Array:
+    """States (moving, n) with what effects begin with behind states (q, v) (nq + nv, n). values (n,): of parameters."""
+    if not equations.space.states:
+        return x
+    acting, switching = with_effect_numbers(equations, values or {}).effects, equations.switching
+    effects = acting if switching is None else switching.every
+    model, nq = equations.robot.model, equations.space.nq
+    motion = Motion(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
+    states = starting_states(effects, motion).values()
+    return np.concatenate([x, *(np.broadcast_to(z, x.shape[1:])[None] for z in states)])
 
 
 def with_rows(equations: Equations, kept: Sequence[int]) -> Equations:
@@ -179,6 +218,8 @@ def _content(equations: Equations, model: pin.Model | None = None) -> str:
         for e in (*equations.effects, *(constraints.loops if constraints else ()))
     ]
     rows = f"{constraints and (constraints.kept, constraints.scales, constraints.shares)} {equations.layout.lockable}"
+    if equations.space.states:  # an effect that begins later has its states from the start
+        rows += f" {equations.space.states}"
     return kernel_key(model or equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
 
 

@@ -98,7 +98,7 @@ def _in_parts(
     moving, stride = equations.moving, -(-(len(times) - 1) // DISTURBANCES)
     out = [x[:moving, None]]
     for i in range(0, len(times) - 1, stride):
-        added = disturbances((perturbation,), np.full((1, 1), float(i)), x[:moving, None], equations.space.nq)[0, :, 0]
+        added = disturbances((perturbation,), np.full((1, 1), float(i)), x[:moving, None], equations.space)[0, :, 0]
         x[:moving] += math.sqrt(each) * added
         part = times[i : i + stride + 1]
         piece = solve(replace(equations, start=x), method, part, tolerance, progress, plain)

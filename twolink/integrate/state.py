@@ -1,4 +1,4 @@
-"""The state x = (q, v) of a robot, its rate, and its manifold.
+"""The state x = (q, v, z) of a robot and of its effects, its rate, and its manifold.
 
 q moves on a manifold: a quaternion or a (cos, sin) pair has length 1, which is why q' is not v:
     angle or length    q' = v
@@ -6,6 +6,8 @@ q moves on a manifold: a quaternion or a (cos, sin) pair has length 1, which is 
     planar             (x, y)' = R(cos, sin) (vx, vy), velocities being in the moving frame
     quaternion         p' = p * (w, 0) / 2, w in the moving frame
     free-flyer         r' = R(p) v, and the quaternion's rate
+
+z are states of effects, such as the current of a motor.
 
 Arrays are (size,) of one state or (size, n) of many, one state a column; entries are numbers or expressions.
 """
@@ -24,11 +26,13 @@ Array = np.ndarray[Any, np.dtype[Any]]
 class StateSpace:
     """Packs and unpacks states, and knows rates, distances and normalisation."""
 
-    def __init__(self, robot: Robot, numbers: int = 0) -> None:
-        self.robot = robot
+    def __init__(self, robot: Robot, numbers: int = 0, states: tuple[str, ...] = ()) -> None:
+        self.robot, self.states = robot, states  # the names of z
         self.nq, self.nv = robot.nq, robot.nv
-        self.moving = robot.nq + robot.nv
-        self.size = self.moving + numbers  # rows behind (q, v) that are constant within a piece
+        self.moving = robot.nq + robot.nv + len(states)
+        self.size = self.moving + numbers  # rows behind (q, v, z) that are constant within a piece
+        self.v_rows, self.z_rows = slice(self.nq, self.nq + self.nv), slice(self.nq + self.nv, self.moving)
+        self.tangent = 2 * self.nv + len(states)  # rows of a change: of q in the tangent space, of v and of z
         self.curved = [j for j in robot.joints if j.kind not in ("vector", "mimic")]
         flat = [j for j in robot.joints if j.kind == "vector"]
         self._flat_q = np.concatenate([np.arange(j.q.start, j.q.stop) for j in flat] or [np.empty(0, int)])
@@ -43,12 +47,11 @@ class StateSpace:
 
     def rows(self, x: Array) -> tuple[Array, Array]:
         """(q, v) as arrays (n, nq), (n, nv) of states (size, n), q back on its manifold."""
-        q, v = np.ascontiguousarray(x[: self.nq].T), np.ascontiguousarray(x[self.nq : self.moving].T)
+        q, v = np.ascontiguousarray(x[: self.nq].T), np.ascontiguousarray(x[self.v_rows].T)
         return (self.robot.normalize(q) if self.curved else q), v
 
     def rate(self, q: Array, v: Array) -> Array:
-        """q' (nq, ...) for q (nq, ...) and v (nv, ...), or what is behind q in a state."""
-        v = v[: self.nv]
+        """q' (nq, ...) for q (nq, ...) and v (nv, ...)."""
         if not self.curved:
             return v
         rate = np.empty_like(q)

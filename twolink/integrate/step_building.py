@@ -186,7 +186,7 @@ def _step(equations: Equations, method: Method, rate: Rate, solver: Callable[[An
     """
     space, tableau = equations.space, method.tableau
     if tableau is None:
-        return functools.partial(semi_implicit_step, space.nq, space.rate, rate)
+        return functools.partial(semi_implicit_step, space, rate)
     if method.kind == "explicit":
         return functools.partial(explicit_step, tableau, rate)
 

@@ -118,7 +118,7 @@ def _smallest_pivot(equations: Equations, x: Array) -> float:
     constraints, space = equations.constraints, equations.space
     if constraints is None:
         return math.inf
-    q, v = x[: space.nq], x[space.nq : space.moving]
+    q, v = x[: space.nq], x[space.v_rows]
     jacobian = constraints.jacobian_at(q, constraints.kept)
     loops = equations.layout.with_numbers(constraints.loops, list(x[space.moving :]))
     forces = np.array(constraints.force_rows(constraints.mech, q, v, Numbers, jacobian.tolist(), loops), dtype=float)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from twolink.integrate.methods import ITERATIONS
-from twolink.integrate.state import Array
+from twolink.integrate.state import Array, StateSpace
 from twolink.integrate.tableau import Tableau
 
 Rate = Callable[[Any, Array], Array]
@@ -22,12 +22,10 @@ def explicit_step(tableau: Tableau, rate: Rate, t: Any, x: Array, h: Any) -> tup
     return x + _weighted(tableau.b, stages) * h, [_weighted(e, stages) * h for e in tableau.errors], None
 
 
-def semi_implicit_step(
-    nq: int, position_rate: Callable[[Array, Array], Array], rate: Rate, t: Any, x: Array, h: Any
-) -> tuple[Array, list[Array], None]:
-    """v_new = v + h a(t, q, v), q_new = q + h q'(q, v_new)."""
-    new = x + rate(t, x) * h  # for its v
-    new[:nq] = x[:nq] + position_rate(x[:nq], new[nq:]) * h
+def semi_implicit_step(space: StateSpace, rate: Rate, t: Any, x: Array, h: Any) -> tuple[Array, list[Array], None]:
+    """v_new = v + h a(t, q, v), q_new = q + h q'(q, v_new); states of effects as v."""
+    new, q = x + rate(t, x) * h, x[: space.nq]  # for its v
+    new[: space.nq] = q + space.rate(q, new[space.v_rows]) * h
     return new, [], None
 
 

@@ -126,7 +126,10 @@ def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
     space, moving, count = equations.space, equations.moving, len(equations.parameters)
     random = np.random.default_rng(1)
     x = np.repeat(equations.start[:, None], STATES, axis=1)
-    x[:moving, 1:] += random.uniform(-AROUND, AROUND, (moving, STATES - 1))
+    shift = random.uniform(-AROUND, AROUND, (moving, STATES - 1))
+    x[:moving, 1:] += shift
+    if equations.constraints is None and not all(effect.analytic for effect in equations.effects):
+        x[:moving, 0] -= 0.5 * shift[:, 0]  # a start at rest may be where a formula is not smooth
     along = np.zeros((width, space.size, STATES))
     along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
     rows = np.concatenate([np.zeros((1, STATES)), np.repeat(constant_rows(equations), STATES, axis=1),

@@ -30,13 +30,14 @@ TABLEAU = cast("Tableau", METHOD.tableau)
 class VariationalSteps:
     """Derivatives of steps of DOP853 by the state and by p parameters.
 
-    states: 2 nv, the rows of a derivative: those of q in the tangent space, and of v. directions: 2 nv + p. width: of
-    directions in a batch. gains (r, p): the derivatives of what is driven (`VariationalRate`) by the parameters.
+    states: the rows of a derivative: 2 nv of q in the tangent space and of v, and those of effects. directions: these
+    and p. width: of directions in a batch. gains (r, p): the derivatives of what is driven (`VariationalRate`) by the
+    parameters.
     """
 
     def __init__(self, equations: Equations, gains: Array) -> None:
         self.equations, self.space, self.gains = equations, equations.space, gains
-        self.states = 2 * equations.space.nv
+        self.states = equations.space.tangent
         self.directions = self.states + gains.shape[1]
         numbers = len(gains) - len(equations.parameters)
         self._rate, self.width, self.compile_seconds = variational_rate(equations, self.directions, numbers)
@@ -130,10 +131,10 @@ class VariationalSteps:
         before = np.zeros((1 + self.width, moving, n))
         before[0] = x
         before[1 : 1 + count, : space.nq] = _from_tangent(space, x[: space.nq], seeds[:, :nv])
-        before[1 : 1 + count, space.nq :] = seeds[:, nv : 2 * nv]
+        before[1 : 1 + count, space.nq :] = seeds[:, nv : self.states]
         directions = np.zeros((self.width, len(self.gains), n))
         if directions.size:
-            directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, 2 * nv :])
+            directions[:count] = np.einsum("rp,mpn->mrn", self.gains, seeds[:, self.states :])
         fixed = np.broadcast_to(self._constant, (len(self._constant), n))
         return before, np.concatenate([np.empty((1, n)), fixed, directions.reshape(-1, n), before.reshape(-1, n)])
 

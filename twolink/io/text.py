@@ -114,8 +114,8 @@ def split_path(message: str) -> tuple[str, str]:
 
 
 def kebab_case(class_name: str) -> str:
-    """A class's name in lower case with hyphens: JointSpring is joint-spring."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", class_name).lower()
+    """A class's name in lower case with hyphens: JointSpring is joint-spring, DCMotor is dc-motor."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "-", class_name).lower()
 
 
 @dataclass(frozen=True, repr=False)

@@ -193,19 +193,19 @@ def _by_columns(
     constants: dict[str, float], change: float,
 ) -> np.ndarray:  # fmt: skip
     """The derivatives (k,) of a function along S (n, 2 nv, k). constants: those that it uses besides, with steps."""
-    nv, total = run.v.shape[1], np.zeros(s.shape[2])
+    nv, total, names = run.v.shape[1], np.zeros(s.shape[2]), wanted.variation.names
     if slopes is not None:
         given = [np.asarray(rows, dtype=float) for rows in slopes(run)]
         if any(rows.shape != run.v.shape for rows in given):
             raise SceneError(f"expected two arrays of shape {run.v.shape}, got {[rows.shape for rows in given]}",
                              argument="slopes", remedy="return dF/dq and dF/dv by the samples")  # fmt: skip
-        total, s = np.einsum("nx,nxk->k", np.concatenate(given, axis=1), s), np.zeros_like(s)
+        total, s = np.einsum("nx,nxk->k", np.concatenate(given, axis=1), s[:, : 2 * nv]), np.zeros_like(s)
     for k, column in enumerate(s.transpose(2, 0, 1)):
-        weights = dict(zip(wanted.variation.names, wanted.start[2 * nv :, k], strict=True))
+        weights = dict(zip(names, wanted.start[len(wanted.start) - len(names) :, k], strict=True))
         own = {name: weights[name] for name in constants if weights[name]}
         if own or column.any():
             largest = min((constants[name] for name in own), default=np.inf)
-            variation = RunVariation(run, column[:, :nv], column[:, nv:], own)
+            variation = RunVariation(run, column[:, :nv], column[:, nv : 2 * nv], own)
             total[k] += variation.derivative([function], largest, change)[0]
     return total
 

@@ -65,7 +65,7 @@ def _effect(table: dict[str, Any], path: str = "") -> Effect:
     if kind is None:
         raise SceneError("it has no type", where=path, remedy='such as type = "gravity"', code="schema")
     require_known(kind, TYPES, SceneError, "there is no effect {!r}", where=path, code="unknown-effect")
-    if kind in ("engage", "release") and isinstance(table.get("of"), dict):
+    if isinstance(table.get("of"), dict):
         table = table | {"of": _effect(table["of"], f"{path}.of".lstrip("."))}
     try:
         return msgspec.convert(table, effect_class(kind))

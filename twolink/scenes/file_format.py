@@ -91,8 +91,9 @@ def scene_schema() -> dict[str, Any]:
     schema = msgspec.json.schema(SceneFile)
     effects = msgspec.json.schema(functools.reduce(operator.or_, [effect_class(name) for name in TYPES]))
     schema["$defs"] |= effects.pop("$defs")
-    for name in ("Engage", "Release"):
-        schema["$defs"][name]["properties"]["of"] = effects
+    for kind in map(effect_class, TYPES):
+        if "of" in kind.__struct_fields__:
+            schema["$defs"][kind.__name__]["properties"]["of"] = effects
     schema["$defs"]["SceneFile"]["properties"]["effects"]["items"] = effects
     for definition in schema["$defs"].values():
         _describe_fields(definition)

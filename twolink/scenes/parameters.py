@@ -141,7 +141,12 @@ def _numbers(effects: Sequence[Effect]) -> Iterator[Parameter]:
     """The numbers of effects."""
     for place, effect in enumerate(effects):
         for path, value in numbers_of(effect):
-            yield _number(place, effect, path, value, acts=type(part_of(effect, path)).act is not Effect.act)
+            yield _number(place, effect, path, value, acts=_acts(part_of(effect, path)))
+
+
+def _acts(effect: Effect) -> bool:
+    """Whether its numbers are inputs of the equations of motion alone."""
+    return type(effect).act is not Effect.act and not effect.changes
 
 
 def _number(place: int, effect: Effect, path: Sequence[str], value: float, *, acts: bool) -> Parameter:

@@ -99,7 +99,7 @@ class _States:
     @property
     def v(self) -> Array:
         """The velocities (nv, n)."""
-        return self.x[self.equations.space.nq : self.equations.moving]
+        return self.x[self.equations.space.v_rows]
 
     @property
     def speed(self) -> Array:
@@ -313,6 +313,8 @@ def _impacts(switching: Switching, pieces: Sequence[Piece]) -> Iterator[tuple[st
                  if one.equations.robot is robot and two.equations.robot is robot and one.last is not None]  # fmt: skip
         if pairs:
             x = np.array([np.stack([last, two.equations.start[: len(last)]]) for last, two in pairs])
-            before, after = (robot.energy(x[:, i, : robot.nq], x[:, i, robot.nq :])[0] for i in (0, 1))
+            before, after = (
+                robot.energy(x[:, i, : robot.nq], x[:, i, robot.nq : robot.nq + robot.nv])[0] for i in (0, 1)
+            )
             least = 1e-300 + RELATIVE * float(before.max())
             yield "impacts", (after - before) / np.maximum(before, least), np.array([two.begin for _, two in pairs])

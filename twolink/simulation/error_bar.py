@@ -54,12 +54,24 @@ def error_bar(distance: Array, rounding: Array, safety: float = 1.0) -> Array:
 
 
 def distances(space: StateSpace, x: Array, others: Array) -> Array:
-    """Distances of q between states x (m, size, n) and others (m, size, n), (m, n), rad or m; inf where not finite."""
+    """Distances between states x (m, size, n) and others (m, size, n), (m, n); inf where not finite.
+
+    Those of q, rad or m; and of states of effects, in their own units, relative to 1 + |z|.
+    """
+    x, others = np.broadcast_arrays(x, others)
+    with np.errstate(invalid="ignore"):  # inf - inf
+        z, other_z = x[:, space.z_rows], others[:, space.z_rows]
+        inner = (np.abs(z - other_z) / (1.0 + np.abs(z))).max(axis=1, initial=0.0)
+    return np.where(np.isfinite(inner), np.fmax(_distances(space, x, others), inner), np.inf)
+
+
+def _distances(space: StateSpace, x: Array, others: Array) -> Array:
+    """Distances of q, (m, n)."""
     if not space.curved:
         with np.errstate(invalid="ignore"):  # inf - inf
             far = np.abs(x[:, : space.nq] - others[:, : space.nq]).max(axis=1, initial=0.0)
         return np.where(np.isfinite(far), far, np.inf)
-    x, others = (np.moveaxis(np.broadcast_to(one, others.shape), 1, 2) for one in (x, others))
+    x, others = (np.moveaxis(one, 1, 2) for one in (x, others))
     good = np.isfinite(x).all(axis=2) & np.isfinite(others).all(axis=2)
     out = np.full(good.shape, np.inf)
     out[good] = space.distance(space.rows(x[good].T)[0], space.rows(others[good].T)[0])
@@ -93,7 +105,7 @@ def common_rounding(space: StateSpace, t: Array, x: Array, steps: Array | int) -
     rounding : ndarray (m, ...)
         rad or m.
     """
-    size = np.abs(np.nan_to_num(x[:, : space.nq + space.nv]))
+    size = np.abs(np.nan_to_num(x[:, : space.z_rows.start]))
     done = np.multiply.outer((t - t[0]) / max(t[-1] - t[0], 1e-300), steps)
     return np.asarray(ROUNDING * size[:, : space.nq].max(axis=1, initial=0.0)
                       + BIAS * done * size.max(axis=1, initial=0.0))  # fmt: skip

@@ -10,7 +10,7 @@ from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.event import Event
 from twolink.integrate.method_choice import choose
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, with_starting_states
 from twolink.integrate.solution import Progress
 from twolink.integrate.state import Array
 from twolink.scenes import Scene
@@ -85,7 +85,7 @@ def run_from(scene: Scene, x: Array, times: Array, accuracy: float, *, verify: b
     equations = equations_of(scene)
     if equations.constraints is not None:
         x = assembled(equations.constraints, x)
-    equations = replace(equations.starting_at(x, 0.0), assembled=(0.0, 0.0))
+    equations = replace(equations.starting_at(with_starting_states(equations, x), 0.0), assembled=(0.0, 0.0))
     choice = choose(equations, accuracy, float(times[-1]), "auto")
     return run_of(scene, equations, choice, times, accuracy, verify=verify)
 

@@ -178,7 +178,7 @@ def explain(
     return Explanation(
         scene.title or scene.robot.name,
         tuple(repr(effect) for effect in scene.effects),
-        (*_notes(scene, chosen), *_digits(more, accuracy)),
+        (*_notes(scene, chosen), *_digits(more, accuracy), *_states(equations)),
         _formulation(equations),
         equations.moving,
         equations.operations,
@@ -196,6 +196,12 @@ def explain(
 def _notes(scene: Scene, chosen: Choice) -> tuple[str, ...]:
     """What is to be said of the start and of the effects, and how contacts are computed."""
     return (*scene.notes(), *([f"contacts are {chosen.method}: {chosen.why}"] if chosen.method else []))
+
+
+def _states(equations: Equations) -> list[str]:
+    """Which states of effects there are beside q and v."""
+    names = equations.space.states
+    return [f"{', '.join(names)} are states of effects beside q and v"] if names else []
 
 
 def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:

@@ -83,7 +83,10 @@ def only_at(run: Trajectory, times: np.ndarray, duration: float) -> Trajectory:
     parts = np.split(kept, np.cumsum([count for _, count in run.robots])[:-1]) if run.robots else ()
     robots = [(robot, int(part.sum())) for (robot, _), part in zip(run.robots, parts, strict=True)]
     error, precise = (None if rows is None else rows[kept] for rows in (run.error, run.precise))
-    return replace(run, t=run.t[kept], q=run.q[kept], v=run.v[kept], error=error, precise=precise, robots=robots)
+    states = {name: values[kept] for name, values in run.states.items()}
+    return replace(
+        run, t=run.t[kept], q=run.q[kept], v=run.v[kept], error=error, precise=precise, robots=robots, states=states
+    )
 
 
 def formerly(*names: str, count: str = "") -> Callable[[Callable[Given, Answer]], Callable[Given, Answer]]:

@@ -279,7 +279,8 @@ def _trajectory(
     all_asked = len(times) >= CHECKS or np.array_equal(solution.t, times)
     kept = np.ones(len(solution.t), dtype=bool) if all_asked else np.isin(solution.t, times)
     kept[-1] |= not solution.interrupted
-    q, v = equations.space.rows(solution.x.compress(kept, axis=1))
+    space = equations.space
+    q, v = space.rows(solution.x.compress(kept, axis=1))
     events = solution.events
     if max(equations.assembled) > ASSEMBLED:
         moved = "q moved by {:.3g}, v by {:.3g}".format(*equations.assembled)
@@ -301,6 +302,9 @@ def _trajectory(
         solution=dense,
         title=scene.title,
         scene=scene,
+        states=dict(
+            zip(equations.space.states, solution.x[equations.space.z_rows].compress(kept, axis=1), strict=True)
+        ),
     )
 
 

@@ -255,7 +255,7 @@ def _with_bars(found: SensitivityRun, accuracy: float) -> tuple[Sensitivities, f
     q, v, error, excess = {}, {}, {}, 0.0
     for name, columns in found.wanted.columns.items():
         own = s[:, :, columns]
-        q[name], v[name] = own[:, :nv], own[:, nv:]
+        q[name], v[name] = own[:, :nv], own[:, nv : 2 * nv]
         size = np.maximum.accumulate(np.abs(own).max(axis=(1, 2), initial=0.0))
         admitted = accuracy * np.maximum(1.0, size)
         distance = found.distance[:, columns].max(axis=1, initial=0.0)

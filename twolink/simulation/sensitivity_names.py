@@ -15,7 +15,7 @@ from twolink.integrate.assembly import RANK, assembled
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.equations import Equations
 from twolink.integrate.parameter_variation import ParameterVariation
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, with_starting_states
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, part_of
 
@@ -28,7 +28,7 @@ class Wanted:
     """What is asked for.
 
     variation: of the scene, by the parameters among it. columns: of each name, the columns that it has. start
-    (2 nv + p, k): the derivatives of the start by each column, and of the parameters.
+    (tangent + p, k): the derivatives of the start by each column, and of the parameters.
     """
 
     variation: ParameterVariation
@@ -55,16 +55,38 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
     if equations.constraints is not None and any(_closes(scene, name) for name in parameters):
         raise SceneError("a length changes how loops close, which sensitivities do not follow yet", argument="wrt",
                          remedy="ask for masses or the initial state", code="sensitivities-lengths")  # fmt: skip
-    rows = 2 * nv + len(parameters)
+    tangent = equations.space.tangent
+    rows = tangent + len(parameters)
     columns, entries = {}, list[int]()
     for name in names:
-        own = of_state.get(name) or [2 * nv + parameters.index(name)]
+        own = of_state.get(name) or [tangent + parameters.index(name)]
         columns[name] = slice(len(entries), len(entries) + len(own))
         entries += own
     start = np.eye(rows)[:, entries]
     if equations.constraints is not None:
         start[: 2 * nv] = _assembled_along(scene, equations, start[: 2 * nv])
-    return Wanted(ParameterVariation(scene, parameters), columns, start)
+    variation = ParameterVariation(scene, parameters)
+    if equations.space.states:
+        start[2 * nv : tangent] = _begun_along(equations, variation, start)
+    return Wanted(variation, columns, start)
+
+
+def _begun_along(equations: Equations, variation: ParameterVariation, directions: np.ndarray) -> np.ndarray:
+    """The derivatives (states, k) of what effects begin with, along directions (., k) of the start and parameters."""
+    robot, space, x = equations.robot, equations.space, equations.start
+    nv, q, v = space.nv, x[: space.nq], x[space.v_rows]
+
+    def moved(direction: np.ndarray, k: float) -> np.ndarray:
+        parameter = np.flatnonzero(direction[space.tangent :])
+        step = k * (variation.step(int(parameter[0])) if parameter.size else STEP)
+        there = np.concatenate([robot.integrate(q, step * direction[:nv]), v + step * direction[nv : 2 * nv]])
+        own = variation.equations_beside(int(parameter[0]), k) if parameter.size else equations
+        return with_starting_states(own, there)[space.z_rows]
+
+    steps = [variation.step(int(np.argmax(d[space.tangent :]))) if d[space.tangent :].any() else STEP
+             for d in directions.T]  # fmt: skip
+    return np.array([derivative(functools.partial(moved, direction), step)
+                     for direction, step in zip(directions.T, steps, strict=True)]).T  # fmt: skip
 
 
 def _of_state(scene: Scene) -> dict[str, range]:
@@ -93,7 +115,7 @@ def _assembled_along(scene: Scene, equations: Equations, directions: np.ndarray)
     closed ones do not tell where the nearest closed one is.
     """
     robot, nv, constraints = scene.robot, scene.robot.nv, cast("Constraints", equations.constraints)
-    nq, start = robot.nq, equations.start[: equations.moving]
+    nq, start = robot.nq, equations.start[: equations.space.v_rows.stop]
     q, v = scene.q, scene.v
     if max(equations.assembled) <= CLOSED:
         q, v = start[:nq], start[nq:]

@@ -26,7 +26,7 @@ class SensitivityRun:
     """
 
     def __init__(self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float) -> None:
-        self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, 2 * equations.space.nv
+        self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, equations.space.tangent
         self._nominals = NominalSolutions(run, equations, wanted)
         self._nominal = nominal = self._nominals.first
         self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
@@ -111,7 +111,7 @@ def along_solutions(
     found = list[tuple[NominalSolution, np.ndarray]]()
     for nominal in [own.first, *(own.second(legs, one, run.t) for one in own.second_ones())]:
         own.require_alike(nominal)
-        start, out = own.start(nominal), np.zeros((len(run.t), 2 * equations.space.nv, wanted.start.shape[1]))
+        start, out = own.start(nominal), np.zeros((len(run.t), equations.space.tangent, wanted.start.shape[1]))
         for number, leg in enumerate(legs):
             s = own.beside(leg, nominal, number).along(start) if found else leg.along(start)
             here = samples[piece == number]

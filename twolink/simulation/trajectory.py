@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -61,7 +61,7 @@ class Trajectory(Result, Plotted):
         Ctrl-C ended it early; the samples so far are kept.
     accuracy : float or None
         The accuracy asked for, rad or m.
-    precise : ndarray (n, nq + nv) or None
+    precise : ndarray (n, nq + nv + states) or None
         The states with more digits than a double has, of runs in higher precision.
     robots : sequence of (Robot, int)
         The robot of each piece of a motion in which payloads are released, and how many samples the piece has.
@@ -82,6 +82,8 @@ class Trajectory(Result, Plotted):
         loaded one.
     scene : Scene or None
         What was simulated; None for a loaded trajectory.
+    states : mapping of str to ndarray (n,)
+        The states of effects at the samples, by name, such as "elbow.current"; in the units that the effects say.
     """
 
     robot: Robot
@@ -103,6 +105,7 @@ class Trajectory(Result, Plotted):
     recorded_forces: tables.Contacts | None = None
     certificate: Certificate | None = None
     scene: Scene | None = None
+    states: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -231,10 +234,10 @@ class Trajectory(Result, Plotted):
 
     @property
     def _samples(self) -> tables.Samples:
-        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error)
+        return tables.Samples(self.robot, self.t, self.q, self.v, self.energy, self.error, states=self.states)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), energy, error."""
+        """The samples by name: t, q.JOINT, v.JOINT (numbered where a joint has several), z.STATE, energy, error."""
         return tables.columns(self._samples)
 
     def to_xarray(self) -> Any:
@@ -275,6 +278,7 @@ class Trajectory(Result, Plotted):
             when the run is not verified), bound ("verified", "estimated" or ""), accuracy,
             trusted_until [s]; energy_drift: the range of the energy [J]; q, v at the end;
             cost: the fields of `Cost`, or None; events: dictionaries with the fields of `Event`; interrupted.
+            states: those of effects at the end, by name, where there are some.
             contacts: of stepped contacts `Trajectory.contact_record`.
             q_precise, v_precise: q and v at the end as texts with all digits, of runs in higher precision only.
         """
@@ -285,11 +289,13 @@ class Trajectory(Result, Plotted):
             "energy_drift": np.ptp(self.energy), "q": self.q[-1], "v": self.v[-1], "cost": self.cost,
             "events": self.events, "interrupted": self.interrupted,
         }  # fmt: skip
+        if self.states:
+            record["states"] = {name: values[-1] for name, values in self.states.items()}
         if self.contact_record is not None:
             record["contacts"] = self.contact_record
         if self.precise is not None:  # as texts, because readers of JSON take numbers as doubles
             digits = [str(x) for x in self.precise[-1]]
-            record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :]}
+            record |= {"q_precise": digits[: self.robot.nq], "v_precise": digits[self.robot.nq :][: self.robot.nv]}
         return {name: as_data(value) for name, value in record.items()}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -326,7 +332,8 @@ class Trajectory(Result, Plotted):
         samples = tables.read_samples(Path(path), robot)
         return cls(samples.robot, samples.t, samples.q, samples.v, samples.error, None, samples.events,
                    recorded_energy=samples.energy, title=samples.title, estimated=samples.estimated,
-                   recorded_contacts=samples.contacts, recorded_forces=samples.forces)  # fmt: skip
+                   recorded_contacts=samples.contacts, recorded_forces=samples.forces,
+                   states=samples.states)  # fmt: skip
 
     def _figure(self) -> Figure:
         from twolink.show.motion_plots import plot_trajectory

@@ -21,12 +21,13 @@ Contacts = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of pairs, see Trajecto
 SMOOTH = 400  # times that make a smooth curve
 Curves = tuple[np.ndarray, np.ndarray, np.ndarray]
 At = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "energy": "J", "error": "rad or m"}
+UNITS = {"t": "s", "q": "rad or m", "v": "rad/s or m/s", "z": "SI units", "energy": "J", "error": "rad or m"}
 
 
 class Samples(NamedTuple):
     """t (n,), q (n, nq), v (n, nv), energy (n,) and error (n,) or None, of a robot; the title of its scene, whether
-    the error is an estimate and no bound, events, and contacts and forces on links, None where a file does not say."""
+    the error is an estimate and no bound, events, contacts and forces on links, None where a file does not say, and
+    the states of effects (n,) by name."""
 
     robot: Robot
     t: np.ndarray
@@ -39,6 +40,7 @@ class Samples(NamedTuple):
     events: tuple[Event, ...] = ()
     contacts: Contacts | None = None
     forces: Contacts | None = None
+    states: Mapping[str, np.ndarray] = {}
 
 
 def coordinate_names(robot: Robot, letter: str) -> list[str]:
@@ -47,7 +49,7 @@ def coordinate_names(robot: Robot, letter: str) -> list[str]:
 
 
 def columns(samples: Samples) -> dict[str, np.ndarray]:
-    """The samples by name: t, q.JOINT, v.JOINT, energy, error.
+    """The samples by name: t, q.JOINT, v.JOINT, z.STATE, energy, error.
 
     Raises
     ------
@@ -61,6 +63,7 @@ def columns(samples: Samples) -> dict[str, np.ndarray]:
                 raise SceneError(f"two columns are named {column!r}", where=f"joint {joint!r}",
                                  remedy="rename the joint in the URDF", code="column-twice")  # fmt: skip
             table[column] = numbers
+    table |= {f"z.{name}": values for name, values in samples.states.items()}
     table["energy"] = samples.energy
     if samples.error is not None:
         table["error"] = samples.error
@@ -95,10 +98,11 @@ def read_samples(path: Path, robot: Robot | None) -> Samples:
     table = _numbers(content, label)
     n = len(table["t"]) if "t" in table else 0
     error = np.empty(n) if "error" in table else None
+    states = {name.removeprefix("z."): np.empty(n) for name in table if name.startswith("z.")}
+    contacts, forces = (_forces(marks, kind, n, label) if EVENTS in notes else None for kind in (CONTACT, FORCE))
     samples = Samples(robot, np.empty(n), np.empty((n, robot.nq)), np.empty((n, robot.nv)), np.empty(n), error,
                       notes.get("title", ""), notes.get("bound") == "estimated", _events(notes, label),
-                      *(_forces(marks, kind, n, label) if EVENTS in notes else None
-                        for kind in (CONTACT, FORCE)))  # fmt: skip
+                      contacts, forces, states)  # fmt: skip
     wanted = columns(samples)
     missing = [name for name in wanted if name not in table]
     unknown = [name for name in table if name not in wanted]
@@ -158,6 +162,7 @@ def as_dataset(samples: Samples, attributes: Mapping[str, Any]) -> Any:
         "v": (("time", "v_name"), samples.v, {"units": UNITS["v"]}),
         "energy": ("time", samples.energy, {"units": UNITS["energy"]}),
     }
+    variables |= {f"z.{name}": ("time", values, {"units": UNITS["z"]}) for name, values in samples.states.items()}
     if samples.error is not None:
         variables["error"] = ("time", samples.error, {"units": UNITS["error"]})
     coordinates = {

@@ -199,9 +199,11 @@ def _distance(space: StateSpace, run: Verified, other: Solution) -> Array:
     t, x = solution.t[checks], solution.x[:, checks]
     same = np.minimum(np.arange(len(checks)), len(other.t) - 1)
     if other.precise is not None and solution.precise is not None:
-        off = np.abs(solution.precise[checks, : space.nq] - other.precise[same, : space.nq]).max(axis=1, initial=0.0)
+        own = solution.precise[checks]
+        off = np.abs(own - other.precise[same]).astype(float)
         turned = 2.0 if space.curved else 1.0  # a rotation turns by twice what its quaternion differs by
-        return np.asarray(turned * off.astype(float))
+        inner = (off / (1.0 + np.abs(own).astype(float)))[:, space.z_rows].max(axis=1, initial=0.0)
+        return np.asarray(np.fmax(turned * off[:, : space.nq].max(axis=1, initial=0.0), inner))
     distance = distances(space, x.T[:, :, None], other.x[:, same].T[:, :, None])[:, 0]
     # An event that ends both solutions ends each at a time of its own.
     late = np.abs(t - other.t[same]) * np.abs(space.rows(x)[1]).max(axis=1, initial=0.0)

@@ -12,7 +12,7 @@ from twolink.errors import AccuracyError, MissingExtraError, SceneError
 from twolink.integrate.assembly import assembled
 from twolink.integrate.equations import Equations
 from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.scene_equations import equations_of, with_starting_states
 from twolink.integrate.step_map import StepMap, step_map
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
@@ -99,6 +99,7 @@ def simulate_many(
                       wanted, qs, vs, ones.events, ones.ends, scene, *begun)  # fmt: skip
     steps_by = _step_map(scene, tuple(values), end)
     close_loops(steps_by.equations, states)
+    states = with_starting_states(steps_by.equations, states, values)
     parameter_rows = np.array(list(values.values())) if values else None
     check_times, method = with_check_times(times, CHECKS) if verify else times, steps_by.method
     if verify and not can_be_finer(method, accuracy):
@@ -120,6 +121,8 @@ def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
     """
     equations, known = equations_of(scene), parameters_of(scene)
     constant = any(name not in known or not known[name].acts for name in names)
+    if equations.has_events and equations.space.states:  # play, whose kinks are to be located
+        return True
     if constant or equations.switching is not None or (names and equations.constraints is not None):
         return True
     try:
@@ -196,7 +199,7 @@ def close_loops(equations: Equations, states: np.ndarray) -> None:
 def _configurations(equations: Equations, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(q (m, n, nq), v (m, n, nv)) of states (m, size, n); q on its manifold, NaN for a world that is lost."""
     by_world, space = np.moveaxis(x, 2, 1), equations.space
-    q, v = by_world[..., : space.nq].copy(), by_world[..., space.nq : equations.moving]
+    q, v = by_world[..., : space.nq].copy(), by_world[..., space.v_rows]
     if space.curved:
         finite = np.isfinite(q).all(axis=-1)
         q[finite] = space.robot.normalize(q[finite])

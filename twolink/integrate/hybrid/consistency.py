@@ -315,4 +315,6 @@ def _without_slow_slips(state: ModeState, touching: list[int], slow: float) -> M
     locked = np.eye(len(state.v))[sorted(state.mode.locked)]
     inverse = inverse_under(mass_matrix(state), np.concatenate([loop_rows(state), locked]))
     change = inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=RANK) @ rows @ state.v
-    return state._replace(x=np.concatenate([state.x[: state.system.nq], state.v - change]))
+    x = state.x.copy()
+    x[state.system.whole.space.v_rows] -= change
+    return state._replace(x=x)

@@ -132,8 +132,8 @@ class Engine:
         snapshot = state.evaluate()
         guards = guards_of(run, snapshot)
         watcher = Watcher(state.own.evaluate, steps, guards, self.perturbation.touch_margin)
-        space = equations.space
-        rate = np.concatenate([space.rate(snapshot.x[: space.nq], snapshot.x[space.nq :]), snapshot.a])
+        space, x = equations.space, snapshot.x
+        rate = np.concatenate([space.rate(x[: space.nq], x[space.v_rows]), snapshot.a, snapshot.rates])
         part = integrate(steps, grid, self.setting, self.progress, perturbation=self.perturbation, watcher=watcher,
                          span=self.span, rate=rate, first_block=self.block)  # fmt: skip
         taken = 4 + 5 * (part.steps + part.rejected) // 4  # the next piece may be about as long

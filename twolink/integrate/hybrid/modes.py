@@ -185,7 +185,7 @@ class System:
         equations, constraints = own.equations, own.equations.constraints
         if constraints is None:
             return own
-        free = np.array([k not in mode.locked for k in range(len(x) - self.nq)], dtype=float)
+        free = np.array([k not in mode.locked for k in range(self.robot.nv)], dtype=float)
         kept = independent_rows(constraints, x[: self.nq], free)
         if len(kept) == len(constraints.kept):
             return own
@@ -200,7 +200,9 @@ class System:
             acting = self.switching.acting(mode.idle, placed)
             q = self.robot.normalize(x[None, : self.nq])[0]
             robot = self.switching.robot_with([effect for _, effect in acting])
-            equations = make_equations(robot, q, x[self.nq : self.whole.moving], acting, self.lockable)
+            space = self.whole.space
+            states = dict(zip(space.states, x[space.z_rows].tolist(), strict=True))
+            equations = make_equations(robot, q, x[space.v_rows], acting, self.lockable, states=states)
         return self._with_evaluator(equations, mode)
 
     def _with_evaluator(self, equations: Equations, mode: Mode) -> ModeEquations:
@@ -223,7 +225,7 @@ def contact_places(constraints: Constraints, contacts: Sequence[int]) -> dict[in
 
 
 class ModeState(NamedTuple):
-    """A state x = (q, v) of a system in a mode at time t."""
+    """A state x = (q, v, z) of a system in a mode at time t."""
 
     system: System
     mode: Mode
@@ -238,7 +240,7 @@ class ModeState(NamedTuple):
     @property
     def v(self) -> Array:
         """The velocities."""
-        return self.x[self.system.nq :]
+        return self.x[self.system.whole.space.v_rows]
 
     def full_state(self, t: float | None = None) -> Array:
         """x with the numbers of the piece behind it, (size,); t: a time within that piece, if it is not the present."""

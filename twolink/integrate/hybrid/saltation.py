@@ -88,12 +88,12 @@ class Saltation:
         self._systems: dict[tuple[int, float], System] = {}
 
     def __call__(self, jump: Jump, s: Array, share: float = 1.0) -> Array:
-        """S after a jump (2 nv + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined".
+        """S after a jump (tangent + p, k) from that before it. Raises AccuracyError, code "sensitivity-undefined".
 
         share: of the usual steps of differences.
         """
         before, after, guard = jump.before, jump.after, jump.guard
-        nv = self.equations.space.nv
+        nv, states = self.equations.space.nv, self.equations.space.tangent
         rates = [_rate(run) for run in (before, after)]
         moved = np.abs(after.x - before.x).max(initial=0.0) > UNCHANGED * (1.0 + np.abs(before.x).max(initial=0.0))
         if not moved and np.array_equal(rates[0], rates[1]):
@@ -101,19 +101,19 @@ class Saltation:
         _require_alone(jump)
         late = self._delay_of_time(jump, s) if guard is None else self._delay(jump, guard, rates[0], s, share)
         out = s.copy()
-        out[: 2 * nv] += np.outer(rates[0], late)
+        out[:states] += np.outer(rates[0], late)
         if moved:
             directions = out.copy()
             for k in before.mode.locked:  # what is held is held exactly
                 directions[nv + k] = 0.0
-            out[: 2 * nv] = np.array([self._derivative_after(jump, direction, delay, share)
-                                      for direction, delay in zip(directions.T, late, strict=True)]).T  # fmt: skip
-        out[: 2 * nv] -= np.outer(rates[1], late)
+            out[:states] = np.array([self._derivative_after(jump, direction, delay, share)
+                                     for direction, delay in zip(directions.T, late, strict=True)]).T  # fmt: skip
+        out[:states] -= np.outer(rates[1], late)
         return out
 
     def start(self, run: RunState, s: Array) -> Array:
         """S at the start, where a run has found its mode. Raises AccuracyError where S would leave that mode."""
-        nv, moving = self.equations.space.nv, np.flatnonzero(s[2 * self.equations.space.nv :].any(axis=1)).tolist()
+        nv, moving = self.equations.space.nv, np.flatnonzero(s[self.equations.space.tangent :].any(axis=1)).tolist()
         held = [k for k in run.mode.locked if s[nv + k].any() or any(hold.entry is not None and s[k].any()
                 for hold in run.system.holds(k, run.x))]  # fmt: skip
         held += [k for k in run.mode.locked for i in moving if self._places(run, k, i) != self._places(run, k)]
@@ -169,7 +169,7 @@ class Saltation:
             name = f"effects.{before.system.triggers[n][0]}.at"
             if name not in names:
                 continue
-            late = s[2 * self.equations.space.nv + names.index(name)]
+            late = s[self.equations.space.tangent + names.index(name)]
             if len(jump.timed or ()) > 1 or not np.array_equal(_rate(before), _rate(before, jump.begin)):
                 raise _undefined(jump, "something else happens at the same given time")
         return late
@@ -216,7 +216,7 @@ class Saltation:
         bound: closed loops and contacts are closed again. share: of the usual step. All is moved together: where states
         that move alone would slide or leave, those that move with a parameter need not.
         """
-        states = 2 * self.equations.space.nv
+        states = self.equations.space.tangent
         size = max(float(np.abs(direction[:states]).max(initial=0.0)), abs(delay))
         i, step = self._step(size, direction[states:])
 
@@ -262,13 +262,13 @@ def _held(other: RunState, run: RunState, *, bound: bool) -> RunState:
 
 
 def _rate(run: RunState, begin: float | None = None) -> Array:
-    """(v, a) of a run; begin: of its piece, whose numbers then count, instead of those of the next piece."""
+    """(v, a, z') of a run; begin: of its piece, whose numbers then count, instead of those of the next piece."""
     state = run.mode_state
     if begin is None:
         snapshot = state.evaluate()
     else:
         snapshot = state.own.evaluate(np.array([run.t]), state.full_state(0.5 * (begin + run.t))[:, None])
-    return np.concatenate([run.x[run.system.nq :], snapshot.a[:, 0]])
+    return np.concatenate([state.v, snapshot.a[:, 0], snapshot.rates[:, 0]])
 
 
 def _copy(run: RunState) -> RunState:

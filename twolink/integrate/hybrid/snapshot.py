@@ -30,7 +30,7 @@ from twolink.integrate.compile_time import BY_NUMPY, UNOPTIMIZED, compiling_seco
 from twolink.integrate.compiled_functions import compiled_function
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of
+from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of, state_rates
 from twolink.integrate.state import Array
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 EVALUATIONS = 3  # of the accelerations, that the formulas cost: accelerations, torques, constraint forces
 AGREEMENT = 1e-8  # relative
 NEARBY = 1e-3  # rad or m
-FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions", "columns")
+FIELDS = ("a", "multipliers", "locks", "limits", "tau", "bias", "contacts", "conditions", "columns", "rates")
 ROWS = 5  # of a contact: gap, its rate, slip along two tangents, the gap's acceleration
 
 
@@ -47,7 +47,7 @@ class Snapshot:
     """States x (size, n) at times t (n,), and of each: a (nv, n), the multipliers of the kept constraint rows, the
     torques of the locks on the lockable degrees of freedom, distances to limits of effort, tau and bias h (nv, n), the
     rows of each contact (contacts, 5, n), the conditions' distances, and the generalized forces of size 1 of
-    the rows of loops and of closed contacts (rows nv, n).
+    the rows of loops and of closed contacts (rows nv, n), and z' of effects.
 
     All but t and x is evaluated when it is first looked at: many guards need no more than x.
     """
@@ -91,7 +91,8 @@ class Evaluator:
         kept = 0 if constraints is None else len(constraints.kept)
         self._columns = () if constraints is None or not columns_of else _force_rows(constraints, columns_of)
         sizes = [nv, kept, len(equations.layout.lockable), len(equations.effort_limits), nv, nv,
-                 ROWS * len(contacts), len(conditions), len(self._columns) * nv]  # fmt: skip
+                 ROWS * len(contacts), len(conditions), len(self._columns) * nv,
+                 len(equations.space.states)]  # fmt: skip
         ends = np.cumsum([0, *sizes]).tolist()
         self._parts = dict(zip(FIELDS, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
         self._compiled: Any = None
@@ -137,7 +138,7 @@ class Evaluator:
         conditions = [condition.distance(motion) for condition in self.conditions]
         limits = [distance for _, distance in solution.loads.limits]
         return [*solution.a, *solution.multipliers, *locks, *limits, *solution.loads.tau, *bias, *contacts, *conditions,
-                *self._contact_columns(mech, x, xp)]  # fmt: skip
+                *self._contact_columns(mech, x, xp), *state_rates(self.equations, solution.loads)]  # fmt: skip
 
     def _contact_columns(self, mech: Mechanism, x: Any, xp: Any) -> list[Any]:
         """The generalized forces of the rows of loops and closed contacts, one row after the other."""
@@ -151,7 +152,7 @@ class Evaluator:
     def _contact_rows(self, contact: ContactPoint, motion: Motion, x: Any, a: Sequence[Any]) -> list[Any]:
         """The gap, its rate and slip, and its acceleration: the rate's derivative along the motion."""
         space = self.equations.space
-        changes = zip((*motion.q, *motion.v), (*space.rate(x[: space.nq], x[space.nq :]), *a), strict=True)
+        changes = zip((*motion.q, *motion.v), (*space.rate(x[: space.nq], x[space.v_rows]), *a), strict=True)
         jets = [Jet(pair) for pair in changes]
         moving = Motion(
             motion.model, motion.mech, jets[: space.nq], jets[space.nq :], motion.t, JetNamespace(motion.xp)
@@ -179,7 +180,7 @@ def _compiled(evaluator: Evaluator) -> Any:
     # are rounding, which differs.
     apart = np.random.default_rng(1).uniform(0.5, 1.5, (2, equations.space.nv))
     state[:nq, 0] = pin.integrate(equations.robot.model, state[:nq, 0], NEARBY * apart[0])
-    state[nq : equations.moving, 0] += apart[1]
+    state[equations.space.v_rows, 0] += apart[1]
     theirs = evaluator.by_numpy(np.zeros(1), state).rows
     ours = np.empty_like(theirs)
     compiled(np.concatenate([np.zeros((1, 1)), state]), ours)

@@ -25,7 +25,7 @@ Touched = tuple[int, Feature]  # with the number of its pair
 
 
 class RunState:
-    """Time t, motion x = (q, v) and mode of a run, which transitions change.
+    """Time t, motion x = (q, v, z) and mode of a run, which transitions change.
 
     events: so far. sides: of each trigger, the sign of its value. fired: guards whose zero has caused an event at this
     instant. opened: what events of this instant have freed. passed: features that have passed an edge or opened in it,
@@ -88,7 +88,7 @@ class RunState:
         result = brought_to_rest(self.mode_state, self.small)
         if result is None:
             return
-        self.x[self.system.nq :], ends, energy = result
+        self.x[self.system.whole.space.v_rows], ends, energy = result
         for name, seconds in ends:
             why = "after bounces too small to follow, summed in closed form"
             self.note("rest", name, why, energy / len(ends), self.t + seconds)
@@ -109,7 +109,7 @@ class RunState:
         result = collide(self.mode_state, touch)
         if result is None:
             return
-        self.x[self.system.nq :], impacts = result
+        self.x[self.system.whole.space.v_rows], impacts = result
         for impact in whole(impacts):
             name = impact.touch.name
             self.note(kind if impact.touch is touch else "impact", name, f"at {impact.speed:.6g} {impact.touch.unit}",
@@ -199,7 +199,7 @@ class RunState:
     def stored_energy(self) -> float:
         """Kinetic and potential energy of what acts now, J."""
         robot = self.mode_state.own.equations.robot
-        kinetic, potential = robot.energy(self.x[: self.system.nq], self.x[self.system.nq :])
+        kinetic, potential = robot.energy(self.x[: self.system.nq], self.mode_state.v)
         return float(kinetic + potential)
 
 

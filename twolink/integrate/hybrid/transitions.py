@@ -292,9 +292,9 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
     run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
     run.ended |= trigger.ends
     if trigger.state is not None:
-        nq = run.system.nq
-        changed = trigger.state(run.x[:nq].copy(), run.x[nq:].copy())
-        run.x = _checked(changed, nq, len(run.x) - nq, trigger.name)
+        nq, v_rows = run.system.nq, run.system.whole.space.v_rows
+        changed = trigger.state(run.x[:nq].copy(), run.x[v_rows].copy())
+        run.x[: v_rows.stop] = _checked(changed, nq, run.system.robot.nv, trigger.name)
         run.sides.pop(("trigger", n), None)  # its value may be on any side then
         run.fired.clear()
         run.require_room(f"`then` of {trigger.name!r}")
