@@ -158,7 +158,7 @@ def test_sensitivities_through_a_whole_drive(name: str) -> None:
         value = parameters_of(geared())[name].nominal
         return tl.simulate_many(geared(), parameters={name: [value + k]}, accuracy=1e-10).q[0]
 
-    h = 1e-5 if name.endswith("inertia.axle") else 1e-3
+    h = 2e-6 if name.endswith("inertia.axle") else 1e-3
     assert found.q[name][-1, 0, 0] == pytest.approx(float((run(h) - run(-h))[0]) / (2 * h), rel=1e-4, abs=1e-5)
 
 

@@ -27,6 +27,7 @@ class SensitivityRun:
 
     def __init__(self, run: Trajectory, equations: Equations, wanted: Wanted, tolerance: float) -> None:
         self.run, self.wanted, self.tolerance, self._rows = run, wanted, tolerance, equations.space.tangent
+        self._compared = 2 * equations.space.nv  # rows of q and v, not those of states of effects
         self._nominals = NominalSolutions(run, equations, wanted)
         self._nominal = nominal = self._nominals.first
         self.s, legs, states = self._along(nominal, run.t if nominal.jumps else run.t[:0], tolerance)
@@ -35,6 +36,7 @@ class SensitivityRun:
         self.distance = self._distance(legs, states)
         if not nominal.jumps:
             self.s = self._interpolated(run.t)
+        self.s = self.s[:, : self._compared]
 
     def _along(
         self, nominal: NominalSolution, samples: np.ndarray, tolerance: float
@@ -61,13 +63,14 @@ class SensitivityRun:
     def _distance_to(self, legs: Sequence[Leg], states: Sequence[np.ndarray], second: Second) -> np.ndarray:
         """The distance to one second solution."""
         nominal = self._nominals.second(legs, second)
-        out, start, rows, paired = [], self._nominals.start(nominal), self._rows, self._nominals.paired(nominal)
+        out, start, rows, paired = [], self._nominals.start(nominal), self._compared, self._nominals.paired(nominal)
         for number, (leg, coarse) in enumerate(zip(legs[:paired], states[:paired], strict=True)):
             other = self._nominals.beside(leg, nominal, number)
             s = other.along(start)
             out.append(np.abs(s[:: second.parts, :rows] - coarse[:, :rows]).max(axis=1))
             if not nominal.jumps and second.parts > 1:
-                between = np.abs(s[1::2, :rows] - leg.at(other.t[1::2], coarse, interpolating=True)).max(axis=1)
+                between = np.abs(s[1::2, :rows] - leg.at(other.t[1::2], coarse, interpolating=True)[:, :rows])
+                between = between.max(axis=1)
                 out[-1][1:] = np.maximum(out[-1][1:], INTERPOLATED * between)
                 self._fine.append((other, s))
             start = self._nominals.after(nominal, number, s[-1])
@@ -91,7 +94,7 @@ class SensitivityRun:
         """
         times = np.concatenate([leg.t for leg in legs])
         other, _, _ = self._along(nominal, times, self.tolerance / SMALLER)
-        distance = np.abs(other - np.concatenate(states)[:, : other.shape[1]]).max(axis=1)
+        distance = np.abs(other - np.concatenate(states)[:, : other.shape[1]])[:, : self._compared].max(axis=1)
         for jump in (*self._nominal.jumps[:-1], *nominal.jumps[:-1]):
             distance[(times == jump.before.t) | ((times > jump.before.t) & (times < jump.rest))] = 0.0
         return np.asarray(distance)
