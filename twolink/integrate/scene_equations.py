@@ -19,6 +19,8 @@ from twolink.effects.effect import plain
 from twolink.effects.inputs import with_pieces
 from twolink.effects.loops import Loop
 from twolink.effects.own_effects import formula_fingerprint
+from twolink.effects.sampled_control import Controller
+from twolink.effects.sensors import Sensor
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
@@ -29,23 +31,48 @@ from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
 from twolink.integrate.state import Array
 from twolink.io.fingerprints import kernel_key
+from twolink.loop.session import Sampling
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
 
 _kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
 
 
-def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
-    """The equations of a scene. parameters: physical constants kept as run-time inputs. Raises SceneError."""
+def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = False) -> Equations:
+    """The equations of a scene.
+
+    parameters: physical constants kept as run-time inputs. ticks: whether the caller solves from tick to tick, as
+    controllers call for. Raises SceneError.
+    """
+    sampling = sampling_of(scene)
+    if sampling is not None and not ticks:
+        raise SceneError("a sampled controller acts at ticks, which tl.simulate and tl.explain alone follow",
+                         where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
+                         remedy="use a continuous one, such as tl.effects.JointPD or StateFeedback")  # fmt: skip
     known = _kept.setdefault(scene, {})
     name = tuple(parameters)
     if name not in known:
         switching = switching_of(scene.base, scene.robot, scene.effects)
         acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
+        if sampling is not None:
+            acting = tuple((i, e.held(scene.robot, i) if isinstance(e, Controller) else e) for i, e in acting)
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
-        known[name] = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        if sampling is not None and equations.has_events:
+            what = "a scene with a sampled controller and events, such as stops, friction or limits of effort"
+            raise SceneError(f"{what}, is not solved yet", where=f"effects[{min(sampling.controllers)}]",
+                             remedy="leave the others out, or use smooth ones: SmoothFriction, the controller's limit=",
+                             code="controller-with-events")  # fmt: skip
+        known[name] = replace(equations, sampling=sampling)
     return known[name]
+
+
+def sampling_of(scene: Scene) -> Sampling | None:
+    """The controllers and sensors of a scene; None where there are no controllers."""
+    controllers = {i: effect for i, effect in enumerate(scene.effects) if isinstance(effect, Controller)}
+    sensors = {i: effect for i, effect in enumerate(scene.effects) if isinstance(effect, Sensor)}
+    return Sampling(scene.robot, controllers, sensors) if controllers else None
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:

@@ -1,12 +1,13 @@
 """Solution: the states that a solver computed, and their cost."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from twolink.integrate.event import Event
+from twolink.loop.readings import Readings
 
 Progress = Callable[[float], None]
 MAX_KEPT = 50_000_000  # numbers of states where steps ended
@@ -29,6 +30,8 @@ class Piece:
         Times and states where steps ended, with the begin; None where the solver does not tell.
     last : ndarray (nq + nv,) or None
         The state at its end, before the event there; None where no event ends it.
+    held : ndarray (k, size - nq - nv) or None
+        The numbers that hold from each time of `taken` on; None: those of the equations' start throughout.
     """
 
     equations: Any
@@ -36,6 +39,7 @@ class Piece:
     samples: int
     taken: tuple[np.ndarray, np.ndarray] | None = None
     last: np.ndarray | None = None
+    held: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class Solution:
         The smooth parts; one at least in what `solver.solve` returns.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
         Of a single piece, as in `Piece`.
+    readings : mapping of str to Readings, or None
+        What sensors read on the way, by name; None where nothing is called at ticks.
     """
 
     t: np.ndarray
@@ -82,6 +88,7 @@ class Solution:
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None
+    readings: Mapping[str, Readings] | None = None
 
 
 def joined(parts: Sequence[Solution]) -> Solution:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -20,11 +20,13 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
 from twolink.io.text import facts_html
+from twolink.loop.readings import Readings
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
+from twolink.simulation.sensor_readings import read_along
 from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
@@ -82,6 +84,8 @@ class Trajectory(Result, Plotted):
         loaded one.
     scene : Scene or None
         What was simulated; None for a loaded trajectory.
+    recorded_readings : mapping of str to Readings, or None
+        What sensors read on the way; None: they are read afterwards.
     """
 
     robot: Robot
@@ -103,6 +107,18 @@ class Trajectory(Result, Plotted):
     recorded_forces: tables.Contacts | None = None
     certificate: Certificate | None = None
     scene: Scene | None = None
+    recorded_readings: Mapping[str, Readings] | None = None
+
+    @functools.cached_property
+    def sensors(self) -> dict[str, Readings]:
+        """The readings of the scene's sensors by name: the times t (n,) of measuring, s, and the values (n, m).
+
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        if self.recorded_readings is not None:
+            return dict(self.recorded_readings)
+        solution, sensors = self._solution("sensors"), () if self.scene is None else self.scene.sensors.values()
+        return {sensor.label: read_along(sensor, solution) for sensor in sensors}
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
