@@ -96,6 +96,8 @@ class Controller(Effect, frozen=True):
     Åström, Wittenmark: Computer-Controlled Systems, 1997, chapters 2 and 3.
     """
 
+    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "controller"
+
     update: Any
     period: Seconds = 1e-3
     offset: Seconds = 0.0

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -77,6 +77,8 @@ class Sensor(Effect, frozen=True, kw_only=True):
     seed : int
         Of the noise: the same for the same seed, name and tick.
     """
+
+    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "sensor"
 
     name: str = ""
     period: NotNegative = 1e-3

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from twolink.effects.switching import Switching
 from twolink.integrate.constraints import Constraints
 from twolink.integrate.layout import NO_SLOTS, Layout
 from twolink.integrate.state import Array, StateSpace
-from twolink.loop.session import Sampling
+
+if TYPE_CHECKING:
+    from twolink.loop.session import Sampling
 
 SAME_TIME = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 

@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
 from twolink.effects.effect import Loads
-from twolink.effects.sensors import Forces
 from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.force_share import within_laws
 from twolink.integrate.hybrid.snapshot import Evaluator
 from twolink.integrate.state import Array
@@ -74,27 +72,6 @@ def contacts(equations: Equations, t: Array, x: Array) -> list[tuple[str, Array,
             point, force = (np.array([np.broadcast_to(entry, len(t)) for entry in vector]) for vector in vectors)
             found.append((pair, point, force))
     return found
-
-
-def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
-    """What sensors feel at states x (nq + nv or size, n) of one piece at a time, or at times (n,)."""
-    states, count = _full(equations, x), x.shape[1]
-    times = np.broadcast_to(t, count)
-    a, tau = accelerations_and_joint_torques(equations, times, states)
-    motion = motion_of(equations, equations.mechanism, times, states, Numbers)
-    loads = effect_loads(equations, motion, list(states[equations.moving :]), equations.effects)
-    felt = np.zeros((count, equations.robot.model.njoints, 6))
-    for body, wrench in loads.wrenches.items():
-        felt[:, body] = np.array([np.broadcast_to(part, count) for part in wrench]).T
-
-    def on(link: str) -> Array:
-        total = np.zeros((count, 3))
-        for pair, _, force in contacts(equations, times, states):
-            first, second = pair.split(" - ")
-            total += (int(first == link) - int(second == link)) * force.T
-        return total
-
-    return Forces(a.T, tau.T, [[pin.Force(one) for one in row] for row in felt], on)
 
 
 class _ForcesOnLinks(Loads):

@@ -3,6 +3,7 @@
 import weakref
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -19,8 +20,6 @@ from twolink.effects.effect import plain
 from twolink.effects.inputs import with_pieces
 from twolink.effects.loops import Loop
 from twolink.effects.own_effects import formula_fingerprint
-from twolink.effects.sampled_control import Controller
-from twolink.effects.sensors import Sensor
 from twolink.effects.switching import Switching, switching_of
 from twolink.errors import SceneError
 from twolink.integrate.assembly import assembled, independent
@@ -31,9 +30,11 @@ from twolink.integrate.formulas import accelerations, effect_loads, motion_of
 from twolink.integrate.layout import layout_of
 from twolink.integrate.state import Array
 from twolink.io.fingerprints import kernel_key
-from twolink.loop.session import Sampling
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
+
+if TYPE_CHECKING:
+    from twolink.loop.session import Sampling
 
 _kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
 
@@ -55,7 +56,9 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
         switching = switching_of(scene.base, scene.robot, scene.effects)
         acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
         if sampling is not None:
-            acting = tuple((i, e.held(scene.robot, i) if isinstance(e, Controller) else e) for i, e in acting)
+            acting = tuple(
+                (i, sampling.controllers[i].held(scene.robot, i) if i in sampling.controllers else e) for i, e in acting
+            )
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
         equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
@@ -68,11 +71,15 @@ def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = 
     return known[name]
 
 
-def sampling_of(scene: Scene) -> Sampling | None:
+def sampling_of(scene: Scene) -> "Sampling | None":
     """The controllers and sensors of a scene; None where there are no controllers."""
-    controllers = {i: effect for i, effect in enumerate(scene.effects) if isinstance(effect, Controller)}
-    sensors = {i: effect for i, effect in enumerate(scene.effects) if isinstance(effect, Sensor)}
-    return Sampling(scene.robot, controllers, sensors) if controllers else None
+    if all(effect.at_ticks != "controller" for effect in scene.effects):
+        return None
+    from twolink.loop.session import Sampling  # which other scenes do not load
+
+    controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
+                            for kind in ("controller", "sensor"))  # fmt: skip
+    return Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:

@@ -1,13 +1,12 @@
 """Solution: the states that a solver computed, and their cost."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from twolink.integrate.event import Event
-from twolink.loop.readings import Readings
 
 Progress = Callable[[float], None]
 MAX_KEPT = 50_000_000  # numbers of states where steps ended
@@ -32,6 +31,8 @@ class Piece:
         The state at its end, before the event there; None where no event ends it.
     held : ndarray (k, size - nq - nv) or None
         The numbers that hold from each time of `taken` on; None: those of the equations' start throughout.
+    readings : mapping of str to Readings, or None
+        What sensors read on the way, by name; None where nothing is called at ticks.
     """
 
     equations: Any
@@ -40,6 +41,7 @@ class Piece:
     taken: tuple[np.ndarray, np.ndarray] | None = None
     last: np.ndarray | None = None
     held: np.ndarray | None = None
+    readings: Any = None
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,6 @@ class Solution:
         The smooth parts; one at least in what `solver.solve` returns.
     taken : (ndarray (k,), ndarray (k, nq + nv)) or None
         Of a single piece, as in `Piece`.
-    readings : mapping of str to Readings, or None
-        What sensors read on the way, by name; None where nothing is called at ticks.
     """
 
     t: np.ndarray
@@ -88,7 +88,6 @@ class Solution:
     hit: Any = None
     pieces: tuple[Piece, ...] = ()
     taken: tuple[np.ndarray, np.ndarray] | None = None
-    readings: Mapping[str, Readings] | None = None
 
 
 def joined(parts: Sequence[Solution]) -> Solution:

@@ -14,7 +14,7 @@ from twolink.errors import ControllerError
 from twolink.integrate.beside import Beside
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import AMBIGUOUS, Event
-from twolink.integrate.joint_forces import forces_seen
+from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.methods import Method
 from twolink.integrate.outcomes import FINE, Block, failure_of, outcome_of
 from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
@@ -85,22 +85,20 @@ class Lanes:
 
     def advance(self, end: float) -> list[tuple[float, Array]]:
         """Advance all to a time, s. Returns where steps of the first ended on the way: times and states (size,)."""
-        rows, state, on_the_way = self._rows, self.state, []
-        before, length = state[rows.step].copy(), end - self.time
+        rows, state, on_the_way, time = self._rows, self.state, [], self._rows.time
+        before, start = state[rows.step].copy(), state.item(time, 0)
         for i in self._finer:  # it takes other steps than the run also where a tick ends both
-            state[rows.step, i] = min(before[i], 0.5 * length)
+            state[rows.step, i] = min(before.item(i), 0.5 * (end - start))
         state[rows.end] = end
         self._disturb()
-        tried = 0
-        while True:
-            self._call(state, self._new)
-            self.state, self._new, last = self._new, state, state[rows.time, 0]
-            state, tried = self.state, tried + 1
-            first = state.item(rows.time, 0)
-            if last < first < end:
-                on_the_way.append((first, state[: self._size, 0].copy()))
-            if state[rows.time].min() >= end:
-                break
+        new, tried, late = self._new, 0, list(range(self._count))
+        while late:
+            self._call(state, new)
+            state, new, tried = new, state, tried + 1
+            if late[0] == 0 and start < (start := state.item(time, 0)) < end:
+                on_the_way.append((start, state[: self._size, 0].copy()))
+            late = [i for i in late if state.item(time, i) < end]
+            self.state, self._new = state, new
             if tried % LOOK == 0:
                 self._require_fine()
         self._tried = tried
@@ -184,15 +182,15 @@ class _Run:
             samples[:, between] = by.partial(samples[:, between], t[step[between]], times[between])
         accepted, rejected = self._lanes.counts
         evaluations = (accepted + rejected + int(between.sum())) * by.method.evaluations
-        piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:])
+        piece = Piece(self._equations, float(t[0]), len(times), (t, x[:, :moving]), held=x[:, moving:],
+                      readings=self._session.readings)  # fmt: skip
         found = self._session.ambiguous()
         events = [Event(at, AMBIGUOUS, what, "solutions of the error bar got different answers")
                   for at, what in found[:NAMED]]  # fmt: skip
         if len(found) > NAMED:
             events.append(Event(found[NAMED][0], AMBIGUOUS, f"{len(found) - NAMED} more"))
         return Solution(times, samples[:moving], accepted, evaluations, rejected, by.compile_seconds, by.compiled,
-                        interrupted, events=tuple(events), pieces=(piece,),
-                        readings=self._session.readings)  # fmt: skip
+                        interrupted, events=tuple(events), pieces=(piece,))  # fmt: skip
 
 
 def solve_ticks(

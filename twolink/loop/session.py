@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from twolink.dynamics import Robot
-from twolink.effects.sampled_control import Controller
+from twolink.effects.sampled_control import STATE, Controller
 from twolink.effects.sensors import Forces, Seen, Sensor
 from twolink.errors import ControllerError
 from twolink.loop.ambiguity import Ambiguity
@@ -41,15 +41,21 @@ class Sampling:
     controllers: Mapping[int, Controller]
     sensors: Mapping[int, Sensor]
 
+    @property
+    def ticks_per_second(self) -> float:
+        """Of all of them together."""
+        return sum(1.0 / float(one.period) for one in (*self.controllers.values(), *self.sensors.values()))
+
 
 @dataclass(eq=False)
 class _Control:
-    """A controller in a run. states: of each solution. waiting: answers (m, n) that do not act yet, by tick."""
+    """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick."""
 
     place: int
     controller: Controller
     joints: tuple[str, ...]
     limits: Array
+    limited: bool
     rows: list[int]
     slopes: list[int]
     since: int
@@ -88,6 +94,7 @@ class Session:
         self, sampling: Sampling, rows: Mapping[str, int], x: Array, look: Callable[[float, Array], Forces]
     ) -> None:
         self._robot, self._look = sampling.robot, look
+        self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
         self._clock = Clock({**sampling.controllers, **sampling.sensors})
         self._controls = {place: self._control(place, one, rows, x.shape[1])
                           for place, one in sampling.controllers.items()}  # fmt: skip
@@ -101,7 +108,8 @@ class Session:
         values, slopes = ([rows[slot.name] for slot in slots.values()] for slots in (held.values, held.slopes))
         since = -1 if held.since is None else rows[held.since.name]
         states = [copy.deepcopy(one.state) for _ in range(count)]
-        return _Control(place, one, joints, one.limits(self._robot), values, slopes, since, states)
+        limits = one.limits(self._robot)[:, None]
+        return _Control(place, one, joints, limits, bool(np.isfinite(limits).any()), values, slopes, since, states)
 
     @property
     def time(self) -> float:
@@ -135,17 +143,17 @@ class Session:
         return sorted((t, f"effects[{one.place}]") for one in self._controls.values() for t in one.ambiguity.ticks())
 
     def _seen(self, t: float, x: Array) -> Seen:
-        nq, nv = self._robot.nq, self._robot.nv
-        return Seen(self._robot, np.array(x[:nq].T), np.array(x[nq : nq + nv].T), lambda: self._look(t, x))
+        q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
+        return Seen(self._robot, q, v, lambda: self._look(t, x))
 
     def _inputs(self, control: _Control, x: Array) -> list[dict[str, Any]]:
         """y of each solution, as new copies."""
-        nq, names = self._robot.nq, control.controller.inputs
-        given = {"q": np.array(x[:nq].T), "v": np.array(x[nq : nq + self._robot.nv].T)}
-        if not given.keys() >= set(names):
+        nq, names = self._nq, control.controller.inputs
+        given = {"q": x[:nq].T.copy(), "v": x[nq : nq + self._nv].T.copy()}
+        if names != STATE:
             given |= {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
             given |= {name: self._pose(given["q"], name) for name in names if name not in given}
-        return [{name: given[name][i] for name in names} for i in range(x.shape[1])]
+        return [dict(zip(names, row, strict=True)) for row in zip(*(given[name] for name in names), strict=True)]
 
     def _pose(self, q: Array, link: str) -> Array:
         """Poses (n, 4, 4)."""
@@ -165,14 +173,15 @@ class Session:
             raise _error(control, t, "it gives another answer to the same t, y and state",
                          remedy="return what it keeps as the state, and take noise from sensors of the scene",
                          code="controller-not-repeatable")  # fmt: skip
-        if not math.isfinite(u.sum()):
+        if not math.isfinite(sum(u.ravel().tolist())):
             joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=1)))]
             raise _error(control, t, f"the torque of {joint!r} is not finite", code="controller-answer",
                          remedy="look at what it divides by", joint=joint)  # fmt: skip
         if x.shape[1] > 1:
-            control.ambiguity.add(t, u, x[: self._robot.nq + self._robot.nv])
-        bounds = control.limits[:, None]
-        control.waiting[tick] = np.minimum(np.maximum(u, -bounds), bounds)
+            control.ambiguity.add(t, u, x[: self._nq + self._nv])
+        if control.limited:
+            u = np.clip(u, -control.limits, control.limits)
+        control.waiting[tick] = u
 
     def _act(self, control: _Control, t: float, u: Array, x: Array) -> None:
         """Write the held numbers."""
@@ -180,7 +189,7 @@ class Session:
         if control.slopes:
             slope, x[control.since] = np.zeros_like(u), t
             if control.last is not None:
-                bounds, period = control.limits[:, None], float(control.controller.period)
+                bounds, period = control.limits, float(control.controller.period)
                 slope = (u - control.last[1]) / (t - control.last[0])
                 slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
             x[control.slopes], control.last = slope, (t, u)

@@ -305,7 +305,6 @@ def _trajectory(
         solution=dense,
         title=scene.title,
         scene=scene,
-        recorded_readings=solution.readings,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -20,19 +20,18 @@ from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.event import Event
 from twolink.io.tables import write_table
 from twolink.io.text import facts_html
-from twolink.loop.readings import Readings
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation import trajectory_tables as tables
 from twolink.simulation.certificate import Certificate
 from twolink.simulation.cost import Cost
-from twolink.simulation.sensor_readings import read_along
 from twolink.simulation.text import ContactForces, Result, as_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twolink.contact.solver import SteppedSolution
+    from twolink.loop.readings import Readings
     from twolink.show.playback import InlinePage
 
 log = logging.getLogger("twolink")
@@ -84,8 +83,6 @@ class Trajectory(Result, Plotted):
         loaded one.
     scene : Scene or None
         What was simulated; None for a loaded trajectory.
-    recorded_readings : mapping of str to Readings, or None
-        What sensors read on the way; None: they are read afterwards.
     """
 
     robot: Robot
@@ -107,7 +104,6 @@ class Trajectory(Result, Plotted):
     recorded_forces: tables.Contacts | None = None
     certificate: Certificate | None = None
     scene: Scene | None = None
-    recorded_readings: Mapping[str, Readings] | None = None
 
     @functools.cached_property
     def sensors(self) -> dict[str, Readings]:
@@ -115,10 +111,9 @@ class Trajectory(Result, Plotted):
 
         Raises SceneError (code "no-equations") for a loaded trajectory.
         """
-        if self.recorded_readings is not None:
-            return dict(self.recorded_readings)
-        solution, sensors = self._solution("sensors"), () if self.scene is None else self.scene.sensors.values()
-        return {sensor.label: read_along(sensor, solution) for sensor in sensors}
+        from twolink.simulation.sensor_readings import readings_of  # which other runs do not load
+
+        return readings_of(self.scene, self._solution("sensors"))
 
     @functools.cached_property
     def energy(self) -> np.ndarray:
@@ -127,8 +122,7 @@ class Trajectory(Result, Plotted):
             return self.recorded_energy
         parts, first = [np.empty(0)], 0
         for robot, count in self.robots or ((self.robot, len(self.t)),):
-            kinetic, potential = robot.energy(self.q[first : first + count], self.v[first : first + count])
-            parts.append(kinetic + potential)
+            parts.append(np.add(*robot.energy(self.q[first : first + count], self.v[first : first + count])))
             first += count
         return np.concatenate(parts)
 
