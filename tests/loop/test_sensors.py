@@ -95,10 +95,12 @@ def test_the_edge_of_a_quantum_is_ambiguous() -> None:
     assert refused.value.run.events[0].t == pytest.approx(0.5)
 
 
-def test_touch_in_a_scene_with_contact() -> None:
-    scene = tl.load_scene("bouncing-ball") if "bouncing-ball" in tl.scenes() else None
-    if scene is None:
-        pytest.skip("no such scene")
+def test_touch_is_the_weight_of_what_rests_on_the_ground() -> None:
+    scene = tl.load_scene("bouncing-ball")
+    run = tl.simulate(scene.with_effects([*scene.effects, E.TouchSensor("ball", period=0.05)]))
+    touch = run.sensors["touch_sensor"].values
+    assert touch[0] == pytest.approx(0.0, abs=1e-12)
+    assert touch[-1] == pytest.approx(-scene.robot.mass * scene.robot.model.gravity.linear)
 
 
 def test_poses_are_inputs_of_controllers() -> None:

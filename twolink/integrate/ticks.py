@@ -26,7 +26,6 @@ from twolink.loop.session import Sampling, Session
 
 LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 8  # ticks whose disturbances are drawn at once
-OFTEN = 256  # ticks between two reports of progress
 SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 NAMED = 20  # ticks that are named
 
@@ -45,6 +44,8 @@ class Lanes:
         The tolerance of the method, or its step, s.
     perturbations : tuple of Perturbation
         Of each.
+    progress : callable, optional
+        Called with the time now and then.
 
     Attributes
     ----------
@@ -53,7 +54,13 @@ class Lanes:
     """
 
     def __init__(
-        self, by: StepMap, t: float, end: float, setting: float, perturbations: tuple[Perturbation, ...]
+        self,
+        by: StepMap,
+        t: float,
+        end: float,
+        setting: float,
+        perturbations: tuple[Perturbation, ...],
+        progress: Progress | None = None,
     ) -> None:
         count, size = len(perturbations), by.equations.space.size
         vector = 4 if by.compiled and count > 1 else 1
@@ -65,6 +72,7 @@ class Lanes:
         self._new, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
         self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
+        self._progress = progress
         self._start, self._ticks, self._tried = self.state[by.rows.time].copy(), 0, 1
         self._added = np.empty(0)
 
@@ -122,7 +130,9 @@ class Lanes:
         part += self._added[row]
 
     def _require_fine(self) -> None:
-        """Require that the steps get on. Raises AccuracyError."""
+        """Tell the time, and require that the steps get on. Raises AccuracyError."""
+        if self._progress is not None:
+            self._progress(self.time)
         lanes = self.state[:, : self._count]
         outcome = outcome_of(self._by, lanes, self._start[: self._count], self._limit)
         for i in np.flatnonzero(outcome != FINE):
@@ -139,7 +149,7 @@ class _Run:
         self._equations, self._lanes, self._session, self._beside = equations, lanes, session, beside
         self.t, self.x = [lanes.time], [lanes.x[:, 0].copy()]
 
-    def go(self, end: float, progress: Progress | None) -> None:
+    def go(self, end: float) -> None:
         """Go to the end."""
         lanes, session, breaks = self._lanes, self._session, self._equations.breaks(end)
         stops = np.unique(np.append(breaks, end if self._beside is None else self._beside.t))
@@ -148,8 +158,6 @@ class _Run:
                 self._to(min(session.time, end))
                 session.tick(lanes.x)
                 self.x[-1] = lanes.x[:, 0].copy()
-                if progress is not None and len(self.t) % OFTEN == 0:
-                    progress(self.t[-1])
             if stop > self.t[-1] * (1.0 + SAME_TIME):
                 self._to(float(stop))
             if stop in breaks:
@@ -209,13 +217,13 @@ def solve_ticks(
     """
     equations.require(float(times[0]), float(times[-1]))
     others, by = () if beside is None else beside.perturbations, step_map(equations, method)
-    lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others))
+    lanes = Lanes(by, float(times[0]), float(times[-1]), setting, (perturbation, *others), progress)
     rows = {table.name: at.start for at, table in equations.layout.rows_of_tables() if isinstance(table, Slot)}
     session = Session(sampling, rows, lanes.x, functools.partial(forces_seen, equations))
     interrupted = False
     run = _Run(equations, lanes, session, beside)
     try:
-        run.go(float(times[-1]), progress)
+        run.go(float(times[-1]))
     except KeyboardInterrupt:
         interrupted = True
     except ControllerError as error:

@@ -44,7 +44,8 @@ class Sampling:
     @property
     def ticks_per_second(self) -> float:
         """Of all of them together."""
-        return sum(1.0 / float(one.period) for one in (*self.controllers.values(), *self.sensors.values()))
+        parts: list[Any] = [*self.controllers.values(), *self.sensors.values()]
+        return sum(1.0 / float(one.period) for one in parts)
 
 
 @dataclass(eq=False)

@@ -184,7 +184,7 @@ class Scene:
     @property
     def sensors(self) -> dict[str, Sensor]:
         """The sensors among the effects, by name."""
-        return {effect.label: effect for effect in self.effects if effect.at_ticks == "sensor"}  # type: ignore[attr-defined]
+        return {effect.label: effect for effect in self.effects if effect.at_ticks == "sensor"}  # type: ignore
 
     def notes(self) -> list[str]:
         """What may be a mistake in the start, and what the effects say of themselves, one line each."""
