@@ -3,11 +3,11 @@
     python -m scripts.studies.loops [--scenes 100] [--seed 0] [--first 0]
 
 The paper's arm with gravity and damping under one to three controllers: P, PD or PID, with stable and unstable gains,
-periods of 1 to 25 ms, delays up to several periods, jitter, saturation, holds of both orders, encoders of 8 to 20 bits.
+periods of 1 to 25 ms, delays up to several periods, jitter, saturation, both holds, encoders of 8 to 20 bits.
 The second way shares the random numbers of the jitter and the laws; its clock is a list of fractions, and between two
 instants Taylor's method solves with 33 digits.
 
-holds; WRONG: a sample is farther off than its error bar; refused: a named error without a run, by code; CRASH: any other
+holds; WRONG: a sample is farther off than its error bar; a code: a named error without a run; CRASH: any other
 error. Rows go to out/loops-SEED.csv. Ends 0 if no bar is wrong and nothing crashes.
 """
 
@@ -99,6 +99,7 @@ class Truth:
         self.motion = self.code.integrator
         self.motion.time = self.number(0)
         self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
+        self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
         self.parts = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
         self.memory = {i: one.state for i, one in self.parts.items() if one.at_ticks == "controller"}
         self.lines: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}  # of each controller: value, slope, since

@@ -26,7 +26,7 @@ def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
     def on(link: str) -> Array:
         total = np.zeros((count, 3))
         for pair, _, force in contacts(equations, times, states):
-            first, second = pair.split(" - ")
+            first, _, second = pair.partition(" - ")
             total += (int(first == link) - int(second == link)) * force.T
         return total
 
