@@ -90,6 +90,12 @@ class Sensor(Effect, frozen=True, kw_only=True):
     quantum: NotNegative = 0.0
     seed: int = 0
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Describe the fields that all have behind those of the class."""
+        super().__init_subclass__(**options)
+        shared = (Sensor.__doc__ or "").partition("----------\n")[2].rstrip()
+        cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n{shared}\n"
+
     @property
     def label(self) -> str:
         """Its name."""
@@ -184,6 +190,7 @@ class _OfLink(Sensor, frozen=True):
     Parameters
     ----------
     link : str
+        A link that moves.
     """
 
     link: LinkName
@@ -199,6 +206,7 @@ class Imu(_OfLink, frozen=True):
     Parameters
     ----------
     link : str
+        A link that moves.
     """
 
     def read(self, seen: Seen) -> Array:
@@ -221,6 +229,7 @@ class PoseSensor(_OfLink, frozen=True):
     Parameters
     ----------
     link : str
+        A link that moves.
     """
 
     def read(self, seen: Seen) -> Array:
@@ -257,6 +266,7 @@ class TouchSensor(_OfLink, frozen=True):
     Parameters
     ----------
     link : str
+        A link that moves.
     """
 
     def read(self, seen: Seen) -> Array:

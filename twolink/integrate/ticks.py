@@ -17,7 +17,7 @@ from twolink.integrate.event import AMBIGUOUS, Event
 from twolink.integrate.forces_seen import forces_seen
 from twolink.integrate.methods import Method
 from twolink.integrate.outcomes import FINE, Block, failure_of, outcome_of
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbances
+from twolink.integrate.perturbation import MIN_STEPS, NO_PERTURBATION, Perturbation, disturbances
 from twolink.integrate.solution import Piece, Progress, Solution
 from twolink.integrate.state import Array
 from twolink.integrate.step_map import StepMap, step_map
@@ -26,6 +26,7 @@ from twolink.loop.session import Sampling, Session
 
 LOOK = 64  # attempted steps between two looks at whether they get on
 FEW = 8  # ticks whose disturbances are drawn at once
+LEAST = 0.1  # of the time to the next tick: steps may grow to it
 SAME_TIME = 1e-12  # relative: a time this near to a tick is that tick
 NAMED = 20  # ticks that are named
 
@@ -72,7 +73,7 @@ class Lanes:
         self._new, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
         self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
-        self._progress = progress
+        self._progress, self._longest = progress, (end - t) / MIN_STEPS
         self._start, self._ticks, self._tried = self.state[by.rows.time].copy(), 0, 1
         self._added = np.empty(0)
 
@@ -95,8 +96,9 @@ class Lanes:
         """Advance all to a time, s. Returns where steps of the first ended on the way: times and states (size,)."""
         rows, state, on_the_way, time = self._rows, self.state, [], self._rows.time
         before, start = state[rows.step].copy(), state.item(time, 0)
-        for i in self._finer:  # it takes other steps than the run also where a tick ends both
-            state[rows.step, i] = min(before.item(i), 0.5 * (end - start))
+        for i in self._finer:  # its steps are at most half as long as the run's, also where a tick ends both
+            half = 0.5 * min(end - start, max(before.item(0), LEAST * (end - start)))
+            state[rows.step, i], state[rows.longest, i] = min(before.item(i), half), min(self._longest, half)
         state[rows.end] = end
         self._disturb()
         new, tried, late = self._new, 0, list(range(self._count))

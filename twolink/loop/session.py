@@ -57,8 +57,8 @@ class _Control:
     joints: tuple[str, ...]
     limits: Array
     limited: bool
-    rows: list[int]
-    slopes: list[int]
+    rows: slice | None
+    slopes: slice | None
     since: int
     states: list[Any]
     ambiguity: Ambiguity = field(default_factory=Ambiguity)
@@ -106,7 +106,8 @@ class Session:
 
     def _control(self, place: int, one: Controller, rows: Mapping[str, int], count: int) -> _Control:
         held, joints = one.held(self._robot, place), one.joints(self._robot)
-        values, slopes = ([rows[slot.name] for slot in slots.values()] for slots in (held.values, held.slopes))
+        values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()])
+                          for slots in (held.values, held.slopes))  # fmt: skip
         since = -1 if held.since is None else rows[held.since.name]
         states = [copy.deepcopy(one.state) for _ in range(count)]
         limits = one.limits(self._robot)[:, None]
@@ -187,13 +188,18 @@ class Session:
     def _act(self, control: _Control, t: float, u: Array, x: Array) -> None:
         """Write the held numbers."""
         x[control.rows] = u
-        if control.slopes:
+        if control.slopes is not None:
             slope, x[control.since] = np.zeros_like(u), t
             if control.last is not None:
                 bounds, period = control.limits, float(control.controller.period)
                 slope = (u - control.last[1]) / (t - control.last[0])
                 slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
             x[control.slopes], control.last = slope, (t, u)
+
+
+def _rows_of(numbers: list[int]) -> slice | None:
+    """Rows that follow each other."""
+    return slice(numbers[0], numbers[-1] + 1) if numbers else None
 
 
 def _answer(control: _Control, t: float, y: dict[str, Any], state: Any) -> tuple[Array, Any]:
@@ -204,16 +210,19 @@ def _answer(control: _Control, t: float, y: dict[str, Any], state: Any) -> tuple
         raise _error(control, t, f"update raises {type(error).__name__}: {error}", code="controller-failed",
                      remedy='data["traceback"] says where; run is the motion so far',
                      traceback=traceback.format_exc()) from error  # fmt: skip
-    remedy = f"return (u, state), u with {len(control.joints)} numbers: {', '.join(control.joints)}"
-    if not isinstance(answer, tuple) or len(answer) != 2:
-        raise _error(control, t, f"update returns {answer!r:.80}", remedy=remedy, code="controller-answer")
-    try:
-        u = np.asarray(answer[0], dtype=float)
-    except (TypeError, ValueError):
-        raise _error(control, t, f"u is {answer[0]!r:.80}", remedy=remedy, code="controller-answer") from None
-    if u.shape != (len(control.joints),) and not (u.shape == () and len(control.joints) == 1):
-        raise _error(control, t, f"u has the shape {u.shape}", remedy=remedy, code="controller-answer")
-    return u.reshape(len(control.joints)), answer[1]
+    count, what = len(control.joints), ""
+    if isinstance(answer, tuple) and len(answer) == 2:
+        try:
+            u = np.asarray(answer[0], dtype=float)
+        except (TypeError, ValueError):
+            pass
+        else:
+            if u.size == count and u.ndim < 2:
+                return u.reshape(count), answer[1]
+            what = f"u has the shape {u.shape}"
+    what = what or f"update returns {answer!r:.80}"
+    raise _error(control, t, what, remedy=f"return (u, state), u with {count} numbers: {', '.join(control.joints)}",
+                 code="controller-answer")  # fmt: skip
 
 
 def _error(control: _Control, t: float, what: str, **parts: Any) -> ControllerError:
