@@ -100,7 +100,7 @@ class Truth:
         self.motion.time = self.number(0)
         self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
         self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
-        self.parts = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
+        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
         self.memory = {i: one.state for i, one in self.parts.items() if one.at_ticks == "controller"}
         self.lines: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}  # of each controller: value, slope, since
         self.readings: dict[str, np.ndarray] = {}

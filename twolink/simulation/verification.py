@@ -34,7 +34,6 @@ from twolink.simulation.error_bar import (
 LOST = "loops-singular", "steps-collapsed"  # codes of a solution beside a run that gets no farther
 # Disturbed solutions: as lanes of a batch with the run they cost little, as lanes of Taylor's method more.
 IN_LANES, BY_TAYLOR, ALONE = 6, 3, 2
-IN_LOOPS = 2  # each calls the controllers
 LESS_FINE = 3  # times that the finer solution is tried, each time nearer to the run
 
 
@@ -121,8 +120,11 @@ class Verification:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
         taylor = choice.method.kind == "taylor"
         equations = self._equations
-        count = IN_LANES if equations.sampling is None else IN_LOOPS
-        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(count)
+        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
+        if equations.sampling is not None:
+            # Each calls the controllers. Of two that mirror each other, one is on the other side of a threshold that is
+            # near to the run.
+            disturbed = (disturbed[0], replace(disturbed[0], sign=-1.0), disturbed[1])
         others = (finer, *disturbed)
         beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
         solution, seconds = self._solved(choice, self._times, beside=beside)
@@ -136,6 +138,8 @@ class Verification:
         each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
         if not taylor:  # between two checks, what the later one shows
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+        if equations.sampling is not None:  # what mirrors another tells no more of the size of rounding
+            each = np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1)
         doubtful = [event.t for event in solution.events if event.kind == AMBIGUOUS]
         if doubtful:  # which branch the motion takes is chance, as where solutions have parted
             each[solution.t[run.checks] > doubtful[0]] *= CHANCE
