@@ -81,6 +81,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "html"
 
 
+@pytest.mark.slow
 def test_the_examples_run(tmp_path: Path) -> None:
     """Every cell of every page, in one process, each page in a folder of its own."""
     pages = [str(page) for page in PAGES if "{code-cell}" in page.read_text("utf-8")]

@@ -20,12 +20,13 @@ from twolink.hard.page import lines, page, summary
 from twolink.hard.truths import distance
 
 PATIENCE = 300.0  # seconds: more is a hang on any machine
+LONG = ("chaos-30s", "stiff-spring", "thirty-years")  # run by `twolink hard-cases`, as those that are slow
 
 
 def parameters() -> list[object]:
     out = []
     for case in all_cases():
-        marks = [pytest.mark.slow] if case.slow else []
+        marks = [pytest.mark.slow] if case.slow or case.name in LONG else []
         out.append(pytest.param(case.name, marks=marks))
     return out
 

@@ -86,6 +86,7 @@ def test_nothing_jumps_at_the_release() -> None:
     assert kinetic > 13.0
 
 
+@pytest.mark.slow
 def test_a_bowled_ball_slides_and_rolls_by_the_laws() -> None:
     """Rolling at (5 v + 2 R w) / 7 of the release, from 2 (v - R w) / (7 mu g) after a moment of sliding on."""
     one = bowled()

@@ -71,6 +71,7 @@ def test_a_bundled_scene_runs_plots_and_plays(page: Page) -> None:
     page.choose("#speed", "0.25")
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_the_plots_zoom_hide_and_move_the_robot(page: Page) -> None:
     page.open()
@@ -244,6 +245,7 @@ def test_a_bad_scene_is_explained_in_the_scene(page: Page) -> None:
     page.run()
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 def test_an_accuracy_out_of_reach_offers_a_shorter_run(page: Page) -> None:
     """Double precision cannot keep 1e-9 for 40 s of a chaotic swing: a button runs what can be kept."""

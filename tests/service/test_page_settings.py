@@ -100,6 +100,7 @@ def test_masses_and_start_velocities_are_edited_and_decide_the_run(page: Page) -
     assert "v" not in page.evaluate(SCENE)
 
 
+@pytest.mark.slow
 def test_the_address_holds_scene_changes_and_run(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1.5")
@@ -135,6 +136,7 @@ def test_an_address_that_names_nothing_says_so(page: Page) -> None:
     assert "not kept here" in page.text("#run-status")
 
 
+@pytest.mark.slow
 def test_results_of_other_settings_say_so(page: Page) -> None:
     page.open("#scene=arm-human")
     page.choose("#duration", "1")

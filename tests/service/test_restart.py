@@ -13,6 +13,8 @@ import threading
 import time
 from pathlib import Path
 
+import pytest
+
 from tests.service.serving import TOP, Served, serving, wait_until
 from tests.service.test_jobs import SLOW, SWING, ended, started
 from tests.service.urdfs import INERTIAL, pendulum
@@ -28,6 +30,7 @@ def large_robot(count: int, name: str) -> str:
     return f'<robot name="{name}">{links}{joints}</robot>'
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_a_problem_and_the_service_goes_on(tmp_path: Path) -> None:
     with serving(tmp_path / "data") as served, served.client() as http:
         deadline, answers = time.monotonic() + 60, []
@@ -80,6 +83,7 @@ def assert_gone(processes: list[int]) -> None:
     wait_until(lambda: not any(Path(f"/proc/{process}").exists() for process in processes))
 
 
+@pytest.mark.slow
 def test_a_service_that_ends_leaves_its_job_to_the_next_and_no_process(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as first, first.client() as http:
@@ -105,6 +109,7 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
         assert http.get("/health").json()["status"] == "ok"
 
 
+@pytest.mark.slow
 def test_jobs_of_version_1_can_be_run_again(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     folder.mkdir()

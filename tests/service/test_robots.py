@@ -134,6 +134,7 @@ def test_errors_name_the_line(http: httpx.Client) -> None:
     assert "-2.0 kg is negative" in problem["detail"]
 
 
+@pytest.mark.slow
 def test_uploads_survive_a_restart_and_are_limited(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder, "--quota", "uploads=1", "--quota", "moving_joints=1") as first, first.client() as http:

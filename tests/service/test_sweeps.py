@@ -89,6 +89,7 @@ def test_one_run_of_a_sweep_can_be_seen(http: httpx.Client, job: str) -> None:
     assert http.get(f"{job}/runs/6").json()["remedy"] == "0 to 5"
 
 
+@pytest.mark.slow
 def test_effects_accuracies_and_uploaded_robots_vary(served: Served, http: httpx.Client, tmp_path: Path) -> None:
     scene = tl.Scene(tl.load_robot(pendulum()), q=[0.4], duration=0.5,
                      effects=[tl.effects.Gravity(), tl.effects.JointDamping(damping={"hinge": 0.5})])  # fmt: skip
@@ -119,6 +120,7 @@ def marks(folder: Path) -> dict[Path, int]:
     return {file: file.stat().st_mtime_ns for file in folder.rglob("status/c/*/*") if file.suffix != ".partial"}
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_on_after_it_was_cancelled_and_the_service_killed(tmp_path: Path) -> None:
     folder = tmp_path / "data"
     with serving(folder) as first, first.client() as http:

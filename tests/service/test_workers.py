@@ -238,6 +238,7 @@ def test_workers_are_used_again_and_answers_may_be_large() -> None:
     run(work, count=2)
 
 
+@pytest.mark.slow
 def test_a_worker_is_replaced_by_its_memory_and_not_by_the_number_of_its_tasks() -> None:
     async def work(workers: Workers) -> None:
         small = [await workers.run("grow", 60, megabytes=0) for _ in range(150)]
@@ -260,6 +261,7 @@ def test_a_task_that_takes_all_memory_is_ended_and_says_so() -> None:
     run(work, count=2, megabytes=300)
 
 
+@pytest.mark.slow
 def test_where_several_take_the_memory_one_is_to_ask_again() -> None:
     async def work(workers: Workers) -> None:
         await asyncio.gather(*(workers.run("sleep", 60, nap=0.2) for _ in range(3)))  # all three have begun

@@ -128,6 +128,7 @@ def test_numbers_of_effects_differ_by_world() -> None:
     assert np.ptp(worlds.q, axis=0).min() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_scene_of_a_world_is_what_run_time_parameters_say() -> None:
     """All of them at once: the motion of the scene whose robot and effects have these numbers."""
     names = [*(f"forearm.{part}" for part in ("mass", "com.x", "com.z", "inertia.yy")), "elbow.origin.x",
