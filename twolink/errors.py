@@ -4,6 +4,7 @@ TwolinkError
 ├── RobotError         a robot cannot be loaded: the URDF is refused, or the name is unknown
 ├── QueryError         a dynamics query got an argument it cannot answer
 ├── SceneError         a scene names something that does not exist or cannot be simulated
+│   └── ControllerError    a controller of a user's own fails, or its answer cannot be used
 ├── AccuracyError      the asked accuracy cannot be kept
 ├── CertificationError a compiled function disagrees with Pinocchio
 ├── ShowError          a figure or playback cannot be made
@@ -91,6 +92,19 @@ class SceneError(TwolinkError, ValueError):
     """A scene names something that does not exist, or cannot be simulated."""
 
     code = "scene"
+
+
+class ControllerError(SceneError):
+    """A controller of a user's own fails, or its answer cannot be used. `run` is the run up to then, if any.
+
+    Its data has `t` [s], the time of the tick, and `traceback`, a text, where the controller raised an exception.
+    """
+
+    code = "controller"
+
+    def __init__(self, what: str, *, run: Any = None, **parts: Any) -> None:
+        super().__init__(what, **parts)
+        self.run = run
 
 
 class AccuracyError(TwolinkError):

@@ -40,6 +40,14 @@ from twolink.effects.loops import HingeLoop as HingeLoop
 from twolink.effects.loops import PointLoop as PointLoop
 from twolink.effects.loops import WeldLoop as WeldLoop
 from twolink.effects.muscles import Muscle as Muscle
+from twolink.effects.sampled_control import Controller as Controller
+from twolink.effects.sensors import Encoder as Encoder
+from twolink.effects.sensors import ForceTorque as ForceTorque
+from twolink.effects.sensors import Imu as Imu
+from twolink.effects.sensors import PoseSensor as PoseSensor
+from twolink.effects.sensors import Tachometer as Tachometer
+from twolink.effects.sensors import TorqueSensor as TorqueSensor
+from twolink.effects.sensors import TouchSensor as TouchSensor
 from twolink.effects.triggers import Engage as Engage
 from twolink.effects.triggers import Release as Release
 from twolink.effects.triggers import Watch as Watch

@@ -397,20 +397,25 @@ def _turned_back(p: list[Scalar], d: Vec) -> Vec:
     return add(d, scale(times(-2.0, p[3]), once), scale(2.0, cross(u, once)))
 
 
-def check_limits(limits: Limits, joints: Iterable[str], robot: Robot) -> None:
+def check_limits(limits: Limits, joints: Iterable[str], robot: Robot, field: str = "effort") -> None:
     """Require effort limits of driven joints, or "urdf" where the URDF gives them. Raises SceneError."""
     if limits is not None and limits != "urdf":
-        check_subset(limits, joints, "effort", "driven joint")
+        check_subset(limits, joints, field, "driven joint")
     for joint in joints if limits == "urdf" else ():
         value = _urdf_limit(robot.model, joint)
         if not (math.isfinite(value) and value > 0):
             what = f"the URDF's effort limit of joint {joint!r} is {value:g}"
-            raise SceneError(what, where="effort", remedy="give limits by joint")
+            raise SceneError(what, where=field, remedy="give limits by joint")
+
+
+def limit_of(joint: str, limits: Limits, model: Any) -> float | None:
+    """The limit of a joint's torque, N m or N; None where there is none."""
+    return _urdf_limit(model, joint) if limits == "urdf" else (limits or {}).get(joint)
 
 
 def clamped(torque: Scalar, joint: str, limits: Limits, motion: Motion, loads: Loads) -> Scalar:
     """The torque of a joint within its limit L: min(max(torque, -L), L). The loads note where it is not smooth."""
-    limit = _urdf_limit(motion.model, joint) if limits == "urdf" else (limits or {}).get(joint)
+    limit = limit_of(joint, limits, motion.model)
     if limit is None:
         return torque
     limit, xp = number(limit), motion.xp

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -92,6 +92,7 @@ class Effect(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field=
     """
 
     touches: ClassVar[bool] = False  # whether bodies touch by it
+    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = ""  # what it is, if it is called at ticks
 
     @property
     def analytic(self) -> bool:

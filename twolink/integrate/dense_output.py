@@ -26,8 +26,9 @@ Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # 
 
 
 class _Group(NamedTuple):
-    """Asked times (k,) of one piece: their places, and the stored states (nq + nv, k) before them with their times.
+    """Asked times (k,) of one piece: their places, and the stored states before them with their times.
 
+    The states are (nq + nv, k), or (size, k) where the numbers behind them change from tick to tick.
     within_steps: whether each time lies within the step from its stored state.
     """
 
@@ -96,7 +97,7 @@ class DenseOutput:
 
     def _fill(self, group: _Group, out: Array) -> None:
         """Write the states of a group to their places."""
-        out[:, group.places] = group.stored_x
+        out[:, group.places] = group.stored_x[: len(out)]
         late = group.t > group.stored_t
         if late.any():
             group = _Group(*group[:2], *(values[..., late] for values in group[2:]))
@@ -150,8 +151,10 @@ class DenseOutput:
         stored_t, stored_x = self._stored[number]
         before = np.searchsorted(stored_t, times[places], side="right") - 1
         piece = self.pieces[number]
-        return _Group(piece.equations, piece.taken is not None, places, times[places], stored_t[before],
-                      stored_x[:, before])  # fmt: skip
+        x = stored_x[:, before]
+        if piece.held is not None and piece.taken is not None:  # the numbers that hold then, behind the states
+            x = np.append(x, piece.held[np.searchsorted(piece.taken[0], stored_t[before], side="right") - 1].T, axis=0)
+        return _Group(piece.equations, piece.taken is not None, places, times[places], stored_t[before], x)
 
     @functools.cached_property
     def _stored(self) -> list[tuple[Array, Array]]:
@@ -169,7 +172,7 @@ class DenseOutput:
 
     def _stepped(self, group: _Group) -> Array:
         """By a step map: each time by one step, which is a part of one that the solution took."""
-        rows = np.asarray(group.equations.start[len(self.x) :], dtype=float)
+        rows = np.asarray(group.equations.start[len(group.stored_x) :], dtype=float)
         x = np.concatenate([group.stored_x, np.repeat(rows[:, None], len(group.t), axis=1)])
         out = step_map(group.equations, METHODS[self.method]).partial(x, group.stored_t, group.t)
         lost = ~np.isfinite(out).all(axis=0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from twolink.integrate.constraints import Constraints
 from twolink.integrate.layout import NO_SLOTS, Layout
 from twolink.integrate.state import Array, StateSpace
 
+if TYPE_CHECKING:
+    from twolink.loop.session import Sampling
+
 SAME_TIME = 1e-14  # relative: breaks nearer to each other than this are one, for no step resolves them
 
 
@@ -33,6 +36,7 @@ class Equations:
     layout: the rows of a state. start: the initial state (size,). robot: with the constants that effects changed.
     mechanism: its constants as numbers. effects: those that act while it moves. constraints: of loops and contacts.
     parameters: physical constants kept as run-time inputs. switching: what effects with modes declare; None without.
+    sampling: the controllers that are called at ticks; None without.
     places: of the effects, then of the constraints' loops, their places among the scene's effects.
     effort_limits: of the limits of effort, whose values pass 0 where they begin and cease to act, the place of the
     effect among the scene's and the name.
@@ -53,6 +57,7 @@ class Equations:
     constraints: Constraints | None = None
     parameters: tuple[str, ...] = ()
     switching: Switching | None = None
+    sampling: Sampling | None = None
     places: tuple[int, ...] = ()
     effort_limits: tuple[tuple[int, str], ...] = ()
     sides: tuple[Any, ...] | None = None

@@ -8,7 +8,8 @@ or 0), and the friction torque on it. They are rows of the state, so that one co
 modes.
 """
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -46,6 +47,11 @@ class Layout:
             return locks
         parts = ([slots.get(x.name, 0.0)] if isinstance(x, Slot) else x.rows_at(t) for x in self.tables)
         return np.concatenate([np.empty(0), *parts, np.zeros(2 * len(self.lockable)) if locks is None else locks])
+
+    def rows_of_tables(self) -> Iterator[tuple[slice, Sampled | Slot]]:
+        """The rows of a state that each table has."""
+        ends = itertools.accumulate((table.rows for table in self.tables), initial=self.moving)
+        return zip(itertools.starmap(slice, itertools.pairwise(ends)), self.tables, strict=True)
 
     def free(self, numbers: Sequence[Any]) -> list[Any]:
         """Of each degree of freedom, 0 where it is locked and 1 where not."""

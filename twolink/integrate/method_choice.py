@@ -161,6 +161,8 @@ def _steps_seconds(
     tolerance, (attempts, growth) = first_tolerance(method, accuracy), ATTEMPTS[method.name]
     steps = attempts * (1e-3 / tolerance) ** growth * duration / MEASURED
     steps = max(steps, decay * duration / STABLE.get(method.name, math.inf))
+    if equations.sampling is not None:  # steps end at ticks
+        steps = max(steps, equations.sampling.ticks_per_second * duration)
     operations, size = max(1, equations.operations), equations.space.size
     if method.kind == "taylor":
         price = TAYLOR_OPERATION * (2 if equations.space.nv >= taylor_code.COMPACT_FROM else 1)

@@ -35,6 +35,8 @@ class Perturbation:
         Names the sequence of random numbers of the disturbances.
     touch_margin : float
         A guard of a stop or a plane that comes as near to 0 as this counts as 0, m or rad.
+    sign : float
+        Of the disturbances: -1 mirrors those of another solution of the same number.
     restarts : bool
         Of SciPy's methods: begin anew where solutions are disturbed.
     """
@@ -43,6 +45,7 @@ class Perturbation:
     rounding: float = 0.0
     number: int = 0
     touch_margin: float = 0.0
+    sign: float = 1.0
     restarts: bool = False
 
     def min_steps(self, method: Method) -> float:
@@ -77,10 +80,11 @@ def _random(size: int) -> Array:
 
 
 @functools.lru_cache(64)
-def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array]:
-    """The places of the first random numbers of each, and its rounding."""
+def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Array]:
+    """The places of the first random numbers of each, its rounding and its sign."""
     return (np.array([APART * one.number for one in perturbations], dtype=int),
-            np.array([one.rounding for one in perturbations]))  # fmt: skip
+            np.array([one.rounding for one in perturbations]),
+            np.array([one.sign for one in perturbations]))  # fmt: skip
 
 
 def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace) -> Array:
@@ -102,9 +106,9 @@ def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Arra
     -------
     ndarray (k, size, n)
     """
-    first, rounding = _numbers(perturbations)
+    first, rounding, sign = _numbers(perturbations)
     size = rounding * np.abs(x)
     for part in (size[: space.nq], size[space.v_rows]):
         np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
     random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
-    return np.asarray(random * size)
+    return np.asarray(random * (sign * size))

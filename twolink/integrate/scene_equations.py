@@ -3,7 +3,7 @@
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -34,20 +34,53 @@ from twolink.io.fingerprints import kernel_key
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, numbers_of
 
+if TYPE_CHECKING:
+    from twolink.loop.session import Sampling
+
 _kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
 
 
-def equations_of(scene: Scene, parameters: Sequence[str] = ()) -> Equations:
-    """The equations of a scene. parameters: physical constants kept as run-time inputs. Raises SceneError."""
+def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = False) -> Equations:
+    """The equations of a scene.
+
+    parameters: physical constants kept as run-time inputs. ticks: whether the caller solves from tick to tick, as
+    controllers call for. Raises SceneError.
+    """
+    sampling = sampling_of(scene)
+    if sampling is not None and not ticks:
+        raise SceneError("a sampled controller acts at ticks, which tl.simulate and tl.explain alone follow",
+                         where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
+                         remedy="use a continuous one, such as tl.effects.JointPD or StateFeedback")  # fmt: skip
     known = _kept.setdefault(scene, {})
     name = tuple(parameters)
     if name not in known:
         switching = switching_of(scene.base, scene.robot, scene.effects)
         acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
+        if sampling is not None:
+            acting = tuple(
+                (i, sampling.controllers[i].held(scene.robot, i) if i in sampling.controllers else e) for i, e in acting
+            )
         robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
         lockable = () if switching is None else switching.lockable
-        known[name] = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        if sampling is not None and equations.has_events:
+            what = "a scene with a sampled controller and events, such as stops, friction or limits of effort"
+            raise SceneError(f"{what}, is not solved yet", where=f"effects[{min(sampling.controllers)}]",
+                             remedy="leave the others out, or use smooth ones: SmoothFriction, the controller's limit=",
+                             code="controller-with-events")  # fmt: skip
+        known[name] = replace(equations, sampling=sampling)
     return known[name]
+
+
+def sampling_of(scene: Scene) -> "Sampling | None":
+    """The controllers and sensors of a scene; None where there are no controllers."""
+    if all(effect.at_ticks != "controller" for effect in scene.effects):
+        return None
+    from twolink.loop.session import Sampling  # which other scenes do not load
+
+    controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
+                            for kind in ("controller", "sensor"))  # fmt: skip
+    return Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
 
 
 def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:

@@ -29,6 +29,10 @@ class Piece:
         Times and states where steps ended, with the begin; None where the solver does not tell.
     last : ndarray (nq + nv,) or None
         The state at its end, before the event there; None where no event ends it.
+    held : ndarray (k, size - nq - nv) or None
+        The numbers that hold from each time of `taken` on; None: those of the equations' start throughout.
+    readings : mapping of str to Readings, or None
+        What sensors read on the way, by name; None where nothing is called at ticks.
     """
 
     equations: Any
@@ -36,6 +40,8 @@ class Piece:
     samples: int
     taken: tuple[np.ndarray, np.ndarray] | None = None
     last: np.ndarray | None = None
+    held: np.ndarray | None = None
+    readings: Any = None
 
 
 @dataclass(frozen=True)

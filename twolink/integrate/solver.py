@@ -111,6 +111,13 @@ def _solve(
     if equations.switching is not None and not stepping:
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+    if equations.sampling is not None:
+        from twolink.integrate.ticks import solve_ticks  # which other scenes do not load
+
+        if not stepping:
+            raise SceneError(f"{method.name} does not end steps at ticks of controllers", argument="method",
+                             remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
+        return solve_ticks(equations, equations.sampling, method, times, setting, progress, perturbation, beside)
     if stepping and equations.has_events:
         from twolink.integrate.hybrid.engine import solve as solve_events  # with it come the effects of modes
 

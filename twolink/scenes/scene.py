@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +20,9 @@ from twolink.errors import AccuracyError, SceneError, TwolinkError, nearest
 from twolink.io.text import facts_html
 from twolink.robots.joint_layout import turns, urdf_limits
 from twolink.scenes.file_format import save_scene
+
+if TYPE_CHECKING:
+    from twolink.effects.sensors import Sensor
 
 MANY_TURNS = 2 * math.pi  # rad, from which on an angle may have been meant in degrees
 _REMEDY = "such as [tl.effects.Gravity()]"
@@ -178,6 +181,11 @@ class Scene:
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
 
+    @property
+    def sensors(self) -> dict[str, Sensor]:
+        """The sensors among the effects, by name."""
+        return {effect.label: effect for effect in self.effects if effect.at_ticks == "sensor"}  # type: ignore
+
     def notes(self) -> list[str]:
         """What may be a mistake in the start, and what the effects say of themselves, one line each."""
         of_effects = [note for effect in self.effects for note in effect.notes(self.robot)]
@@ -258,9 +266,16 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
             raise SceneError(what, where="effects", remedy=remedy, argument="effects")
     if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
         raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
+    names = [effect.label for effect in effects if effect.at_ticks == "sensor"]  # type: ignore[attr-defined]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise SceneError(f"two sensors are called {twice!r}", where="effects", remedy="give one a name=",
+                         argument="effects")  # fmt: skip
     for i, effect in enumerate(effects):
         try:
             check_effect(effect, robot)
+            if effect.at_ticks == "controller":
+                effect.check_inputs([*robot.frame_names, *names])  # type: ignore[attr-defined]
         except TwolinkError as error:
             raise at_effect(error, i) from None
     return tuple(effects)

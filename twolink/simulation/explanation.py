@@ -168,11 +168,14 @@ def explain(
     chosen = choose_contact_method(scene, contact)
     if chosen.method == "stepped":
         return _of_steps(scene, chosen, accuracy, length)
-    equations = equations_of(scene)
+    equations = equations_of(scene, ticks=True)
     more = precisions_of(equations, PATIENCE) if method in ("auto", "taylor") else ()
     choice = first_choice(equations, accuracy, length, method, "auto", more if method == "auto" else ())
     shares = [
-        Share(kebab_case(type(effect).__name__), equations.operations - equations_of(scene.without(i)).operations)
+        Share(
+            kebab_case(type(effect).__name__),
+            equations.operations - equations_of(scene.without(i), ticks=True).operations,
+        )
         for i, effect in enumerate(scene.effects)
     ]
     return Explanation(

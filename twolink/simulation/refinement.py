@@ -94,6 +94,8 @@ class Refinement:
         choice, method = one.choice, one.choice.method
         truncation, rounding = _largest(one.truncation), _largest(one.rounding)
         bar = truncation + rounding
+        if self.equations.sampling is not None and method.order < METHODS["dop853"].order and self.any_method:
+            return None  # steps end at ticks: more order costs less there than more steps
         if (truncation < DECIDES * rounding and rounding > MOST * self.accuracy) or self._settings >= TRIALS:
             return None
         if self._settings > 1 and not bar <= WORSE * self._last:
@@ -119,7 +121,7 @@ class Refinement:
         """Other methods, unless rounding is in the way; then more digits."""
         rounding = 0.0 if one is None else _largest(one.rounding)
         if self.any_method and method.name in OTHERS and rounding < MOST * self.accuracy:
-            for name in OTHERS:
+            for name in OTHERS if self.equations.sampling is None else OTHERS[:1]:
                 if name != method.name:
                     yield MethodChoice(METHODS[name], first_setting(self.equations, METHODS[name], self.accuracy),
                                        f"{method.name} did not reach the accuracy")  # fmt: skip

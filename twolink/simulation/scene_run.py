@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from twolink.contact.choice import choose_contact_method
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
-from twolink.errors import AccuracyError, SceneError
+from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
@@ -120,7 +120,7 @@ def simulate(
         run = _stepped(scene, times, asked, method, tolerance, step, precision, told, patience, verify=verify)
         return only_at(run, wanted, end)
     limit = TimeLimit(patience or PATIENCE, progress=told, from_now=True)
-    accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene)
+    accuracy, equations = ACCURACY if asked is None else asked, equations_of(scene, ticks=True)
     free = method == "auto" and tolerance is None and step is None
     more = precisions_of(equations, limit.seconds) if precision == "auto" and method in ("auto", "taylor") else ()
     first = first_choice(equations, accuracy, end, method, precision, more if free else ())
@@ -131,6 +131,10 @@ def simulate(
     try:
         run = run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
         return only_at(run, wanted, end)
+    except ControllerError as error:
+        so_far = Verified(choice, error.run, 0.0, np.arange(len(error.run.t)))
+        error.run = only_at(_trajectory(scene, equations, so_far, times, None), wanted, end)
+        raise
     except AccuracyError as error:
         reflects = any(getattr(effect, "impacts", "") == "reflections" for effect in scene.effects)  # is not stepped
         if chosen.method == "located" and error.code in NOT_LOCATED and not reflects:

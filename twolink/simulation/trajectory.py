@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twolink.contact.solver import SteppedSolution
+    from twolink.loop.readings import Readings
     from twolink.show.playback import InlinePage
 
 log = logging.getLogger("twolink")
@@ -108,14 +109,23 @@ class Trajectory(Result, Plotted):
     states: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @functools.cached_property
+    def sensors(self) -> dict[str, Readings]:
+        """The readings of the scene's sensors by name: the times t (n,) of measuring, s, and the values (n, m).
+
+        Raises SceneError (code "no-equations") for a loaded trajectory.
+        """
+        from twolink.simulation.sensor_readings import readings_of  # which other runs do not load
+
+        return readings_of(self.scene, self._solution("sensors"))
+
+    @functools.cached_property
     def energy(self) -> np.ndarray:
         """Kinetic and potential energy at each sample (n,), J; that of a payload counts until it is released."""
         if self.recorded_energy is not None:
             return self.recorded_energy
         parts, first = [np.empty(0)], 0
         for robot, count in self.robots or ((self.robot, len(self.t)),):
-            kinetic, potential = robot.energy(self.q[first : first + count], self.v[first : first + count])
-            parts.append(kinetic + potential)
+            parts.append(np.add(*robot.energy(self.q[first : first + count], self.v[first : first + count])))
             first += count
         return np.concatenate(parts)
 

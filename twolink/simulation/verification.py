@@ -9,6 +9,7 @@ import numpy as np
 from twolink.errors import AccuracyError
 from twolink.integrate.beside import SELDOM, Beside
 from twolink.integrate.equations import Equations
+from twolink.integrate.event import AMBIGUOUS
 from twolink.integrate.method_choice import MethodChoice
 from twolink.integrate.perturbation import (
     NO_PERTURBATION,
@@ -21,6 +22,7 @@ from twolink.integrate.solution import Progress, Solution
 from twolink.integrate.solver import has_lanes, solve
 from twolink.integrate.state import Array, StateSpace
 from twolink.simulation.error_bar import (
+    CHANCE,
     DISTURBED,
     ENOUGH,
     common_rounding,
@@ -117,9 +119,13 @@ class Verification:
     def _in_lanes(self, choice: MethodChoice, finer: Perturbation) -> Verified:
         """The run and the others as lanes of one batch; by Taylor's method, whose order all lanes have, the others."""
         taylor = choice.method.kind == "taylor"
-        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
-        others = (finer, *disturbed)
         equations = self._equations
+        disturbed = disturbed_solutions(BY_TAYLOR, finer.finer) if taylor else disturbed_solutions(IN_LANES)
+        if equations.sampling is not None:
+            # Each calls the controllers. Of two that mirror each other, one is on the other side of a threshold that is
+            # near to the run.
+            disturbed = (disturbed[0], replace(disturbed[0], sign=-1.0), disturbed[1])
+        others = (finer, *disturbed)
         beside = Beside.of(others, self._times[self._checks], equations.start[: equations.moving])
         solution, seconds = self._solved(choice, self._times, beside=beside)
         run = Verified(choice, solution, seconds, self._numbers(solution))
@@ -132,6 +138,11 @@ class Verification:
         each[:, 1:] = distances(equations.space, undisturbed, x[:, :, 1:])
         if not taylor:  # between two checks, what the later one shows
             each[1:, 1:] = each[beside.seldom, 1:].repeat(SELDOM, axis=0)[-len(each) + 1 :]
+        if equations.sampling is not None:  # what mirrors another tells no more of the size of rounding
+            each = np.stack([each[:, 0], each[:, 1:3].max(axis=1), each[:, 3]], axis=1)
+        doubtful = [event.t for event in solution.events if event.kind == AMBIGUOUS]
+        if doubtful:  # which branch the motion takes is chance, as where solutions have parted
+            each[solution.t[run.checks] > doubtful[0]] *= CHANCE
         return self._with_parts(run, each)
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:

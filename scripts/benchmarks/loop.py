@@ -1,0 +1,77 @@
+"""A controller in plain Python at 1 kHz, beside MuJoCo's loop: seconds, errors, and what a tick costs.
+
+python -m scripts.benchmarks.loop [--robot two_link,panda] [--seconds 10] [--rate 1000] [--rounds 5]
+
+Ours is verified, with its error bar. MuJoCo steps once a tick (Euler, its default), from Python as its users do. The
+error is the largest distance from a run of ours to 1e-9. Times are of the processor, the calls take turns. Ends 0 if
+ours takes at most twice MuJoCo's time at a thousandth of its error.
+"""
+
+import time
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+
+import twolink as tl
+from scripts.runner import FINGERS, Some, Table, options, print_bars, seconds_of
+from twolink.hard.peers import mujoco_peer
+from twolink.hard.peers.task import task_of
+
+KP, KD = 30.0, 8.0
+
+
+def law(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The torques of a PD controller to 0.3 rad."""
+    return KP * (0.3 - q) - KD * v
+
+
+def loops(name: str, seconds: float, rate: int) -> tuple[tl.Scene, tl.Scene]:
+    """The scene with the controller, and without."""
+    robot = tl.load_robot(name, lock=FINGERS if name == "panda" else None)
+    control = tl.effects.Controller(lambda _, y, state: (law(y.q, y.v), state), period=Fraction(1, rate))
+    bare = tl.Scene(robot, q=robot.normalize(robot.neutral), effects=[tl.effects.Gravity()], duration=seconds)
+    return bare.with_effects([*bare.effects, control]), bare
+
+
+def by_mujoco(scene: tl.Scene, seconds: float, rate: int) -> np.ndarray:
+    """q at the end of each step (n, nq)."""
+    model = mujoco_peer.build(task_of(scene, np.array([0.0, seconds])))
+    model.opt.timestep = 1.0 / rate
+    data, q = mujoco.MjData(model), np.empty((round(seconds * rate) + 1, model.nq))
+    data.qpos = q[0] = scene.q
+    for k in range(1, len(q)):
+        data.qfrc_applied[:] = law(data.qpos, data.qvel)
+        mujoco.mj_step(model, data)
+        q[k] = data.qpos
+    return q
+
+
+def main() -> None:
+    given = options(__doc__, robot=Some(("two_link", "panda")), seconds=10.0, rate=1000, rounds=5)
+    table = Table("robot <9 | MuJoCo us a tick >10.1f | ours >8.1f | not verified >8.1f | MuJoCo's error >10.1e | "
+                  "our error >9.1e | error bar >9.1e")  # fmt: skip
+    bars = []
+    for name in given.robot:
+        scene, bare = loops(name, given.seconds, given.rate)
+        ticks, found = given.seconds * given.rate, {}
+
+        def ours(scene: tl.Scene = scene, found: dict = found, *, verify: bool = True) -> None:
+            found[verify] = tl.simulate(scene, samples_per_second=given.rate, verify=verify)
+
+        def theirs(bare: tl.Scene = bare, found: dict = found) -> None:
+            found["q"] = by_mujoco(bare, given.seconds, given.rate)
+
+        taken = seconds_of(theirs, ours, lambda ours=ours: ours(verify=False), rounds=given.rounds,
+                           clock=time.process_time)  # fmt: skip
+        exact = tl.simulate(scene, accuracy=1e-9, samples_per_second=given.rate).q
+        errors = [float(np.abs(q - exact).max()) for q in (found["q"], found[True].q)]
+        table.add(name, *(1e6 * one / ticks for one in taken), *errors, found[True].error[-1])
+        slower, better = taken[1] / taken[0], errors[0] / max(errors[1], 1e-16)
+        bars += [(slower <= 2.0, f"{name}: {slower:.2f} times MuJoCo's time"),
+                 (better >= 1e3, f"{name}: {better:.0e} times less error")]  # fmt: skip
+    raise SystemExit(0 if print_bars(bars) else 1)
+
+
+if __name__ == "__main__":
+    main()

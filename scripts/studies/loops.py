@@ -1,0 +1,201 @@
+"""Does every error bar of a sampled loop hold? Random loops, each against a run of 33 digits from tick to tick.
+
+    python -m scripts.studies.loops [--scenes 100] [--seed 0] [--first 0]
+
+The paper's arm with gravity and damping under one to three controllers: P, PD or PID, with stable and unstable gains,
+periods of 1 to 25 ms, delays up to several periods, jitter, saturation, both holds, encoders of 8 to 20 bits.
+The second way shares the random numbers of the jitter and the laws; its clock is a list of fractions, and between two
+instants Taylor's method solves with 33 digits.
+
+holds; WRONG: a sample is farther off than its error bar; a code: a named error without a run; CRASH: any other
+error. Rows go to out/loops-SEED.csv. Ends 0 if no bar is wrong and nothing crashes.
+"""
+
+import argparse
+import collections
+import heapq
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+import twolink as tl
+from scripts.runner import Bars, study
+from twolink import effects as fx
+from twolink.effects.inputs import Slot
+from twolink.effects.sampled_control import HeldTorques, exact
+from twolink.errors import AccuracyError
+from twolink.integrate.scene_equations import make_equations
+from twolink.integrate.taylor_code import Integrator, number_type
+from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
+from twolink.loop.session import Measured
+
+SECONDS, SAMPLES, LIMITS = Fraction(1, 2), 21, (5.0, 20.0, 60.0)
+SAMPLE = 9  # after all else that happens at an instant
+DAMPING = {"shoulder": 0.5, "elbow": 0.5}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A loop and what came of it. used: the largest error in a part of its bar. bar: at the end, rad."""
+
+    scene: int
+    outcome: str
+    used: float
+    bar: float
+    ambiguous: int
+    ticks: int
+    seconds: float
+
+    @property
+    def fails(self) -> bool:
+        return self.outcome in ("WRONG", "CRASH")
+
+
+def law(kind: int, kp: float, kd: float, ki: float, period: float, name: str) -> Callable[..., Any]:
+    """P, PD or PID on what is measured; an encoder's velocity is a difference."""
+
+    def update(_: float, y: Any, state: Any) -> Any:
+        before, total = state
+        q = y.q if name == "q" else y[name]
+        v = y.v if name == "q" else (q - before) / period
+        total = total + period * (0.4 - q)
+        return kp * (0.4 - q) - (kd * v if kind else 0.0) + (ki * total if kind > 1 else 0.0), (q, total)
+
+    return update
+
+
+def random_scene(number: int, seed: int) -> tl.Scene:
+    """The arm under its controllers."""
+    rng, arm = np.random.default_rng((seed, number)), tl.load_scene("arm-swing")
+    q, effects = rng.uniform(-1.0, 1.0, 2), [fx.Gravity(), fx.JointDamping(DAMPING)]
+    for i in range(rng.integers(1, 4)):
+        period = Fraction(1, int(np.exp(rng.uniform(np.log(40), np.log(1000)))))
+        delay = float(rng.choice([0.0, float(period), rng.uniform(0.0, 3.0) * float(period)]))
+        sensed, kind, gain = f"encoder{i}" if rng.random() < 0.4 else "q", int(rng.integers(3)), rng.uniform(0.3, 2.0)
+        update = law(kind, 40.0 * gain, 8.0 * gain, 30.0 * gain, float(period), sensed)
+        if sensed != "q":
+            quantum = float(2 * np.pi / 2 ** rng.integers(8, 21))
+            effects.append(fx.Encoder(arm.robot.joint_names, name=sensed, period=float(period), quantum=quantum))
+        jitter = float(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.9)]) * float(period))
+        limit = dict.fromkeys(arm.robot.joint_names, float(rng.choice(LIMITS)))
+        inputs, hold = ("q", "v") if sensed == "q" else (sensed,), "first" if rng.random() < 0.2 else "zero"
+        effects.append(fx.Controller(update, period, delay=delay, jitter=jitter, seed=number, inputs=inputs,
+                                     state=(q.copy(), np.zeros(2)), hold=hold, limit=limit))  # fmt: skip
+    return tl.Scene(arm.base, q, rng.uniform(-1.0, 1.0, 2), effects, duration=float(SECONDS))
+
+
+class Truth:
+    """The motion of a scene with 33 digits, from instant to instant."""
+
+    def __init__(self, scene: tl.Scene) -> None:
+        joints, self.number = scene.robot.joint_names, number_type("quad")
+        values, slopes = ({j: Slot(f"{what} {j}") for j in joints} for what in ("value", "slope"))
+        acting = [fx.JointDamping(DAMPING), HeldTorques(values, slopes, Slot("since"))]
+        self.code = Integrator(make_equations(scene.robot, scene.q, scene.v, [*enumerate(acting)]), 1e-30, "quad", True)
+        self.motion = self.code.integrator
+        self.motion.time = self.number(0)
+        self.motion.state[:] = np.array([*scene.q, *scene.v, 0.0]).astype(self.number)
+        self.motion.pars[:] = np.zeros(len(self.motion.pars)).astype(self.number)  # it was used before
+        self.parts: dict[int, Any] = {i: one for i, one in enumerate(scene.effects) if one.at_ticks}
+        self.memory = {i: one.state for i, one in self.parts.items() if one.at_ticks == "controller"}
+        self.lines: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}  # of each controller: value, slope, since
+        self.readings: dict[str, np.ndarray] = {}
+        self.ticks = 0
+
+    def at(self, times: list[Fraction]) -> np.ndarray:
+        """q at times that increase (n, 2)."""
+        agenda = [(t, SAMPLE, 0, 0) for t in times]
+        for i, one in self.parts.items():
+            agenda += rhythm(i, one, times[-1])
+        heapq.heapify(agenda)
+        answers, out = {}, []
+        while agenda:
+            t, what, i, k = heapq.heappop(agenda)
+            if t > times[-1]:
+                break
+            self.motion.propagate_until(self.number(t.numerator) / self.number(t.denominator))
+            x = self.motion.state[:4].astype(float)
+            if what == SAMPLE:
+                out.append(x[:2])
+            elif what == READ:
+                quantum = self.parts[i].quantum
+                self.readings[self.parts[i].label] = quantum * np.round(x[:2] / quantum)
+            elif what == UPDATE:
+                y = Measured(q=x[:2], v=x[2:], **self.readings)
+                u, self.memory[i] = self.parts[i].update(float(t), y, self.memory[i])
+                answers[i, k] = np.clip(u, -self.bound(i), self.bound(i))
+                heapq.heappush(agenda, (t + exact(self.parts[i].delay), ACT, i, k))
+                self.ticks += 1
+            else:
+                self.act(i, float(t), answers.pop((i, k)))
+        self.code.give_back()
+        return np.array(out)
+
+    def bound(self, i: int) -> float:
+        return float(next(iter(self.parts[i].limit.values())))
+
+    def act(self, i: int, t: float, u: np.ndarray) -> None:
+        """Take new torques."""
+        slope, period, bound = np.zeros(2), float(self.parts[i].period), self.bound(i)
+        if self.parts[i].hold == "first" and i in self.lines:
+            before, _, since = self.lines[i]
+            slope = np.clip((u - before) / (t - since), (-bound - u) / period, (bound - u) / period)
+        self.lines[i] = (u, slope, t)
+        values = sum(u.astype(self.number) - s.astype(self.number) * self.number(t) for u, s, t in self.lines.values())
+        slopes = sum(s.astype(self.number) for _, s, _ in self.lines.values())
+        rows = np.concatenate([values, slopes, np.zeros(1).astype(self.number)])
+        self.motion.pars[:] = rows[: len(self.motion.pars)]
+
+
+def rhythm(i: int, one: Any, end: Fraction) -> Iterator[tuple[Fraction, int, int, int]]:
+    """The ticks of a sensor or a controller."""
+    random, what = Random(one.seed, f"controller {i}"), READ if one.at_ticks == "sensor" else UPDATE
+    for k in range(int(end / exact(one.period)) + 1):
+        late = exact(getattr(one, "jitter", 0.0)) * int(random(k)[2, 0]) / PARTS
+        yield k * exact(one.period) + late, what, i, k
+
+
+def check(number: int, given: argparse.Namespace) -> Iterator[Row]:
+    """A loop and what came of it."""
+    scene, start = random_scene(number, given.seed), time.perf_counter()
+    times = [k * SECONDS / SAMPLES for k in range(SAMPLES + 1)]
+    asked: dict[str, Any] = {"accuracy": 10.0 ** -(5 + number % 7)}
+    if number % 2:  # the bar alone, without what an accuracy adds to it
+        asked = {"method": ("rk45", "dop853")[number // 2 % 2], "tolerance": 10.0 ** -(3 + number % 7)}
+    try:
+        try:
+            run = tl.simulate(scene, t_eval=[float(t) for t in times], patience=20.0, **asked)
+        except AccuracyError as error:
+            if error.run is None:
+                yield Row(number, error.code, 0.0, 0.0, 0, 0, time.perf_counter() - start)
+                return
+            run = error.run
+        truth = Truth(scene)
+        off = np.abs(run.q - truth.at(times)).max(axis=1)
+        used = float((off[1:] / run.error[1:]).max())
+        found = sum(event.kind == "ambiguous-tick" for event in run.events)
+        yield Row(number, "WRONG" if used > 1.0 else "holds", used, float(run.error[-1]), found, truth.ticks,
+                  time.perf_counter() - start)  # fmt: skip
+    except Exception as error:
+        print(f"\n{number}: {type(error).__name__}: {error}")
+        yield Row(number, "CRASH", 0.0, 0.0, 0, 0, time.perf_counter() - start)
+
+
+def show(rows: list[Row], _: argparse.Namespace) -> Bars:
+    """Print what came of the loops."""
+    print(collections.Counter(row.outcome for row in rows))
+    held = [row for row in rows if row.outcome == "holds"]
+    ambiguous, used = sum(row.ambiguous > 0 for row in held), max((row.used for row in held), default=0.0)
+    print(
+        f"{sum(row.ticks for row in rows):,} ticks, {ambiguous} loops with ambiguous ones; errors up to {used:.2f} bars"
+    )
+    wrong, crashed = (sum(row.outcome == what for row in rows) for what in ("WRONG", "CRASH"))
+    return [(wrong == 0, f"{wrong} bars are wrong"), (crashed == 0, f"{crashed} crashes")]
+
+
+if __name__ == "__main__":
+    raise SystemExit(study(__doc__, "loops", Row, check, show))

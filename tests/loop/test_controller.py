@@ -1,0 +1,223 @@
+"""Sampled controllers: exact loops, delays, rates and thresholds; and what is refused."""
+
+import itertools
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import twolink as tl
+from tests.loop.loops import exact_slider, slider
+from twolink.errors import AccuracyError, ControllerError, SceneError
+
+E = tl.effects
+
+
+def pd(_: float, y: object, state: object) -> tuple[np.ndarray, object]:
+    return -4.0 * y.q - 2.0 * y.v, state
+
+
+@pytest.mark.parametrize(("period", "delay"), [("1/20", "0"), ("1/20", "1/50"), ("1/30", "1/20"), ("1/8", "3/8")])
+def test_double_integrator_with_hold_and_delay_is_exact(period: str, delay: str) -> None:
+    """Against rational arithmetic from instant to instant: the delay is in seconds, and may be several periods."""
+    tick, late = Fraction(period), Fraction(delay)
+    control = E.Controller(pd, period=tick, delay=float(late))
+    times = [Fraction(k, 10) for k in range(41)]
+    scene = tl.Scene(slider(), [1.0], effects=[control])
+    run = tl.simulate(scene, 4.0, accuracy=1e-9, t_eval=[float(t) for t in times])
+    exact = exact_slider(lambda q, v: -4 * q - 2 * v, Fraction(1), tick, late, times)
+    off = np.abs(run.q[:, 0] - [float(q) for q, _ in exact])
+    assert off.max() < 1e-12
+    assert (off <= run.error).all()
+    assert np.abs(run.v[:, 0] - [float(v) for _, v in exact]).max() < 1e-12
+    between = np.array([0.013, 1.237])
+    assert np.abs(run.at(between)[0] - tl.simulate(scene, 4.0, accuracy=1e-9, t_eval=between).q).max() < 1e-13
+
+
+@pytest.mark.parametrize("periods", [0, 3, 7])
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_loop_goes_unstable_at_the_gain_that_theory_says(periods: int, share: float) -> None:
+    """v_{n+1} = v_n - k T v_{n-m} is stable for k T < 2 sin(pi / (2 (2 m + 1))), m the delay in periods."""
+    period = 0.02
+    gain = share * 2 * math.sin(math.pi / (2 * (2 * periods + 1))) / period
+    control = E.Controller(lambda _, y, s: (-gain * y.v, s), period=period, delay=periods * period)
+    ticks = 60 * (periods + 1)
+    run = tl.simulate(
+        tl.Scene(slider(), v=[1.0], effects=[control]), ticks * period, accuracy=1e-2, samples_per_second=50
+    )
+    v = [1.0] * (periods + 1)
+    for _ in range(ticks):
+        v.append(v[-1] - gain * period * v[-1 - periods])
+    assert run.v[-1, 0] == pytest.approx(v[ticks], rel=1e-6, abs=1e-9)
+    early, late = (np.abs(part).max() for part in np.array_split(run.v[ticks // 5 :, 0], 2))
+    assert (late > early) == (share > 1.0)
+
+
+def pid(_: float, y: object, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    e = np.array([0.5, -0.3]) - y.q
+    state = state + 0.01 * e
+    return 40.0 * e + 30.0 * state - 8.0 * y.v, state
+
+
+def test_pid_on_the_arm_against_an_independent_integration() -> None:
+    """SciPy's DOP853 at 1e-13 on Pinocchio's forward dynamics, from instant to instant; a second, slower controller."""
+    bundled = tl.load_scene("arm-swing")
+    names = bundled.robot.joint_names
+    push = E.Controller(lambda t, _, s: ([math.sin(3.0 * t)], s), period=Fraction(1, 30), outputs=names[1:])
+    control = E.Controller(pid, period=0.01, delay=0.013, state=np.zeros(2), limit={names[0]: 15.0})
+    scene = tl.Scene(bundled.base, bundled.q, bundled.v, [*bundled.effects, control, push])
+    run = tl.simulate(scene, 2.0, accuracy=1e-9, t_eval=[0.0, 1.0, 2.0])
+    robot, x, state = scene.robot, np.concatenate([scene.q, scene.v]), np.zeros(2)
+    held, slow, queue = np.zeros(2), np.zeros(2), []
+    late = Fraction(13, 1000)
+    instants = sorted({Fraction(k, 100) + d for k in range(199) for d in (0, late)}
+                      | {Fraction(k, 30) for k in range(61)} | {Fraction(199, 100)})  # fmt: skip
+    for begin, end in itertools.pairwise(instants):
+        if (begin * 100).denominator == 1:
+            e = np.array([0.5, -0.3]) - x[:2]
+            state = state + 0.01 * e
+            u = 40.0 * e + 30.0 * state - 8.0 * x[2:]
+            queue.append((begin + late, np.array([np.clip(u[0], -15.0, 15.0), u[1]])))
+        if (begin * 30).denominator == 1:
+            slow = np.array([0.0, math.sin(3.0 * float(begin))])
+        while queue and queue[0][0] == begin:
+            held = queue.pop(0)[1]
+        tau = held + slow
+
+        def rate(_: float, x: np.ndarray, tau: np.ndarray = tau) -> np.ndarray:
+            return np.concatenate([x[2:], robot.forward_dynamics(x[:2], x[2:], tau)])
+
+        x = solve_ivp(rate, (float(begin), float(end)), x, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        if end in (1, 2):
+            off = np.abs(run.q[int(end)] - x[:2]).max()
+            assert off < min(1e-11, run.error[int(end)])
+    assert run.tau[0] == pytest.approx([0.0, 0.0])
+
+
+def test_ticks_are_exact_and_every_solution_has_its_own_state() -> None:
+    seen = []
+
+    def update(t: float, _: object, calls: int) -> tuple[list[float], int]:
+        seen.append((t, calls))
+        return [0.1], calls + 1
+
+    tl.simulate(tl.Scene(slider(), effects=[E.Controller(update, period=1e-3, state=0)]), 0.5, verify=False)
+    times = dict.fromkeys(t for t, _ in seen)
+    assert list(times) == [k / 1000 for k in range(501)]
+    assert all(calls == round(1000 * t) for t, calls in seen)
+
+
+def test_jitter_is_the_same_in_every_run_of_a_seed() -> None:
+    def times(seed: int) -> list[float]:
+        seen: list[float] = []
+        control = E.Controller(lambda t, _, s: (seen.append(t), ([0.0], s))[1], period=0.01, jitter=0.004, seed=seed)
+        tl.simulate(tl.Scene(slider(), effects=[control]), 0.2, verify=False)
+        return sorted(set(seen))
+
+    late = np.array(times(1)) - 0.01 * np.arange(len(times(1)))
+    assert times(1) == times(1) != times(2)
+    assert (late >= 0.0).all()
+    assert (late < 0.004).all()
+    assert np.ptp(late) > 0.002
+
+
+def test_first_order_hold_goes_on_at_the_last_rate() -> None:
+    """u_k = t_k: from the second tick on the ramp u = t itself, q = t^3 / 6 but for the first period."""
+    control = E.Controller(lambda t, _, s: ([t], s), period=0.1, hold="first")
+    run = tl.simulate(tl.Scene(slider(), effects=[control]), 1.0, accuracy=1e-9, t_eval=[0.1, 1.0])
+    v = (1.0 - 0.01) / 2
+    assert run.v[:, 0] == pytest.approx([0.0, v], abs=1e-12)
+
+
+def test_a_threshold_that_falls_differently_is_named_and_widens_the_bar() -> None:
+    """q reaches 0.5 at a tick, on one side or the other by rounding alone."""
+    law = E.Controller(lambda _, y, s: ([0.0 if y.q[0] < 0.5 else -1.0], s), period=0.1)
+    with pytest.raises(AccuracyError) as refused:
+        tl.simulate(tl.Scene(slider(), [0.2], [0.3], effects=[law]), 3.0)
+    run = refused.value.run
+    assert [event.kind for event in run.events][:1] == ["ambiguous-tick"]
+    assert run.events[0].t == pytest.approx(1.0)
+    late = np.where(run.t > 1.0, 0.5 * 1.0 * np.minimum(run.t - 1.0, 0.1) ** 2, 0.0)
+    assert (run.error[run.t > 1.1] > late[run.t > 1.1]).all()
+    assert refused.value.data["trusted_until"] <= 1.1
+
+
+@pytest.mark.parametrize(
+    ("update", "code", "part"),
+    [
+        (lambda t, _, s: (1.0 / (0.3 - t), s), "controller-failed", "ZeroDivisionError"),
+        (lambda *_: ([1.0, 2.0], None), "controller-answer", "shape"),
+        (lambda t, _, s: ([math.nan if t > 0.2 else 0.0], s), "controller-answer", "'rail'"),
+        (lambda *_: [0.0], "controller-answer", "returns"),
+        (lambda *_: ("much", None), "controller-answer", "much"),
+        (lambda *_: (np.random.default_rng().normal(size=1), None), "controller-not-repeatable", "another answer"),
+        (lambda _, y, s: (y.nothing, s), "controller-failed", "nothing"),
+    ],
+)
+def test_a_controller_that_fails_is_named_with_its_time(update: object, code: str, part: str) -> None:
+    with pytest.raises(ControllerError, match=r"effects\[0\] at t = ") as refused:
+        tl.simulate(tl.Scene(slider(), v=[1.0], effects=[E.Controller(update, period=0.1)]), 1.0)
+    error = refused.value
+    assert error.code == code
+    assert part in str(error)
+    assert error.run.t[-1] == pytest.approx(error.data["t"])
+    assert ("Traceback" in error.data.get("traceback", "")) == (code == "controller-failed")
+
+
+def test_hidden_state_is_refused() -> None:
+    counter = itertools.count()
+    control = E.Controller(lambda *_: ([next(counter) * 1e-3], None), period=0.1)
+    with pytest.raises(ControllerError, match="another answer"):
+        tl.simulate(tl.Scene(slider(), effects=[control]), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "where"),
+    [
+        ({"update": 3}, "update"),
+        ({"period": 0.0}, "period"),
+        ({"delay": -1.0}, "delay"),
+        ({"jitter": 0.1, "period": 0.1}, "jitter"),
+        ({"inputs": ("q", "elephant")}, "inputs"),
+        ({"outputs": "rail"}, "outputs"),
+        ({"outputs": ("road",)}, "outputs"),
+        ({"limit": {"road": 1.0}}, "limit"),
+        ({"hold": "second"}, "hold"),
+    ],
+)
+def test_fields_that_do_not_fit_are_refused(fields: dict, where: str) -> None:
+    with pytest.raises(SceneError) as refused:
+        tl.Scene(slider(), effects=[E.Controller(**{"update": pd, **fields})])
+    assert refused.value.where == f"effects[0].{where}"
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda s: tl.simulate_many(s, q=np.zeros((2, 1))),
+        lambda s: tl.sensitivities(s, wrt=["q"]),
+        tl.linearize,
+        lambda s: tl.simulate(s, method="taylor"),
+        lambda s: tl.simulate(s, method="scipy-dop853"),
+        lambda s: tl.simulate(s, precision="quad"),
+        lambda s: tl.simulate(s.with_effects([*s.effects, E.JointStops({"rail": (-1.0, 1.0)})])),
+        lambda s: tl.energy_book(tl.simulate(s, 0.2)),
+        lambda s: tl.accuracy_study(s),
+        lambda s: s.save("/tmp/never-written.toml"),
+    ],
+)
+def test_what_does_not_follow_ticks_says_so(use: object) -> None:
+    """Never a result without the controller."""
+    with pytest.raises(SceneError):
+        use(tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.1)], duration=1.0))
+
+
+def test_explain_and_cost() -> None:
+    scene = tl.Scene(slider(), [1.0], effects=[E.Controller(pd, period=0.1)], duration=1.0)
+    told = tl.explain(scene)
+    assert told.method in ("dop853", "rk45")
+    assert "Controller" in told.effects[0]
+    run = tl.simulate(scene)
+    assert run.cost.steps >= 10

@@ -1,0 +1,129 @@
+"""Sensors: true values at rest and in motion, resolution, noise and delay; with a controller and without."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import twolink as tl
+from tests.loop.loops import slider
+from twolink.errors import SceneError
+
+E = tl.effects
+RATE = {"period": 0.05}
+
+
+def swing(*sensors: object, seconds: float = 1.0) -> tl.Trajectory:
+    scene = tl.load_scene("arm-swing")
+    effects = [*scene.effects, *sensors]
+    return tl.simulate(tl.Scene(scene.base, scene.q, scene.v, effects), seconds, accuracy=1e-9, samples_per_second=20)
+
+
+def test_true_values_are_those_of_pinocchio() -> None:
+    """An IMU and a force-torque sensor against differences of poses and velocities, and against the weight at rest."""
+    robot = tl.load_scene("arm-swing").robot
+    link, joint, names = robot.frame_names[-1], robot.joint_names[0], robot.joint_names
+    run = swing(E.Imu(link, **RATE), E.PoseSensor(link, **RATE), E.Encoder(names, **RATE),
+                E.Tachometer(names, **RATE), E.TorqueSensor(names, **RATE), E.ForceTorque(joint, **RATE))  # fmt: skip
+    assert list(run.sensors) == ["imu", "pose_sensor", "encoder", "tachometer", "torque_sensor", "force_torque"]
+    read = {name: one.values for name, one in run.sensors.items()}
+    assert np.array_equal(run.sensors["imu"].t, run.t)
+    assert np.array_equal(read["encoder"], run.q)
+    assert np.array_equal(read["tachometer"], run.v)
+    assert np.array_equal(read["torque_sensor"], run.tau)
+    model, data, h = run.robot.model, run.robot.model.createData(), 1e-5
+    for k in (3, 11):
+        t, place = run.t[k], model.getFrameId(link)
+        poses = []
+        for at in (t - h, t, t + h):
+            pin.framesForwardKinematics(model, data, run.at(at)[0])
+            poses.append(data.oMf[place].copy())
+        turn = poses[1].rotation.T
+        w = pin.log3(poses[0].rotation.T @ poses[2].rotation) / (2 * h)
+        a = (poses[0].translation - 2 * poses[1].translation + poses[2].translation) / h**2
+        assert read["imu"][k, :3] == pytest.approx(w, abs=1e-6)
+        assert read["imu"][k, 3:] == pytest.approx(turn @ (a - model.gravity.linear), abs=1e-3)
+        assert read["pose_sensor"][k, :3] == pytest.approx(poses[1].translation, abs=1e-12)
+        wanted = pin.rnea(model, data, run.q[k], run.v[k], run.acceleration[k])
+        assert read["force_torque"][k] @ model.joints[1].createData().S.ravel() == pytest.approx(wanted[0], abs=1e-9)
+
+
+def test_readings_are_the_same_with_and_without_a_controller() -> None:
+    """Noise by seed, name and tick; two seeds differ."""
+    names = tl.load_scene("arm-swing").robot.joint_names
+    idle = E.Controller(lambda _, y, s: (0.0 * y.encoder, s), period=0.1, inputs=("encoder",))
+    noisy = {"noise": 1e-3, "walk": 1e-2, "bias": 0.1, **RATE}
+    encoder = E.Encoder(names, **noisy)
+    alone, again = swing(encoder).sensors["encoder"], swing(encoder).sensors["encoder"]
+    looped = swing(encoder, idle).sensors["encoder"]
+    assert np.array_equal(alone.values, again.values)
+    assert np.array_equal(alone.t, looped.t)
+    assert np.abs(alone.values - looped.values).max() < 1e-9
+    other = swing(E.Encoder(names, seed=1, **noisy)).sensors["encoder"]
+    assert np.abs(other.values - alone.values).max() > 1e-3
+
+
+def test_noise_has_its_size_and_a_walk_grows() -> None:
+    scene = tl.Scene(
+        slider(), effects=[E.Encoder(("rail",), name="white", noise=0.2), E.Encoder(("rail",), name="drift", walk=0.3)]
+    )
+    run = tl.simulate(scene, 8.0)
+    assert run.sensors["white"].values.std() == pytest.approx(0.2, rel=0.05)
+    drift = run.sensors["drift"].values[:, 0]
+    assert np.diff(drift).std() == pytest.approx(0.3 * np.sqrt(1e-3), rel=0.05)
+
+
+def test_resolution_and_delay_reach_the_controller() -> None:
+    """q = t: read at 0.1 k with steps of 0.25, known 0.05 later, and asked for at 0.1 k."""
+    seen = []
+    control = E.Controller(
+        lambda t, y, s: (seen.append((t, y.encoder[0])), ([0.0], s))[1], period=0.1, inputs=("encoder",)
+    )
+    encoder = E.Encoder(("rail",), period=0.1, delay=0.05, quantum=0.25)
+    run = tl.simulate(tl.Scene(slider(), v=[1.0], effects=[control, encoder]), 1.0, verify=False)
+    told = dict(seen)
+    assert [told[k / 10] for k in range(11)] == [0.25 * round((k - 1) / 10 / 0.25) if k else 0.0 for k in range(11)]
+    assert run.sensors["encoder"].values[3, 0] == 0.25
+
+
+def test_the_edge_of_a_quantum_is_ambiguous() -> None:
+    """q = 0.3 t reaches half a quantum at a tick."""
+    law = E.Controller(lambda _, y, s: (-1.0 * y.encoder, s), period=0.1, inputs=("encoder",))
+    encoder = E.Encoder(("rail",), period=0.1, quantum=0.3)
+    scene = tl.Scene(slider(), v=[0.3], effects=[law, encoder])
+    with pytest.raises(tl.errors.AccuracyError) as refused:
+        tl.simulate(scene, 2.0)
+    assert refused.value.run.events[0].t == pytest.approx(0.5)
+
+
+def test_touch_is_the_weight_of_what_rests_on_the_ground() -> None:
+    scene = tl.load_scene("bouncing-ball")
+    run = tl.simulate(scene.with_effects([*scene.effects, E.TouchSensor("ball", period=0.05)]))
+    touch = run.sensors["touch_sensor"].values
+    assert touch[0] == pytest.approx(0.0, abs=1e-12)
+    assert touch[-1] == pytest.approx(-scene.robot.mass * scene.robot.model.gravity.linear)
+
+
+def test_poses_are_inputs_of_controllers() -> None:
+    def update(_: float, y: object, state: object) -> tuple[list[float], object]:
+        return [-4.0 * y.cart[0, 3] - y["cart"][0, 3] * 0.0], state
+
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[E.Controller(update, period=0.05, inputs=("cart",))]), 0.5)
+    same = E.Controller(lambda _, y, s: (-4.0 * y.q, s), period=0.05)
+    other = tl.simulate(tl.Scene(slider(), [1.0], effects=[same]), 0.5)
+    assert np.abs(run.q - other.q).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [E.Encoder(("road",))],
+        [E.Encoder(("rail",)), E.Encoder(("rail",))],
+        [E.Encoder(("rail",), name="q")],
+        [E.Encoder(("rail",), period=0.0)],
+        [E.Imu("road")],
+        [E.ForceTorque("road")],
+    ],
+)
+def test_sensors_that_do_not_fit_are_refused(effects: list) -> None:
+    with pytest.raises(SceneError):
+        tl.Scene(slider(), effects=effects)

@@ -1,0 +1,151 @@
+"""Sampled controllers: plain Python, called at ticks, whose torques are held between them."""
+
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.spatial import minus, plus, times
+from twolink.dynamics import Robot
+from twolink.effects.checks import check_joints, check_subset, single_joints
+from twolink.effects.controllers import Limits, check_limits, limit_of
+from twolink.effects.effect import Effect, Loads
+from twolink.effects.inputs import Slot
+from twolink.errors import SceneError
+
+Seconds = float | Fraction
+STATE = "q", "v"  # of the robot, among the inputs of a controller
+LARGEST_DENOMINATOR = 10**6  # of a time that is meant as a fraction, such as 1 / 240
+
+
+def exact(seconds: Seconds) -> Fraction:
+    """A time as the fraction that was meant: 0.001 is 1/1000, and 1 / 240 is 1/240."""
+    if not isinstance(seconds, float):
+        return Fraction(seconds)
+    short = Fraction(seconds).limit_denominator(LARGEST_DENOMINATOR)
+    return short if float(short) == seconds else Fraction(repr(seconds))
+
+
+def check_clock(period: Seconds, delays: Mapping[str, Seconds]) -> None:
+    """Require a period above 0 and other times that are not negative. Raises SceneError."""
+    for name, value in (("period", period), *delays.items()):
+        if not np.isfinite(float(value)) or value < 0 or (name == "period" and value == 0):
+            raise SceneError(f"expected a time {'above' if name == 'period' else 'of at least'} 0 s, got {value!r}",
+                             where=name, remedy="give seconds, such as 1e-3 or Fraction(1, 240)")  # fmt: skip
+
+
+class HeldTorques(Effect, frozen=True):
+    """Torques that are constant, or change at a constant rate, from tick to tick: tau = value + slope (t - since).
+
+    The numbers are rows of the state.
+    """
+
+    analytic: ClassVar[bool] = False
+
+    values: Mapping[str, Slot]
+    slopes: Mapping[str, Slot] = {}
+    since: Slot | None = None
+
+    def act(self, motion: Motion, loads: Loads) -> None:
+        """Add the held torques."""
+        for joint, value in self.values.items():
+            if joint in self.slopes:
+                value = plus(value, times(self.slopes[joint], minus(motion.t, self.since)))
+            loads.torque(motion.dofs(joint)[0], value)
+
+
+class Controller(Effect, frozen=True):
+    """A sampled controller in plain Python: torques of joints that are computed at ticks and held between them.
+
+    At t_k = offset + k period, `update(t, y, state) -> (u, state)`; from t_k + delay on tau = u_k, until u_{k+1} acts.
+
+    Parameters
+    ----------
+    update : callable
+        (t, y, state) -> (u, state). t: the time of the tick, s. y: copies of what was asked for, by name: y.q, y.v,
+        y.LINK or y["LINK"] (a pose, 4 x 4), and the readings of sensors of the scene that arrived last. u: one torque
+        [N m or N] an output, in their order. The same arguments must give the same answer: what changes from tick to
+        tick is in the state.
+    period, offset, delay : float or Fraction
+        s; the delay may be longer than the period. Ticks are exact: 0.001 is 1/1000, 1 / 240 is 1/240.
+    jitter : float or Fraction
+        Ticks are late by a random part of it, s, below the period; drawn by the seed.
+    seed : int
+        Of the jitter.
+    state : object
+        At the start; it is copied for each solution.
+    inputs : tuple of str
+        Of y: "q", "v", links, sensors.
+    outputs : tuple of str
+        The joints that are driven, with one degree of freedom each; empty: all of these.
+    hold : {"zero", "first"}
+        "first": u goes on at the rate of the last two.
+    limit : mapping of joint to float, "urdf" or None
+        Saturation L, -L <= u <= L, N m or N: by joint, the URDF's, or none.
+
+    Notes
+    -----
+    Before the first u acts, the torque is 0. Each of the solutions that make the error bar has its own controller
+    state. A tick at which their answers differ by more than continuity explains, as those of a threshold or a quantizer
+    do, is an event "ambiguous-tick" of the run, and the error bar widens from then on.
+
+    References
+    ----------
+    Åström, Wittenmark: Computer-Controlled Systems, 1997, chapters 2 and 3.
+    """
+
+    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "controller"
+
+    update: Any
+    period: Seconds = 1e-3
+    offset: Seconds = 0.0
+    delay: Seconds = 0.0
+    jitter: Seconds = 0.0
+    seed: int = 0
+    state: Any = None
+    inputs: tuple[str, ...] = STATE
+    outputs: tuple[str, ...] = ()
+    hold: Literal["zero", "first"] = "zero"
+    limit: Limits = None
+
+    def check(self, robot: Robot) -> None:
+        """Require a function, times, and joints with one degree of freedom."""
+        if not callable(self.update):
+            raise SceneError(
+                f"expected a function, got {self.update!r}", where="update", remedy="(t, y, state) -> (u, state)"
+            )
+        check_clock(self.period, {"offset": self.offset, "delay": self.delay, "jitter": self.jitter})
+        if self.jitter and self.jitter >= self.period:
+            raise SceneError("ticks would change their order", where="jitter", remedy="below the period")
+        for name in ("inputs", "outputs"):
+            if isinstance(getattr(self, name), str):
+                raise SceneError(
+                    "expected names, got one text", where=name, remedy=f'such as ("{getattr(self, name)}",)'
+                )
+        check_joints(self.joints(robot), robot, "outputs", dofs=True)
+        check_limits(self.limit, self.joints(robot), robot, "limit")
+
+    def joints(self, robot: Robot) -> tuple[str, ...]:
+        """The driven joints."""
+        return tuple(self.outputs) or tuple(single_joints(robot))
+
+    def check_inputs(self, known: Sequence[str]) -> None:
+        """Require inputs that the scene has. Raises SceneError."""
+        check_subset(self.inputs, (*STATE, *known), "inputs", "quantity, link or sensor")
+
+    def limits(self, robot: Robot) -> np.ndarray:
+        """L of each output (m,), infinite where there is none."""
+        values = (limit_of(joint, self.limit, robot.model) for joint in self.joints(robot))
+        return np.array([np.inf if value is None else value for value in values], dtype=float)
+
+    def held(self, robot: Robot, place: int) -> HeldTorques:
+        """What acts on the moving robot; place: of the controller among the scene's effects."""
+        joints = self.joints(robot)
+        values, slopes = (
+            {joint: Slot(f"controller {place} {kind} {joint}") for joint in joints} for kind in ("value", "slope")
+        )
+        if self.hold == "zero":
+            return HeldTorques(values)
+        return HeldTorques(values, slopes, Slot(f"controller {place} since"))

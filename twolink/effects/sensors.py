@@ -1,0 +1,274 @@
+"""Sensors: what a robot's own instruments would read of its motion, with their rates, delays and errors."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.dynamics import Robot
+from twolink.effects.checks import check_frame, check_joints
+from twolink.effects.effect import Effect, LinkName, NotNegative
+from twolink.effects.sampled_control import check_clock
+from twolink.errors import SceneError
+from twolink.io.text import kebab_case
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Of n states: accelerations and joint torques of effects (n, nv), and by state the external wrenches by body.
+
+    on (link) -> (n, 3): the contact forces on a link along the world's axes, N.
+    """
+
+    a: Array
+    tau: Array
+    wrenches: Sequence[Sequence[pin.Force]]
+    on: Callable[[str], Array]
+
+
+class Seen:
+    """What sensors see: states (q, v) of a robot, (n, nq) and (n, nv), and forces, which are computed when needed."""
+
+    def __init__(self, robot: Robot, q: Array, v: Array, look: Callable[[], Forces]) -> None:
+        self.robot, self.q, self.v, self._look = robot, q, v, look
+        self._forces: Forces | None = None
+
+    @property
+    def forces(self) -> Forces:
+        """Accelerations and forces."""
+        if self._forces is None:
+            self._forces = self._look()
+        return self._forces
+
+    def by_pinocchio(self, of: Callable[[pin.Model, pin.Data, int], Array]) -> Array:
+        """(n, m): `of` each state, after the recursive Newton-Euler algorithm with its accelerations and wrenches."""
+        model, forces = self.robot.model, self.forces
+        data, rows = model.createData(), []
+        for i, (q, v, a) in enumerate(zip(self.q, self.v, forces.a, strict=True)):
+            pin.rnea(model, data, q, v, a, list(forces.wrenches[i]))
+            pin.forwardKinematics(model, data, q, v, a)
+            rows.append(of(model, data, i))
+        return np.array(rows)
+
+
+class Sensor(Effect, frozen=True, kw_only=True):
+    """A sensor: it is read at offset + k period, and its reading arrives `delay` later.
+
+        reading = quantum round((value + bias + noise n_k + walk sqrt(period) (n'_1 + ... + n'_k)) / quantum)
+
+    Parameters
+    ----------
+    name : str
+        In y of controllers and in run.sensors; by default that of the class, such as "torque_sensor".
+    period, offset, delay : float
+        s.
+    noise : float
+        Standard deviation of the white noise n_k, in the unit of the value.
+    walk : float
+        Of the random walk of the bias in a second, that unit / sqrt(s).
+    bias : float
+        That unit.
+    quantum : float
+        Resolution; 0: none. Of an encoder with n counts a turn 2 pi / n.
+    seed : int
+        Of the noise: the same for the same seed, name and tick.
+    """
+
+    at_ticks: ClassVar[Literal["", "controller", "sensor"]] = "sensor"
+
+    name: str = ""
+    period: NotNegative = 1e-3
+    offset: NotNegative = 0.0
+    delay: NotNegative = 0.0
+    noise: NotNegative = 0.0
+    walk: NotNegative = 0.0
+    bias: float = 0.0
+    quantum: NotNegative = 0.0
+    seed: int = 0
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Describe the fields that all have behind those of the class."""
+        super().__init_subclass__(**options)
+        shared = (Sensor.__doc__ or "").partition("----------\n")[2].rstrip()
+        cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n{shared}\n"
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name or kebab_case(type(self).__name__).replace("-", "_")
+
+    def check(self, robot: Robot) -> None:
+        """Require times, and what is measured."""
+        check_clock(self.period, {"offset": self.offset, "delay": self.delay})
+        if not self.label.isidentifier() or self.label in ("q", "v"):
+            raise SceneError(f"{self.label!r} cannot name a sensor", where="name", remedy='a word such as "encoder"')
+        self.check_place(robot)
+
+    def check_place(self, robot: Robot) -> None:
+        """Require joints or links of the robot."""
+        raise NotImplementedError
+
+    def read(self, seen: Seen) -> Array:
+        """The true values (n, m)."""
+        raise NotImplementedError
+
+
+class _OfJoints(Sensor, frozen=True):
+    """A sensor of joints.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Joints with one degree of freedom, in the order of the values.
+    """
+
+    joints: tuple[str, ...]
+
+    def check_place(self, robot: Robot) -> None:
+        """Require joints with one degree of freedom."""
+        check_joints(self.joints, robot, "joints", dofs=True)
+
+    def dofs(self, robot: Robot) -> list[int]:
+        """Their degrees of freedom."""
+        return [robot.model.idx_vs[robot.model.getJointId(joint)] for joint in self.joints]
+
+
+class Encoder(_OfJoints, frozen=True):
+    """Joint encoders: positions, rad or m; of a continuous joint the angle from -pi to pi.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Joints with one degree of freedom, in the order of the values.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """The positions (n, m)."""
+        columns, model = [], seen.robot.model
+        for joint in self.joints:
+            i = model.getJointId(joint)
+            q = seen.q[:, model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]]
+            columns.append(q[:, 0] if q.shape[1] == 1 else np.arctan2(q[:, 1], q[:, 0]))
+        return np.stack(columns, axis=1)
+
+
+class Tachometer(_OfJoints, frozen=True):
+    """Velocities of joints, rad/s or m/s.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Joints with one degree of freedom, in the order of the values.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """The velocities (n, m)."""
+        return seen.v[:, self.dofs(seen.robot)]
+
+
+class TorqueSensor(_OfJoints, frozen=True):
+    """Torques and forces that effects apply in joints, as in run.tau, N m or N; before a tick changes them.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Joints with one degree of freedom, in the order of the values.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """The torques (n, m)."""
+        return seen.forces.tau[:, self.dofs(seen.robot)]
+
+
+class _OfLink(Sensor, frozen=True):
+    """A sensor at the frame of a link.
+
+    Parameters
+    ----------
+    link : str
+        A link that moves.
+    """
+
+    link: LinkName
+
+    def check_place(self, robot: Robot) -> None:
+        """Require a link that moves."""
+        check_frame(self.link, robot, "link")
+
+
+class Imu(_OfLink, frozen=True):
+    """A gyroscope [rad/s] and an accelerometer [m/s^2] at a link's frame, along its axes: (w, a - g), 6 values.
+
+    Parameters
+    ----------
+    link : str
+        A link that moves.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """Angular velocities and specific forces (n, 6)."""
+        frame = seen.robot.model.getFrameId(self.link)
+
+        def of(model: pin.Model, data: pin.Data, i: int) -> Array:
+            del i
+            pin.updateFramePlacement(model, data, frame)
+            moving = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+            a = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
+            return np.concatenate([moving.angular, a - data.oMf[frame].rotation.T @ model.gravity.linear])
+
+        return seen.by_pinocchio(of)
+
+
+class PoseSensor(_OfLink, frozen=True):
+    """Position [m] and orientation (quaternion x y z w) of a link's frame in the world, 7 values.
+
+    Parameters
+    ----------
+    link : str
+        A link that moves.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """Positions and quaternions (n, 7)."""
+        rotation, position = seen.robot.frame_pose(seen.q, self.link)
+        turned = [pin.Quaternion(one).coeffs() for one in rotation]
+        return np.concatenate([position, turned], axis=1)
+
+
+class ForceTorque(Sensor, frozen=True):
+    """What a joint transmits from its parent to its child link, along the joint's axes: force [N], moment [N m].
+
+    Parameters
+    ----------
+    joint : str
+        Of a robot without kinematic loops and contacts.
+    """
+
+    joint: str
+
+    def check_place(self, robot: Robot) -> None:
+        """Require a joint."""
+        check_joints((self.joint,), robot, "joint")
+
+    def read(self, seen: Seen) -> Array:
+        """Forces and moments (n, 6)."""
+        joint = seen.robot.model.getJointId(self.joint)
+        return seen.by_pinocchio(lambda _, data, __: data.f[joint].vector.copy())
+
+
+class TouchSensor(_OfLink, frozen=True):
+    """The sum of the contact forces on a link along the world's axes, N.
+
+    Parameters
+    ----------
+    link : str
+        A link that moves.
+    """
+
+    def read(self, seen: Seen) -> Array:
+        """The forces (n, 3)."""
+        return seen.forces.on(self.link)

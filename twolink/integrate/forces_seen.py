@@ -1,0 +1,33 @@
+"""The forces that sensors feel."""
+
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.namespaces import Numbers
+from twolink.effects.sensors import Forces
+from twolink.integrate.equations import Equations
+from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts
+from twolink.integrate.state import Array
+
+
+def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:
+    """What sensors feel at states x (nq + nv or size, n) of one piece at a time, or at times (n,)."""
+    count = x.shape[1]
+    states = np.concatenate([x, np.repeat(equations.start[len(x) :, None], count, axis=1)])
+    times = np.broadcast_to(t, count)
+    a, tau = accelerations_and_joint_torques(equations, times, states)
+    motion = motion_of(equations, equations.mechanism, times, states, Numbers)
+    loads = effect_loads(equations, motion, list(states[equations.moving :]), equations.effects)
+    felt = np.zeros((count, equations.robot.model.njoints, 6))
+    for body, wrench in loads.wrenches.items():
+        felt[:, body] = np.array([np.broadcast_to(part, count) for part in wrench]).T
+
+    def on(link: str) -> Array:
+        total = np.zeros((count, 3))
+        for pair, _, force in contacts(equations, times, states):
+            first, _, second = pair.partition(" - ")
+            total += (int(first == link) - int(second == link)) * force.T
+        return total
+
+    return Forces(a.T, tau.T, [[pin.Force(one) for one in row] for row in felt], on)

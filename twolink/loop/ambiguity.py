@@ -1,0 +1,56 @@
+"""Ambiguous ticks: answers of a controller that differ between solutions by more than continuity explains.
+
+Where |du| is the distance of the answers and |dx| that of the states so far, |du| / |dx| of a continuous controller is
+about its gain. At a threshold or the edge of a quantizer it is larger by orders: |dx| is rounding, |du| is not.
+"""
+
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, np.dtype[Any]]
+BLOCK = 512  # ticks that are looked at together
+JUMP = 100.0  # times the largest ratio before
+FIRST = 1e6  # a ratio, relative to the sizes of u and x, that is not yet a jump
+SMALL = 1e-12  # relative: a smaller |du| is rounding
+
+
+class Ambiguity:
+    """Looks at the answers of one controller tick by tick."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, Array, Array]] = []
+        self._found: list[float] = []
+        self._ratio, self._apart, self._sizes = 0.0, 0.0, np.zeros(2)
+
+    def add(self, t: float, u: Array, x: Array) -> None:
+        """Take the answers u (m, n) to the states x (size, n) at a time."""
+        self._rows.append((t, u, x.copy()))
+        if len(self._rows) == BLOCK:
+            self._look()
+
+    def ticks(self) -> list[float]:
+        """The times of ambiguous ticks so far."""
+        self._look()
+        return self._found
+
+    def _look(self) -> None:
+        if not self._rows:
+            return
+        times, u, x = (np.array(values) for values in zip(*self._rows, strict=True))
+        self._rows = []
+        with np.errstate(invalid="ignore"):
+            du, dx = (np.nan_to_num(np.abs(y[:, :, 1:] - y[:, :, :1]).max(axis=(1, 2), initial=0.0)) for y in (u, x))
+        size_u, size_x = (np.maximum.accumulate(np.append(size, np.abs(y).max(axis=(1, 2), initial=0.0)))[1:]
+                          for size, y in zip(self._sizes, (u, x), strict=True))  # fmt: skip
+        dx = np.maximum.accumulate(np.append(self._apart, dx))[1:]
+        apart = du > SMALL * size_u
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = np.where(apart, du / dx, 0.0)
+            first = FIRST * np.where(size_x > 0.0, size_u / size_x, np.inf)
+        for t, ratio, least in zip(times[apart], ratios[apart], first[apart], strict=True):
+            if ratio > JUMP * self._ratio and ratio > least:
+                self._found.append(float(t))
+            else:
+                self._ratio = max(self._ratio, ratio)
+        self._apart, self._sizes = dx[-1], np.array([size_u[-1], size_x[-1]])

@@ -1,0 +1,81 @@
+"""The clock: what happens at which tick, in exact fractions of a second; and random numbers by seed, name and tick."""
+
+import heapq
+import math
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from twolink.effects.sampled_control import Controller, exact
+from twolink.effects.sensors import Sensor
+
+Array = np.ndarray[Any, np.dtype[Any]]
+PARTS = 2**16  # of a jitter
+BLOCK = 1024  # ticks whose random numbers are drawn at once
+READ, ARRIVE, UPDATE, ACT = range(4)  # of a sensor, then of a controller; in order at one instant
+
+
+class Random:
+    """Random numbers of a sensor or a controller, (size,) a tick: the same for the same seed, name and tick."""
+
+    def __init__(self, seed: int, name: str, size: int = 1) -> None:
+        self._key, self._size = (seed, zlib.crc32(name.encode())), size
+        self._blocks: list[Array] = []  # (BLOCK, 3, size): white, walk, uniform
+
+    def __call__(self, tick: int) -> Array:
+        """Independent normal numbers, a sum of others by tick, and whole numbers from 0 to PARTS - 1, (3, size)."""
+        while BLOCK * len(self._blocks) <= tick:
+            draw = np.random.default_rng((*self._key, len(self._blocks)))
+            block = draw.standard_normal((BLOCK, 3, self._size))
+            block[:, 1] = np.cumsum(block[:, 1], axis=0) + (self._blocks[-1][-1, 1] if self._blocks else 0.0)
+            block[:, 2] = draw.integers(PARTS, size=(BLOCK, self._size))
+            self._blocks.append(block)
+        return np.asarray(self._blocks[tick // BLOCK][tick % BLOCK])
+
+
+class Clock:
+    """The next instant at which something happens, and what.
+
+    Parameters
+    ----------
+    parts : mapping of int to Controller or Sensor
+        By their places among the effects.
+
+    Attributes
+    ----------
+    time : float
+        That instant, s; infinite where nothing happens any more.
+    """
+
+    def __init__(self, parts: Mapping[int, Controller | Sensor]) -> None:
+        names = ("period", "offset", "delay", "jitter")
+        times = {place: [exact(getattr(one, name, 0)) for name in names] for place, one in parts.items()}
+        self._common = PARTS * math.lcm(*(x.denominator for row in times.values() for x in row))
+        self._times = {place: [int(x * self._common) for x in row] for place, row in times.items()}
+        self._late = {place: Random(one.seed, f"controller {place}") for place, one in parts.items() if times[place][3]}
+        self._heap: list[tuple[int, int, int, int]] = []
+        for place, one in parts.items():
+            self._push(READ if isinstance(one, Sensor) else UPDATE, place, 0)
+        self.time = self._next()
+
+    def due(self) -> list[tuple[int, int, int]]:
+        """What happens at `time`, in order: (READ, ARRIVE, UPDATE or ACT; the place of what does it; its tick)."""
+        now, actions = self._heap[0][0], []
+        while self._heap and self._heap[0][0] == now:
+            _, kind, place, tick = heapq.heappop(self._heap)
+            actions.append((kind, place, tick))
+            if kind in (READ, UPDATE):
+                heapq.heappush(self._heap, (now + self._times[place][2], kind + 1, place, tick))
+                self._push(kind, place, tick + 1)
+        self.time = self._next()
+        return actions
+
+    def _push(self, kind: int, place: int, tick: int) -> None:
+        period, offset, _, jitter = self._times[place]
+        late = jitter // PARTS * int(self._late[place](tick)[2, 0]) if jitter else 0
+        heapq.heappush(self._heap, (offset + tick * period + late, kind, place, tick))
+
+    def _next(self) -> float:
+        return self._heap[0][0] / self._common if self._heap else math.inf

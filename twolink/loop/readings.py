@@ -1,0 +1,38 @@
+"""Readings of sensors: values with their bias, noise and resolution."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.effects.sensors import Sensor
+from twolink.loop.clock import Random
+
+Array = np.ndarray[Any, np.dtype[Any]]
+AMPLIFIED = 4.0  # of a solution's distance from the run, where its reading is rounded
+
+
+class Readings(NamedTuple):
+    """What a sensor read: the times (n,) at which it measured, s, and the values (n, m)."""
+
+    t: Array
+    values: Array
+
+
+def random_of(sensor: Sensor, size: int) -> Random:
+    """The random numbers of a sensor with so many values."""
+    return Random(sensor.seed, sensor.label, size)
+
+
+def reading(sensor: Sensor, random: Random, tick: int, values: Array) -> Array:
+    """The readings (n, m) at a tick of n solutions with these values, the first of which is the run.
+
+    Another solution stands for errors up to several times its distance from the run: so far off it is rounded, so that
+    the edge of a quantum between the run and the true motion shows.
+    """
+    white, walk, _ = random(tick)
+    values = values + (sensor.bias + sensor.noise * white + sensor.walk * math.sqrt(sensor.period) * walk)
+    if sensor.quantum:
+        values = values[:1] + AMPLIFIED * (values - values[:1]) if len(values) > 1 else values
+        values = sensor.quantum * np.round(values / sensor.quantum)
+    return np.asarray(values)

@@ -1,0 +1,229 @@
+"""A session: the controllers and sensors of a scene in a run, for each of its solutions.
+
+Every solution has its own controller state, calls and readings; noise and jitter are the same for all. Their distance
+contains what the controllers make of an error.
+"""
+
+import copy
+import math
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from twolink.dynamics import Robot
+from twolink.effects.sampled_control import STATE, Controller
+from twolink.effects.sensors import Forces, Seen, Sensor
+from twolink.errors import ControllerError
+from twolink.loop.ambiguity import Ambiguity
+from twolink.loop.clock import ACT, READ, UPDATE, Clock, Random
+from twolink.loop.readings import Readings, random_of, reading
+
+Array = np.ndarray[Any, np.dtype[Any]]
+OFTEN = 64  # ticks, of which one is repeated to see whether the answer is the same
+
+
+class Measured(SimpleNamespace):
+    """What a controller asked for, by name: y.q or y["q"]."""
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self, name)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling:
+    """What is sampled in a scene: the controllers and sensors, by their places among its effects."""
+
+    robot: Robot
+    controllers: Mapping[int, Controller]
+    sensors: Mapping[int, Sensor]
+
+    @property
+    def ticks_per_second(self) -> float:
+        """Of all of them together."""
+        parts: list[Any] = [*self.controllers.values(), *self.sensors.values()]
+        return sum(1.0 / float(one.period) for one in parts)
+
+
+@dataclass(eq=False)
+class _Control:
+    """A controller in a run. limits (m, 1). states: of each solution. waiting: answers (m, n) to come, by tick."""
+
+    place: int
+    controller: Controller
+    joints: tuple[str, ...]
+    limits: Array
+    limited: bool
+    rows: slice | None
+    slopes: slice | None
+    since: int
+    states: list[Any]
+    ambiguity: Ambiguity = field(default_factory=Ambiguity)
+    waiting: dict[int, Array] = field(default_factory=dict)
+    last: tuple[float, Array] | None = None
+
+
+@dataclass(eq=False)
+class _Measuring:
+    """A sensor in a run. latest: the readings (n, m) that arrived last. log: the times, and the readings of the run."""
+
+    sensor: Sensor
+    latest: Array
+    random: Random
+    waiting: dict[int, Array] = field(default_factory=dict)
+    log: list[tuple[float, Array]] = field(default_factory=list)
+
+
+class Session:
+    """Controllers and sensors from tick to tick.
+
+    Parameters
+    ----------
+    sampling : Sampling
+    rows : mapping of str to int
+        The rows of a state by the names of held numbers.
+    x : ndarray (size, n)
+        The states of the solutions at the start, the first of which is the run.
+    look : callable
+        (t, x) -> the forces at states x (size, n) at a time.
+    """
+
+    def __init__(
+        self, sampling: Sampling, rows: Mapping[str, int], x: Array, look: Callable[[float, Array], Forces]
+    ) -> None:
+        self._robot, self._look = sampling.robot, look
+        self._nq, self._nv = sampling.robot.nq, sampling.robot.nv
+        self._clock = Clock({**sampling.controllers, **sampling.sensors})
+        self._controls = {place: self._control(place, one, rows, x.shape[1])
+                          for place, one in sampling.controllers.items()}  # fmt: skip
+        self._sensors: dict[int, _Measuring] = {}
+        for place, sensor in sampling.sensors.items():  # before a reading arrives, that of the start without noise
+            values = sensor.read(self._seen(0.0, x))
+            self._sensors[place] = _Measuring(sensor, values, random_of(sensor, values.shape[1]))
+
+    def _control(self, place: int, one: Controller, rows: Mapping[str, int], count: int) -> _Control:
+        held, joints = one.held(self._robot, place), one.joints(self._robot)
+        values, slopes = (_rows_of([rows[slot.name] for slot in slots.values()])
+                          for slots in (held.values, held.slopes))  # fmt: skip
+        since = -1 if held.since is None else rows[held.since.name]
+        states = [copy.deepcopy(one.state) for _ in range(count)]
+        limits = one.limits(self._robot)[:, None]
+        return _Control(place, one, joints, limits, bool(np.isfinite(limits).any()), values, slopes, since, states)
+
+    @property
+    def time(self) -> float:
+        """When something happens next, s; infinite: never."""
+        return self._clock.time
+
+    @property
+    def readings(self) -> dict[str, Readings]:
+        """What the sensors read in the run so far, by name."""
+        logs = {one.sensor.label: (one.log, one.latest.shape[1]) for one in self._sensors.values()}
+        return {name: Readings(np.array([t for t, _ in log]), np.array([x for _, x in log]).reshape(-1, size))
+                for name, (log, size) in logs.items()}  # fmt: skip
+
+    def tick(self, x: Array) -> None:
+        """Let happen what is due. x (size, n): the states of the solutions, whose held numbers are written."""
+        t = self._clock.time
+        for kind, place, tick in self._clock.due():
+            if kind == UPDATE:
+                self._update(self._controls[place], t, tick, x)
+            elif kind == ACT:
+                self._act(self._controls[place], t, self._controls[place].waiting.pop(tick), x)
+            elif kind == READ:
+                one = self._sensors[place]
+                one.waiting[tick] = reading(one.sensor, one.random, tick, one.sensor.read(self._seen(t, x)))
+                one.log.append((t, one.waiting[tick][0]))
+            else:
+                self._sensors[place].latest = self._sensors[place].waiting.pop(tick)
+
+    def ambiguous(self) -> list[tuple[float, str]]:
+        """The ambiguous ticks so far: when, and what of."""
+        return sorted((t, f"effects[{one.place}]") for one in self._controls.values() for t in one.ambiguity.ticks())
+
+    def _seen(self, t: float, x: Array) -> Seen:
+        q, v = x[: self._nq].T.copy(), x[self._nq : self._nq + self._nv].T.copy()
+        return Seen(self._robot, q, v, lambda: self._look(t, x))
+
+    def _inputs(self, control: _Control, x: Array) -> list[dict[str, Any]]:
+        """y of each solution, as new copies."""
+        nq, names = self._nq, control.controller.inputs
+        given = {"q": x[:nq].T.copy(), "v": x[nq : nq + self._nv].T.copy()}
+        if names != STATE:
+            given |= {one.sensor.label: one.latest.copy() for one in self._sensors.values()}
+            given |= {name: self._pose(given["q"], name) for name in names if name not in given}
+        return [dict(zip(names, row, strict=True)) for row in zip(*(given[name] for name in names), strict=True)]
+
+    def _pose(self, q: Array, link: str) -> Array:
+        """Poses (n, 4, 4)."""
+        rotation, position = self._robot.frame_pose(q, link)
+        pose = np.zeros((len(q), 4, 4))
+        pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = rotation, position, 1.0
+        return pose
+
+    def _update(self, control: _Control, t: float, tick: int, x: Array) -> None:
+        """Call the controller for each solution, and keep the answers until they act."""
+        given, u = self._inputs(control, x), np.empty((len(control.joints), x.shape[1]))
+        repeated = tick % OFTEN == 0 or tick & (tick - 1) == 0
+        again = copy.deepcopy((given[0], control.states[0])) if repeated else None
+        for i, y in enumerate(given):
+            u[:, i], control.states[i] = _answer(control, t, y, control.states[i])
+        if again is not None and not np.array_equal(_answer(control, t, *again)[0], u[:, 0], equal_nan=True):
+            raise _error(control, t, "it gives another answer to the same t, y and state",
+                         remedy="return what it keeps as the state, and take noise from sensors of the scene",
+                         code="controller-not-repeatable")  # fmt: skip
+        if not math.isfinite(sum(u.ravel().tolist())):
+            joint = control.joints[int(np.argmin(np.isfinite(u).all(axis=1)))]
+            raise _error(control, t, f"the torque of {joint!r} is not finite", code="controller-answer",
+                         remedy="look at what it divides by", joint=joint)  # fmt: skip
+        if x.shape[1] > 1:
+            control.ambiguity.add(t, u, x[: self._nq + self._nv])
+        if control.limited:
+            u = np.clip(u, -control.limits, control.limits)
+        control.waiting[tick] = u
+
+    def _act(self, control: _Control, t: float, u: Array, x: Array) -> None:
+        """Write the held numbers."""
+        x[control.rows] = u
+        if control.slopes is not None:
+            slope, x[control.since] = np.zeros_like(u), t
+            if control.last is not None:
+                bounds, period = control.limits, float(control.controller.period)
+                slope = (u - control.last[1]) / (t - control.last[0])
+                slope = np.clip(slope, (-bounds - u) / period, (bounds - u) / period)
+            x[control.slopes], control.last = slope, (t, u)
+
+
+def _rows_of(numbers: list[int]) -> slice | None:
+    """Rows that follow each other."""
+    return slice(numbers[0], numbers[-1] + 1) if numbers else None
+
+
+def _answer(control: _Control, t: float, y: dict[str, Any], state: Any) -> tuple[Array, Any]:
+    """u (m,) and the new state."""
+    try:
+        answer = control.controller.update(t, Measured(**y), state)
+    except Exception as error:
+        raise _error(control, t, f"update raises {type(error).__name__}: {error}", code="controller-failed",
+                     remedy='data["traceback"] says where; run is the motion so far',
+                     traceback=traceback.format_exc()) from error  # fmt: skip
+    count, what = len(control.joints), ""
+    if isinstance(answer, tuple) and len(answer) == 2:
+        try:
+            u = np.asarray(answer[0], dtype=float)
+        except (TypeError, ValueError):
+            pass
+        else:
+            if u.size == count and u.ndim < 2:
+                return u.reshape(count), answer[1]
+            what = f"u has the shape {u.shape}"
+    what = what or f"update returns {answer!r:.80}"
+    raise _error(control, t, what, remedy=f"return (u, state), u with {count} numbers: {', '.join(control.joints)}",
+                 code="controller-answer")  # fmt: skip
+
+
+def _error(control: _Control, t: float, what: str, **parts: Any) -> ControllerError:
+    return ControllerError(what, where=f"effects[{control.place}] at t = {t:.9g} s", t=t, **parts)

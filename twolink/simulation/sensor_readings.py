@@ -1,0 +1,53 @@
+"""Sensors read along a solution that was computed without them."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twolink.effects.sampled_control import exact
+from twolink.effects.sensors import Forces, Seen, Sensor
+from twolink.errors import SceneError
+from twolink.integrate.dense_output import DenseOutput
+from twolink.integrate.equations import Equations
+from twolink.integrate.forces_seen import forces_seen
+from twolink.loop.readings import Readings, random_of, reading
+from twolink.scenes import Scene
+
+if TYPE_CHECKING:
+    from twolink.contact.solver import SteppedSolution
+
+
+def readings_of(scene: Scene | None, solution: DenseOutput | SteppedSolution) -> dict[str, Readings]:
+    """The readings of a scene's sensors by name: those of its controllers, or read afterwards."""
+    kept = solution.pieces[0].readings
+    if kept is not None or scene is None:
+        return dict(kept or {})
+    return {name: _read_along(sensor, solution) for name, sensor in scene.sensors.items()}
+
+
+def _read_along(sensor: Sensor, solution: DenseOutput | SteppedSolution) -> Readings:
+    """The readings of a sensor. Raises SceneError where it needs forces of stepped contacts."""
+    end, period, offset = float(solution.t[-1]), exact(sensor.period), exact(sensor.offset)
+    ticks = (float(offset + k * period) for k in itertools.count())
+    times = np.array(list(itertools.takewhile(lambda t: t <= end, ticks)))
+    if not len(times):
+        return Readings(times, np.empty((0, 0)))
+    states, values = solution.states(times), dict[int, np.ndarray]()
+
+    def look(equations: Equations, places: np.ndarray) -> Forces:
+        if not isinstance(solution, DenseOutput):
+            raise SceneError("the forces of stepped contacts are means over steps: no sensor reads them",
+                             where=sensor.label, remedy="take run.tau or run.contact_forces")  # fmt: skip
+        return forces_seen(equations, times[places], states[:, places])
+
+    whole = [(solution.pieces[0].equations, np.arange(len(times)))]
+    for equations, places in solution.by_piece(times) if isinstance(solution, DenseOutput) else whole:
+        q, v = equations.space.rows(states[:, places])
+        seen = Seen(equations.robot, q, v, functools.partial(look, equations, places))
+        values |= dict(zip(places.tolist(), sensor.read(seen), strict=True))
+    random = random_of(sensor, len(values[0]))
+    return Readings(times, np.array([reading(sensor, random, k, values[k][None])[0] for k in range(len(times))]))
