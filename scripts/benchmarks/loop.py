@@ -9,6 +9,7 @@ ours takes at most twice MuJoCo's time at a thousandth of its error.
 
 import time
 from fractions import Fraction
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -54,7 +55,7 @@ def main() -> None:
     bars = []
     for name in given.robot:
         scene, bare = loops(name, given.seconds, given.rate)
-        ticks, found = given.seconds * given.rate, {}
+        ticks, found = given.seconds * given.rate, dict[Any, Any]()
 
         def ours(scene: tl.Scene = scene, found: dict = found, *, verify: bool = True) -> None:
             found[verify] = tl.simulate(scene, samples_per_second=given.rate, verify=verify)

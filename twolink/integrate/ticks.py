@@ -128,7 +128,7 @@ class Lanes:
         part = self.state[: equations.moving, self._count - len(self._rounded) : self._count]
         if row == 0 or self._ticks < FEW:  # by the size of the state then
             counts = self._ticks - row + np.repeat(np.arange(FEW)[:, None], len(self._rounded), axis=1)
-            self._added = math.sqrt(self._tried) * disturbances(self._rounded, counts, part, equations.space.nq)
+            self._added = math.sqrt(self._tried) * disturbances(self._rounded, counts, part, equations.space)
         part += self._added[row]
 
     def _require_fine(self) -> None:
