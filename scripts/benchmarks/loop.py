@@ -55,8 +55,7 @@ def main() -> None:
     bars = []
     for name in given.robot:
         scene, bare = loops(name, given.seconds, given.rate)
-        ticks = given.seconds * given.rate
-        found: dict[Any, Any] = {}
+        ticks, found = given.seconds * given.rate, dict[Any, Any]()
 
         def ours(scene: tl.Scene = scene, found: dict = found, *, verify: bool = True) -> None:
             found[verify] = tl.simulate(scene, samples_per_second=given.rate, verify=verify)

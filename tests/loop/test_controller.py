@@ -221,3 +221,13 @@ def test_explain_and_cost() -> None:
     assert "Controller" in told.effects[0]
     run = tl.simulate(scene)
     assert run.cost.steps >= 10
+
+
+def test_states_of_effects_are_in_the_loop() -> None:
+    """With LuGre friction: the same as the law in continuous time, but for the hold of a millisecond."""
+    friction = E.LuGreFriction({"rail": 1e3}, {"rail": 0.5})
+    control = E.Controller(pd, period=1e-3)
+    run = tl.simulate(tl.Scene(slider(), [1.0], effects=[friction, control]), 0.5, accuracy=1e-7)
+    same = E.JointPD({"rail": 0.0}, {"rail": 4.0}, {"rail": 2.0})
+    other = tl.simulate(tl.Scene(slider(), [1.0], effects=[friction, same]), 0.5, accuracy=1e-7)
+    assert 1e-6 < np.abs(run.q - other.q).max() < 3e-3

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from twolink.contact.solver import SteppedSolution
-    from twolink.loop.readings import Readings
     from twolink.show.playback import InlinePage
 
 log = logging.getLogger("twolink")
@@ -109,8 +108,8 @@ class Trajectory(Result, Plotted):
     states: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @functools.cached_property
-    def sensors(self) -> dict[str, Readings]:
-        """The readings of the scene's sensors by name: the times t (n,) of measuring, s, and the values (n, m).
+    def sensors(self) -> dict[str, Any]:
+        """The `Readings` of the scene's sensors by name: the times t (n,) of measuring, s, and the values (n, m).
 
         Raises SceneError (code "no-equations") for a loaded trajectory.
         """
@@ -123,11 +122,10 @@ class Trajectory(Result, Plotted):
         """Kinetic and potential energy at each sample (n,), J; that of a payload counts until it is released."""
         if self.recorded_energy is not None:
             return self.recorded_energy
-        parts, first = [np.empty(0)], 0
-        for robot, count in self.robots or ((self.robot, len(self.t)),):
-            parts.append(np.add(*robot.energy(self.q[first : first + count], self.v[first : first + count])))
-            first += count
-        return np.concatenate(parts)
+        robots = self.robots or ((self.robot, len(self.t)),)
+        ends = np.cumsum([count for _, count in robots])
+        return np.concatenate([np.add(*robot.energy(self.q[end - n : end], self.v[end - n : end]))
+                               for (robot, n), end in zip(robots, ends, strict=True)])  # fmt: skip
 
     @property
     def bound(self) -> Literal["verified", "estimated", ""]:
@@ -232,8 +230,7 @@ class Trajectory(Result, Plotted):
     @functools.cached_property
     def _accelerations_and_torques(self) -> tuple[np.ndarray, np.ndarray]:
         solution = self._solution("tau")
-        a, tau = solution.accelerations_and_torques()
-        kept = np.searchsorted(solution.t, self.t)
+        kept, (a, tau) = np.searchsorted(solution.t, self.t), solution.accelerations_and_torques()
         return a[kept], tau[kept]
 
     def _solution(self, name: str) -> DenseOutput | SteppedSolution:
