@@ -8,7 +8,7 @@ from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
 from twolink.dynamics.compiled import Compiled
-from twolink.integrate.methods import methods
+from twolink.integrate.steps.methods import methods
 from twolink.robots import LoadReport, robots
 from twolink.scenes import Scene, load_scene, scenes
 from twolink.simulation import (

@@ -95,7 +95,7 @@ def methods(app: Any) -> str:
     """The catalogue of methods, each with a picture of what accuracy costs by it."""
     about = (
         '`method="auto"`, the default, takes the cheapest for the accuracy that is asked for. The coefficients are in '
-        "`twolink/integrate/methods.toml`, and the tests prove the order of each method by its order conditions."
+        "`twolink/integrate/steps/methods.toml`, and the tests prove the order of each method by its order conditions."
     )
     parts = [
         f"## {m['name']}\n\n{cell(m['good_for']).capitalize()}.\n\n{method_pictures.picture(app, str(m['name']))}"

@@ -19,7 +19,7 @@ import numpy as np
 import twolink as tl
 from scripts.runner import Table, new_process, options, seconds_of
 from twolink.effects import Effect
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 
 ROUNDS = 9
 

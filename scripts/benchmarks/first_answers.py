@@ -6,7 +6,7 @@ Columns: cold, with an empty cache; cached, in a new process with the cache that
 that process; SciPy: the cheapest of DOP853, RK45 and LSODA on Pinocchio's rates that comes within the accuracy,
 imported before, nothing to compile. Ours are with the error bar, SciPy is without one. Medians of rounds. Writes
 out/first_answers.csv. --quick: the first two scenes, one round. With --parts it measures what steps in parts cost
-(EVALUATION and WORLD in twolink/integrate/compile_time.py).
+(EVALUATION and WORLD in twolink/integrate/steps/compile_time.py).
 """
 
 import importlib
@@ -19,10 +19,10 @@ import numpy as np
 import twolink as tl
 from scripts.runner import Table, new_process, once, options, seconds_of
 from twolink.errors import TwolinkError
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_control import initial_state
-from twolink.integrate.step_map import step_map
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.step_map import step_map
 
 SCENES = ("arm-swing", "panda-hold", "crankshaft", "squeezer", "pitch")
 ACCURACY = 1e-6

@@ -20,9 +20,9 @@ import twolink as tl
 from scripts.runner import Table, new_process, once, options, seconds_of
 from twolink.algorithms.namespaces import Numbers
 from twolink.hard.cases.loops import hanging_four_bars, pendulum_of_row, row_of_four_bars
-from twolink.integrate.equations import Equations
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_building import compiled_rate
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.step_building import compiled_rate
 
 START = -1.1, 0.5  # rad, rad/s: of the links of a row, which do not pass their singular position
 

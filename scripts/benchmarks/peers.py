@@ -37,9 +37,9 @@ from twolink.hard.case import Track
 from twolink.hard.peers import NAMES, peer_module
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, task_of
 from twolink.hard.truths import COARSE, FINE, extended_reference
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_map import step_map
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import step_map
 from twolink.io.fingerprints import versions
 from twolink.io.tables import write_table
 from twolink.show.figure import COLOURS, new_figure, save_figure

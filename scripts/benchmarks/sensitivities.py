@@ -17,8 +17,8 @@ import twolink as tl
 from scripts.runner import FINGERS, once, options, seconds_of
 from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate.formulas import traced_rate
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.formulas import traced_rate
+from twolink.integrate.motion.scene_equations import equations_of
 
 SAMPLES = 200  # a second
 DIFFERENCE = 1e-5  # rad, rad/s: of MuJoCo's starts

@@ -16,7 +16,7 @@ import numpy as np
 import twolink as tl
 from scripts.runner import Table, options, print_bars, seconds_of
 from twolink.errors import TwolinkError
-from twolink.integrate.compile_time import reproducible
+from twolink.integrate.steps.compile_time import reproducible
 
 MEDIAN, WORST = 2.0, 3.0
 AT_LEAST = 0.2  # s: short runs are repeated for so long

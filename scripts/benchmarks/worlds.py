@@ -19,10 +19,10 @@ import twolink as tl
 from scripts.runner import once, options, seconds_of
 from twolink import effects
 from twolink.dynamics.threads import thread_count
-from twolink.integrate.many_worlds import integrate_many
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_map import step_map
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.many_worlds import integrate_many
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import step_map
 
 ACCURACY, SHARE = 1e-6, 0.9  # of worlds whose error is compared
 FEW = 64  # worlds of MuJoCo

@@ -28,8 +28,8 @@ from twolink import effects as fx
 from twolink.effects.inputs import Slot
 from twolink.effects.sampled_control import HeldTorques, exact
 from twolink.errors import AccuracyError
-from twolink.integrate.scene_equations import make_equations
-from twolink.integrate.taylor_code import Integrator, number_type
+from twolink.integrate.motion.scene_equations import make_equations
+from twolink.integrate.solvers.taylor_code import Integrator, number_type
 from twolink.loop.clock import ACT, PARTS, READ, UPDATE, Random
 from twolink.loop.session import Measured
 

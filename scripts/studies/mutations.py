@@ -47,7 +47,7 @@ MUTATIONS = {
                       "tests/effects/test_joint_stops.py"),
     "damping": Mutation("the URDF's damping is read", "robots/urdf.py", 'for key in ("damping", "friction")',
                         'for key in ("friction", "damping")', "tests/robots tests/effects/test_closed_forms.py"),
-    "cache-key": Mutation("the name of compiled code holds the effects", "integrate/equations.py",
+    "cache-key": Mutation("the name of compiled code holds the effects", "integrate/motion/equations.py",
                           "{self.content}-", "{self.operations}-", "tests/integrate"),
     "huber": Mutation("robust weights are Huber's", "identification/regression.py", "HUBER = 1.345", "HUBER = 13.45",
                       "tests/identification"),

@@ -30,11 +30,11 @@ from twolink.algorithms.namespaces import Expressions
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.conditions import JointReaches
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import nominal_value
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import traced_rate
-from twolink.integrate.method_choice import choose
-from twolink.integrate.scene_equations import equations_of, structure_of, with_parameters
+from twolink.integrate.motion.effect_numbers import nominal_value
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import traced_rate
+from twolink.integrate.motion.scene_equations import equations_of, structure_of, with_parameters
+from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes.parameters import effect_numbers, scene_with
 from twolink.simulation.scene_run import run_of
 from twolink.simulation.time_limit import OutOfTime, TimeLimit

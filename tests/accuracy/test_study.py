@@ -17,10 +17,10 @@ from twolink.accuracy import measuring
 from twolink.accuracy import study as accuracy_study
 from twolink.accuracy.study_data import Reference, Row, with_front
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
-from twolink.integrate.calibration import Measured, record
-from twolink.integrate.method_choice import choose
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers.calibration import Measured, record
+from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import read_table
 from twolink.simulation import time_limit
 
@@ -157,7 +157,7 @@ def test_methods_that_take_too_long_to_compile_are_left_out(arm: tl.Scene, monke
 
 
 def test_without_heyoka(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    from twolink.integrate import step_map
+    from twolink.integrate.steps import step_map
 
     for module in (measuring, step_map):
         monkeypatch.setattr(module, "heyoka", lambda: None)

@@ -10,7 +10,7 @@ import pytest
 import twolink as tl
 from tests.command import answer, call, one_line
 from twolink.cli.app import main
-from twolink.integrate.methods import METHODS
+from twolink.integrate.steps.methods import METHODS
 
 STUDY = ["accuracy", "arm-swing", "--duration", "0.5", "--methods", "rk45, dop853", "--tolerances", "1e-3,1e-6",
          "--repeats", "1"]  # fmt: skip

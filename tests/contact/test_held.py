@@ -20,7 +20,7 @@ from twolink.contact.stepping import Stepper
 from twolink.contact.steps import Memory
 from twolink.dynamics import cache
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 
 E = tl.effects
 BALL = {"ball": (E.Sphere(0.1),)}

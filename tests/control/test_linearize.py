@@ -7,8 +7,8 @@ import twolink as tl
 from twolink.algorithms.namespaces import Numbers
 from twolink.control import smooth
 from twolink.errors import CertificationError, SceneError
-from twolink.integrate.formulas import accelerations
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.formulas import accelerations
+from twolink.integrate.motion.scene_equations import equations_of
 
 E = tl.effects
 FLOATING = """<robot name="brick"><link name="brick"><inertial><mass value="2"/><origin xyz="0.1 0 0.05"/>

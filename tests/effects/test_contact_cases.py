@@ -15,7 +15,7 @@ from tests.effects.bodies import G, ball_over_ball, free_bodies, planar, slider,
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.cases.events import ERRORS, coin
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 
 E = tl.effects
 

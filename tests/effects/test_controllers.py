@@ -10,8 +10,8 @@ from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
 from twolink.errors import SceneError
-from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.scene_equations import equations_of
 
 
 def test_pd_is_a_spring_and_damper_about_its_target() -> None:

@@ -14,15 +14,15 @@ from tests.effects.cases import CASES, E, robot, state
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
-from twolink.integrate.compile_time import UNOPTIMIZED
-from twolink.integrate.effect_numbers import with_effect_numbers
-from twolink.integrate.equations import Equations
-from twolink.integrate.methods import METHODS
-from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of, structure_of
-from twolink.integrate.step_building import compiled_rate
-from twolink.integrate.step_control import control_rows, initial_state
-from twolink.integrate.step_map import step_map
+from twolink.integrate.motion.effect_numbers import with_effect_numbers
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.scene_equations import equations_of, structure_of
+from twolink.integrate.steps.compile_time import UNOPTIMIZED
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_building import compiled_rate
+from twolink.integrate.steps.step_control import control_rows, initial_state
+from twolink.integrate.steps.step_map import step_map
 
 GRAVITY = E.Gravity()
 

@@ -13,10 +13,10 @@ from tests.effects.cases import E, assert_refused, robot
 from tests.effects.test_closed_forms import wheel
 from twolink.effects.inputs import derivatives_at, value_at
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.many_worlds import integrate_many
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_map import step_map
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.many_worlds import integrate_many
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import step_map
 
 KNOTS, VALUES = np.array([0.1, 0.4, 0.5, 1.0, 1.3]), np.array([1.0, -2.0, 3.0, 3.5, 0.5])
 TIMES = np.linspace(-0.2, 1.6, 400)

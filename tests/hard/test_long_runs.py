@@ -8,9 +8,9 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import GRAVITY, one_joint
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solver import solve
+from twolink.integrate.steps.methods import METHODS
 
 pytest.importorskip("heyoka")
 DAY = 86_400.0

@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio as pin
 
 import twolink as tl
-from twolink.integrate import taylor
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers import taylor
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import arm, random_states
-from twolink.integrate import chain
-from twolink.integrate.chain import longest_chain, take_steps
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import integrate, start_state
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps import chain
+from twolink.integrate.steps.chain import longest_chain, take_steps
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import StepMap, step_map
+from twolink.integrate.steps.stepping import integrate, start_state
 
 pytest.importorskip("heyoka")
 COUNT = 20

@@ -5,14 +5,14 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import arm, box
-from twolink.integrate import compile_time
-from twolink.integrate import step_map as step_map_module
-from twolink.integrate.compile_time import UNOPTIMIZED
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_building import compiled_rate
-from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import integrate
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps import compile_time
+from twolink.integrate.steps import step_map as step_map_module
+from twolink.integrate.steps.compile_time import UNOPTIMIZED
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_building import compiled_rate
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate
 
 TIMES = np.linspace(0.0, 1.0, 11)
 
@@ -21,7 +21,7 @@ TIMES = np.linspace(0.0, 1.0, 11)
 def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is compiled yet, whole steps always take too long, and others cost nothing."""
     monkeypatch.setenv("TWOLINK_CACHE", "off")
-    monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
+    monkeypatch.setattr("twolink.integrate.steps.compiled_functions._kept", {})
     monkeypatch.setattr(compile_time, "QUICK", 0.0)
     monkeypatch.setattr(compile_time, "SHARE", 10.0)
     monkeypatch.setattr(compile_time, "EVALUATION", 0.0)
@@ -66,7 +66,7 @@ def test_a_first_answer_says_how_it_came() -> None:
 
 
 def test_optimized_parts_take_over_where_whole_steps_compile_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("method_choice", "step_map", "compile_time"):
+    for module in ("solvers.method_choice", "steps.step_map", "steps.compile_time"):
         monkeypatch.setattr(f"twolink.integrate.{module}.in_parts", lambda *_: True)
     monkeypatch.setattr(compile_time, "QUICK", -1.0)
     scene, built = arm(), []

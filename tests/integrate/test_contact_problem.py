@@ -11,7 +11,7 @@ from twolink.integrate.hybrid import force_share
 from twolink.integrate.hybrid.contact_problem import Rows, friction_force, sliding_of, solve_contacts
 from twolink.integrate.hybrid.impacts import Touch, after
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 
 
 def antiparallel(force: np.ndarray, slip: np.ndarray) -> float:

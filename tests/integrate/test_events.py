@@ -137,7 +137,7 @@ def test_without_heyoka_events_are_located(monkeypatch: pytest.MonkeyPatch) -> N
     """By the same steps, made of Pinocchio's rates."""
     scene = tl.load_scene("bouncing-ball")
     compiled = tl.simulate(scene, 0.5, accuracy=1e-6)
-    for module in ("method_choice", "step_map", "hybrid.snapshot"):
+    for module in ("solvers.method_choice", "steps.step_map", "hybrid.snapshot"):
         monkeypatch.setattr(f"twolink.integrate.{module}.heyoka", lambda: None)
     run = tl.simulate(scene, 0.5, accuracy=1e-6)
     assert not run.cost.compiled

@@ -8,9 +8,9 @@ import twolink as tl
 from tests.effects.bodies import slider
 from tests.effects.cases import E, robot
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solver import solve
+from twolink.integrate.steps.methods import METHODS
 
 FRICTION = E.DryFriction({"shoulder": 2.0, "elbow": 1.0}, {"elbow": 3.0})
 TABLE = E.Torque({"elbow": E.Sampled((0.0, 0.5, 2.0), (1.0, -2.0, 3.0))})

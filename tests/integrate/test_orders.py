@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import BOX_END, GRAVITY, arm, box, random_states, tight
-from twolink.integrate import taylor
-from twolink.integrate.methods import METHODS, Method
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_control import control_rows, initial_state
-from twolink.integrate.step_map import StepMap, step_map
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers import taylor
+from twolink.integrate.steps.methods import METHODS, Method
+from twolink.integrate.steps.step_control import control_rows, initial_state
+from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.scenes import Scene
 
 OURS = [m for m in METHODS.values() if m.kind in ("semi-implicit", "explicit", "implicit")]

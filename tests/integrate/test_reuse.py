@@ -7,7 +7,9 @@ import pytest
 
 import twolink as tl
 from twolink.dynamics.kernels import heyoka
-from twolink.integrate import compile_time, scene_equations, taylor_code
+from twolink.integrate.motion import scene_equations
+from twolink.integrate.solvers import taylor_code
+from twolink.integrate.steps import compile_time
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes.parameters import scene_with
 
@@ -26,7 +28,7 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     counted = [0]
     module = heyoka()
     monkeypatch.setenv("TWOLINK_CACHE", "off")
-    monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
+    monkeypatch.setattr("twolink.integrate.steps.compiled_functions._kept", {})
     monkeypatch.setattr(compile_time, "QUICK", 0.0)
     monkeypatch.setattr(compile_time, "SHARE", 10.0)
     for owner, names in (

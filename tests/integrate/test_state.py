@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from tests.integrate.problems import one_joint
-from twolink.integrate.state import StateSpace
+from twolink.integrate.motion.state import StateSpace
 
 
 @pytest.mark.parametrize("kind", ["continuous", "planar"])

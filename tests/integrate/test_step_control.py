@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tests.integrate.problems import arm, rods
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_control import FIRST_SQUARE, SAFETY, control_rows, initial_state
-from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import integrate, start_state
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_control import FIRST_SQUARE, SAFETY, control_rows, initial_state
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate, start_state
 
 ROWS = control_rows(4)
 

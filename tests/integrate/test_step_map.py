@@ -9,11 +9,11 @@ import pytest
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, arm, box, one_joint, random_states, rods
 from twolink.errors import CertificationError
-from twolink.integrate.formulas import traced_rate
-from twolink.integrate.methods import METHODS, Method
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_control import control_rows, initial_state
-from twolink.integrate.step_map import StepMap, step_map
+from twolink.integrate.motion.formulas import traced_rate
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.methods import METHODS, Method
+from twolink.integrate.steps.step_control import control_rows, initial_state
+from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.lagrange.check import arm_urdf
 from twolink.scenes import Scene
 
@@ -71,7 +71,7 @@ def test_compiled_in_parts_is_portable(name: str, method: Method, monkeypatch: p
     """With quaternions and with a loop; the control of the step included."""
     scene = Scene(ROBOTS[name](), effects=GRAVITY) if name in ROBOTS else tl.load_scene(name)
     equations = equations_of(scene)
-    monkeypatch.setattr("twolink.integrate.compile_time.MAX_COMPILING", 0.0)
+    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
     in_parts, portable = step_map(equations, method), step_map(equations, method, portable=True)
     assert in_parts.compiled
     x = np.repeat(equations.start[:, None], 8, axis=1)
@@ -85,7 +85,7 @@ def test_compiled_in_parts_is_portable(name: str, method: Method, monkeypatch: p
 def test_parts_take_parameters_and_give_a_world_the_same_bits_in_any_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     base = equations_of(rods(), parameters=["forearm.mass", "gravity.z"])
     whole = step_map(base, METHODS["dop853"])
-    monkeypatch.setattr("twolink.integrate.compile_time.MAX_COMPILING", 0.0)
+    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
     x, values = random_states(base.robot, 64), np.array([np.linspace(0.5, 3.5, 64), np.linspace(-9.8, -1.6, 64)])
     parts = step_map(base, METHODS["dop853"])
     every = parts.partial(x, np.zeros(64), np.full(64, 0.01), values)
@@ -97,10 +97,10 @@ def test_parts_take_parameters_and_give_a_world_the_same_bits_in_any_batch(monke
 
 def test_a_rate_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is compiled in parts is compared with Pinocchio, too."""
-    monkeypatch.setattr("twolink.integrate.compile_time.MAX_COMPILING", 0.0)
+    monkeypatch.setattr("twolink.integrate.steps.compile_time.MAX_COMPILING", 0.0)
     monkeypatch.setenv("TWOLINK_CACHE", "off")
     wrong = lambda *given: 1.0000001 * traced_rate(*given)  # noqa: E731
-    monkeypatch.setattr("twolink.integrate.step_building.traced_rate", wrong)
+    monkeypatch.setattr("twolink.integrate.steps.step_building.traced_rate", wrong)
     robot = tl.load_robot(arm_urdf(1, 1, 1, 1.2345))
     with pytest.raises(CertificationError, match="the compiled rate differs from Pinocchio's"):
         step_map(equations_of(Scene(robot, effects=GRAVITY)), METHODS["rk4"])

@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 
 from tests.integrate.problems import GRAVITY, arm, box, random_states, rods, tight
 from twolink.errors import AccuracyError
-from twolink.integrate.many_worlds import integrate_many
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import integrate
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.many_worlds import integrate_many
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import integrate
 from twolink.scenes import Scene, load_scene
 
 TIMES = np.linspace(0, 2, 401)

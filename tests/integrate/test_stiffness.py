@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import choose
-from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of
-from twolink.integrate.step_building import _inverse, _jacobian
-from twolink.integrate.stiffness import fastest_decay
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers.method_choice import choose
+from twolink.integrate.steps.step_building import _inverse, _jacobian
+from twolink.integrate.steps.stiffness import fastest_decay
 
 E = tl.effects
 INERTIA, DAMPING, SPEED = 1e-5, 0.1, 20.0  # kg m^2, N m s/rad, rad/s

@@ -8,8 +8,9 @@ import pytest
 
 import twolink as tl
 from tests.integrate.problems import BOX, GRAVITY, box, one_joint, rods
-from twolink.integrate import compile_time, taylor, taylor_code
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers import taylor, taylor_code
+from twolink.integrate.steps import compile_time
 from twolink.scenes import Scene
 
 ARM_END = [-0.2229716591521448578, 0.74849218369550184904, -1.7501856681930279048, 1.9141077912878002342]

@@ -122,6 +122,7 @@ def test_poses_are_inputs_of_controllers() -> None:
         [E.Encoder(("rail",), period=0.0)],
         [E.Imu("road")],
         [E.ForceTorque("road")],
+        [E.ForceTorque("rail"), E.PlaneContact("cart")],
     ],
 )
 def test_sensors_that_do_not_fit_are_refused(effects: list) -> None:

@@ -14,8 +14,8 @@ import twolink as tl
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.effect import Loads
-from twolink.integrate.pinocchio_rate import rate as rate_by_pinocchio
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.motion.scene_equations import equations_of
 
 ACCURACY = {"crankshaft": 1e-8, "crank-spring": 1e-9, "squeezer": 1e-9}
 

@@ -10,11 +10,11 @@ from twolink.effects.loops import Loop
 from twolink.errors import AccuracyError, SceneError
 from twolink.hard.case import Track
 from twolink.hard.cases.loops import four_bars, hanging_four_bars, pendulum_of_row, row_of_four_bars
-from twolink.integrate import compile_time
-from twolink.integrate.assembly import assembled
-from twolink.integrate.equations import Equations
-from twolink.integrate.pinocchio_rate import constrained_acceleration
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.assembly import assembled
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import constrained_acceleration
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps import compile_time
 
 E = tl.effects
 DISCS = """<robot name="discs"><link name="base"/>{}</robot>""".format("".join(

@@ -7,10 +7,10 @@ import pytest
 
 import twolink as tl
 from tests.effects.bodies import G, free_bodies, planar, slider
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
+from twolink.integrate.steps.methods import METHODS
 from twolink.simulation.certificate import certificate
 
 E = tl.effects

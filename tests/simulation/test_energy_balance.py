@@ -8,8 +8,8 @@ import twolink as tl
 from twolink.algorithms.motion import Motion
 from twolink.errors import SceneError
 from twolink.hard.cases.loops import hanging_four_bars
-from twolink.integrate.formulas import effect_loads
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.formulas import effect_loads
+from twolink.integrate.motion.scene_equations import equations_of
 
 fx = tl.effects
 BALL = """<robot name="b"><link name="ground"/><joint name="f" type="floating"><parent link="ground"/>

@@ -4,7 +4,7 @@ import pytest
 
 import twolink as tl
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 
 ARM = "two_link"
 

@@ -12,8 +12,8 @@ def test_an_evaluation_is_measured_without_steps_that_compile_long(monkeypatch: 
         raise AssertionError("whole steps are compiled")
 
     monkeypatch.setenv("TWOLINK_CACHE", "off")
-    monkeypatch.setattr("twolink.integrate.compiled_functions._kept", {})
-    monkeypatch.setattr("twolink.integrate.step_map.compiled_map", refuse)
+    monkeypatch.setattr("twolink.integrate.steps.compiled_functions._kept", {})
+    monkeypatch.setattr("twolink.integrate.steps.step_map.compiled_map", refuse)
     explained = tl.explain(tl.load_scene("squeezer"))
     assert explained.nanoseconds is not None
     batch, alone = explained.nanoseconds

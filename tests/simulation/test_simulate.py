@@ -8,7 +8,7 @@ from scipy.special import ellipj, ellipk
 
 import twolink as tl
 from twolink.errors import AccuracyError, QueryError, SceneError
-from twolink.integrate.methods import METHODS
+from twolink.integrate.steps.methods import METHODS
 from twolink.lagrange.check import arm_urdf
 
 BOX = """<robot name="box"><link name="body"><inertial><mass value="10"/><inertia ixx="0.80833333333333333"

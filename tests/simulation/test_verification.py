@@ -10,9 +10,9 @@ from twolink.errors import AccuracyError
 from twolink.hard import truths
 from twolink.hard.case import Track
 from twolink.hard.truths import extended_reference
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.steps.methods import METHODS
 from twolink.simulation.verification import Verification
 
 pytest.importorskip("heyoka")

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from twolink.dynamics.threads import thread_count
-from twolink.integrate.compile_time import is_reproducible
+from twolink.integrate.steps.compile_time import is_reproducible
 from twolink.simulation.trajectory import Trajectory
 
 

@@ -18,15 +18,15 @@ import numpy as np
 from twolink.accuracy.study_data import MethodFailure, Reference, Row
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, TwolinkError
-from twolink.integrate.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds, taylor_seconds
-from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MethodChoice, first_setting
-from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import smallest_tolerance, solve
-from twolink.integrate.state import Array, StateSpace
-from twolink.integrate.step_map import step_map
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers.method_choice import MethodChoice, first_setting
+from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.compile_time import MAX_COMPILING, TAYLOR_EVALUATIONS, compiling_seconds, taylor_seconds
+from twolink.integrate.steps.methods import METHODS, Method
+from twolink.integrate.steps.step_map import step_map
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.verification import Verification
 

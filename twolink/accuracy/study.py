@@ -20,9 +20,9 @@ from twolink.accuracy.measuring import StudyRun, better_reference, count, first_
 from twolink.accuracy.study_data import BETTER, Reference, Row, StudyData, plot_study, study_text, with_front
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, ShowError, TwolinkError
-from twolink.integrate import calibration
-from twolink.integrate.methods import METHODS, Method, method_named
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.solvers import calibration
+from twolink.integrate.steps.methods import METHODS, Method, method_named
 from twolink.io.files import write_atomic
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table

@@ -20,7 +20,7 @@ from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
 from twolink.effects.constants import Gravity as GravityEffect
 from twolink.errors import TwolinkError
-from twolink.integrate.methods import METHODS
+from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
 from twolink.robots.catalogue import catalogue_names

@@ -37,7 +37,7 @@ from twolink.cli.common import (
     show,
     write_by_ending,
 )
-from twolink.integrate.methods import methods as method_table
+from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
 from twolink.io.text import parse_numbers

@@ -19,11 +19,11 @@ from twolink.algorithms.mechanism import mechanism
 from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.points import Places, Points
-from twolink.integrate.compile_time import OF_BODIES, UNOPTIMIZED, compiling_seconds
-from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of, unbalanced_forces
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import effect_loads, motion_of, unbalanced_forces
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.compile_time import OF_BODIES, UNOPTIMIZED, compiling_seconds
+from twolink.integrate.steps.compiled_functions import compiled_function
 
 
 class Multibody:

@@ -26,10 +26,10 @@ from twolink.contact.steps import STILL, Memory, Plan, Step
 from twolink.dynamics.kernels import heyoka
 from twolink.geometry.detection import Detector, OnPlanes
 from twolink.geometry.gaps import PlaneGap, axes_of
-from twolink.integrate.compile_time import UNOPTIMIZED, compiling_seconds, count, is_reproducible, spent
-from twolink.integrate.compiled_functions import compiled_function, is_at_hand
-from twolink.integrate.equations import Equations
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.compile_time import UNOPTIMIZED, compiling_seconds, count, is_reproducible, spent
+from twolink.integrate.steps.compiled_functions import compiled_function, is_at_hand
 
 FEW = 12  # points on planes, up to which they are compiled
 SLIDERS = 4  # points that may slide, up to which they are: compiling takes as the cube of their number

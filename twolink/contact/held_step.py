@@ -36,9 +36,9 @@ from twolink.contact.steps import STILL
 from twolink.contact.velocities import moved, to_local_velocity, with_turning
 from twolink.geometry.gaps import PlaneGap, axes_of
 from twolink.geometry.points import CLOSED
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import unbalanced_forces
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import unbalanced_forces
+from twolink.integrate.motion.state import Array
 
 
 def held_step(

@@ -26,7 +26,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 NEWTON = 15  # steps before another method leads on
 PATIENT = 60  # of few contacts, which cost little: those of faces that grip leave forces undetermined

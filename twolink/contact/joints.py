@@ -34,11 +34,11 @@ from twolink.effects.contact import Contact
 from twolink.effects.switching import Hold, Stop
 from twolink.geometry.detection import Detector
 from twolink.geometry.points import Points, key_of
-from twolink.integrate.compile_time import UNOPTIMIZED
-from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.constraints import Constraints
-from twolink.integrate.equations import Equations
-from twolink.integrate.state import Array
+from twolink.integrate.motion.constraints import Constraints
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.compile_time import UNOPTIMIZED
+from twolink.integrate.steps.compiled_functions import compiled_function
 
 
 class Laws(NamedTuple):

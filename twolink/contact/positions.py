@@ -16,7 +16,7 @@ import scipy.sparse as sparse
 
 from twolink.contact.impulses import Problem, factors, solve_impulses
 from twolink.geometry.points import CLOSED
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 SETS = 40  # that press, without friction
 REGULAR = 1e-11  # of the largest of G: what makes equations regular that are not independent

@@ -16,11 +16,11 @@ from twolink.effects.contact import Contact
 from twolink.effects.loops import Loop
 from twolink.effects.switching import Hold, Stop, SwitchingEffect
 from twolink.errors import SceneError
-from twolink.integrate.equations import Equations
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
-from twolink.integrate.scene_equations import make_equations
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import make_equations
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress
-from twolink.integrate.state import Array
 from twolink.scenes import Scene
 
 OVERLAP = 1e-9  # m, at the start

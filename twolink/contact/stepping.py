@@ -40,9 +40,9 @@ from twolink.errors import AccuracyError
 from twolink.geometry.detection import Detector
 from twolink.geometry.gaps import axes_of
 from twolink.geometry.points import CLOSED, Places, Points, joined
-from twolink.integrate.equations import Equations
-from twolink.integrate.failures import failure
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.failures import failure
 
 DEEPEST = 0.25  # of half the bodies' thickness: a step that brings bodies deeper into each other is taken as two
 FARTHEST = 0.5  # of it: so is one half of which they move farther against each other, for they could pass through

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from twolink.contact.impulses import Impulses
-from twolink.integrate.equations import Equations
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 
 
 class Plan(NamedTuple):

@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 DIRECTIONS = 32  # of a circle around an eigenvalue
 GROWTHS, HALVINGS = 60, 5  # of its radius, which doubles until it is large enough

@@ -16,11 +16,11 @@ from twolink.control.linearization import AT_REST, Linearization, driven, linear
 from twolink.control.smooth import allowed, depends_on_time, derivatives_of
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import SceneError
-from twolink.integrate.assembly import assembled
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import accelerations, unbalanced_forces
-from twolink.integrate.scene_equations import require_no_states
-from twolink.integrate.state import Array
+from twolink.integrate.motion.assembly import assembled
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import accelerations, unbalanced_forces
+from twolink.integrate.motion.scene_equations import require_no_states
+from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues

@@ -9,7 +9,7 @@ from twolink.control.linearization import AT_REST, Linearization, linearize
 from twolink.control.smooth import depends_on_time
 from twolink.effects.controllers import Limits, StateFeedback
 from twolink.errors import SceneError
-from twolink.integrate.scene_equations import equations_of, require_no_states
+from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.scenes import Scene
 
 RESIDUAL = 1e-8  # of the Riccati equation, relative

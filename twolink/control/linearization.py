@@ -16,9 +16,9 @@ from twolink.dynamics.arguments import array, batch_shape, configuration
 from twolink.effects.checks import check_joints, single_joints
 from twolink.effects.forces import Torque
 from twolink.errors import SceneError
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import accelerations
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import accelerations
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_eigenvalues

@@ -18,10 +18,10 @@ from twolink.control.eigenvalues import eigenvalues
 from twolink.control.smooth import depends_on_time
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.equations import Equations
-from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import equations_of, require_no_states
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.scene_equations import equations_of, require_no_states
+from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

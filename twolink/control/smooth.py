@@ -22,17 +22,17 @@ from twolink.algorithms.mechanism import Mechanism, mechanism
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.operation_count import Tape
 from twolink.errors import CertificationError, SceneError
-from twolink.integrate.assembly import RANK, assembled
-from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import nominal_value, physical, with_effect_numbers
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import accelerations
+from twolink.integrate.derivatives.variational_steps import tangent_basis
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of
-from twolink.integrate.pinocchio_rate import rate
-from twolink.integrate.scene_equations import with_parameters, with_starting_states
-from twolink.integrate.state import Array
-from twolink.integrate.variational_steps import tangent_basis
+from twolink.integrate.motion.assembly import RANK, assembled
+from twolink.integrate.motion.constraints import Constraints
+from twolink.integrate.motion.effect_numbers import nominal_value, physical, with_effect_numbers
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import accelerations
+from twolink.integrate.motion.pinocchio_rate import rate
+from twolink.integrate.motion.scene_equations import with_parameters, with_starting_states
+from twolink.integrate.motion.state import Array
 
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # of central differences: their error is h^8
 SHIFTS = np.array([1.0, -1.0, 2.0, -2.0, 3.0, -3.0, 4.0, -4.0])  # steps

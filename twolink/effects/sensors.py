@@ -9,7 +9,9 @@ import pinocchio as pin
 
 from twolink.dynamics import Robot
 from twolink.effects.checks import check_frame, check_joints
+from twolink.effects.contact import Contact, PlaneContact
 from twolink.effects.effect import Effect, LinkName, NotNegative
+from twolink.effects.loops import HingeLoop, PointLoop, WeldLoop
 from twolink.effects.sampled_control import check_clock
 from twolink.errors import SceneError
 from twolink.io.text import kebab_case
@@ -95,6 +97,9 @@ class Sensor(Effect, frozen=True, kw_only=True):
         super().__init_subclass__(**options)
         shared = (Sensor.__doc__ or "").partition("----------\n")[2].rstrip()
         cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n{shared}\n"
+
+    def check_beside(self, effects: Sequence[Effect]) -> None:
+        """Require that the sensor sees all that it measures in a scene with these effects. Raises SceneError."""
 
     @property
     def label(self) -> str:
@@ -253,6 +258,14 @@ class ForceTorque(Sensor, frozen=True):
     def check_place(self, robot: Robot) -> None:
         """Require a joint."""
         check_joints((self.joint,), robot, "joint")
+
+    def check_beside(self, effects: Sequence[Effect]) -> None:
+        """Require that no link is held by forces that no joint transmits."""
+        held = Contact, PlaneContact, PointLoop, HingeLoop, WeldLoop
+        other = next((one for one in effects if isinstance(one, held)), None)
+        if other is not None:
+            raise SceneError(f"it leaves the forces of {type(other).__name__} out", where="joint",
+                             remedy="TorqueSensor, TouchSensor or run.contact_forces", code="not-seen")  # fmt: skip
 
     def read(self, seen: Seen) -> Array:
         """Forces and moments (n, 6)."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from twolink.dynamics import Robot
 from twolink.hard.case import ErrorFunction, Track
-from twolink.integrate import taylor
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
+from twolink.integrate.solvers import taylor
 from twolink.scenes import Scene
 
 DIGITS = 60

@@ -18,7 +18,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.identification.measured_motion import MeasuredMotion
 from twolink.identification.measurements import SMALLEST, smooth
 from twolink.identification.unknowns import Unknowns
-from twolink.integrate.scene_equations import equations_of, require_no_states
+from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.scenes import Scene
 from twolink.simulation.sensitivities import Sensitivities, sensitivities_at
 

@@ -3,4 +3,7 @@
 In: a scene, times, a method and its tolerance or step. Out: states at the times, dense output, events and counts of
 the work. The engine for events knows modes, guards, transitions and constraints, but no effect by name. This room
 knows nothing of error bars, figures or files of results.
+
+motion: the equations. steps: methods, compiled steps, batches. solvers: Taylor, SciPy, the choice of a method, breaks
+and ticks. hybrid: events and modes. derivatives: of motions. solver.py is the door to all.
 """

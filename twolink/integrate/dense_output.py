@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.equations import Equations
 from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts, forces_on_links
-from twolink.integrate.methods import METHODS
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece
 from twolink.integrate.solver import solve
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import step_map
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import step_map
 
 Forces = Callable[[Equations, Array, Array], list[tuple[str, Array, Array]]]  # names, points and forces at some states
 

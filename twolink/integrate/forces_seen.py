@@ -5,10 +5,10 @@ import pinocchio as pin
 
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.sensors import Forces
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.joint_forces import accelerations_and_joint_torques, contacts
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.state import Array
 
 
 def forces_seen(equations: Equations, t: float | Array, x: Array) -> Forces:

@@ -8,11 +8,11 @@ from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.spatial import ZERO, Scalar, Vec, outward
 from twolink.effects.effect import Loads
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.force_share import within_laws
 from twolink.integrate.hybrid.snapshot import Evaluator
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import motion_of
+from twolink.integrate.motion.state import Array
 from twolink.io.text import kebab_case
 
 

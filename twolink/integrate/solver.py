@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate import scipy_solver, taylor
-from twolink.integrate.beside import Beside
-from twolink.integrate.equations import Equations
-from twolink.integrate.methods import Method
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.pieces import in_pieces
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import step_map
-from twolink.integrate.stepping import SMALLEST_TOLERANCE, integrate
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers import scipy_solver, taylor
+from twolink.integrate.solvers.pieces import in_pieces
+from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.beside import Beside
+from twolink.integrate.steps.methods import Method
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.steps.step_map import step_map
+from twolink.integrate.steps.stepping import SMALLEST_TOLERANCE, integrate
 
 SMALLEST = {"explicit": SMALLEST_TOLERANCE, "implicit": SMALLEST_TOLERANCE, "taylor": 1e-16,
             "scipy": scipy_solver.SMALLEST_TOLERANCE}  # fmt: skip
@@ -112,7 +112,7 @@ def _solve(
         raise SceneError(f"{method.name} does not locate events", argument="method",
                          remedy='method="auto", or one of rk45, dop853, esdirk43')  # fmt: skip
     if equations.sampling is not None:
-        from twolink.integrate.ticks import solve_ticks  # which other scenes do not load
+        from twolink.integrate.solvers.ticks import solve_ticks  # which other scenes do not load
 
         if not stepping:
             raise SceneError(f"{method.name} does not end steps at ticks of controllers", argument="method",

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.effect_numbers import nominal_value
-from twolink.integrate.equations import Equations
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.effect_numbers import nominal_value
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.progress import Report, in_time
 from twolink.io.text import Table
 from twolink.optimization.objectives import (

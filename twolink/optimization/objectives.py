@@ -28,9 +28,9 @@ from twolink.dynamics import Robot
 from twolink.effects.triggers import Watch
 from twolink.errors import SceneError, nearest, require_known
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.effect_numbers import nominal_value, physical
+from twolink.integrate.derivatives.parameter_variation import shifted
 from twolink.integrate.joint_forces import accelerations_and_joint_torques
-from twolink.integrate.parameter_variation import shifted
+from twolink.integrate.motion.effect_numbers import nominal_value, physical
 from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.sensitivities import Sensitivities

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import positive
 from twolink.errors import SceneError, TwolinkError, require_known
-from twolink.integrate.compile_time import solved_rarely
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.scene_equations import equations_of
+from twolink.integrate.steps.compile_time import solved_rarely
 from twolink.io.progress import Report
 from twolink.io.text import Table
 from twolink.optimization.evaluation import BY_SENSITIVITIES, Evaluation, ObjectiveEvaluator, variables_of

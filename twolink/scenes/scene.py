@@ -274,6 +274,8 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
     for i, effect in enumerate(effects):
         try:
             check_effect(effect, robot)
+            if effect.at_ticks == "sensor":
+                effect.check_beside(effects)  # type: ignore[attr-defined]
             if effect.at_ticks == "controller":
                 effect.check_inputs([*robot.frame_names, *names])  # type: ignore[attr-defined]
         except TwolinkError as error:

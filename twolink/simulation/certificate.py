@@ -23,12 +23,12 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Switching
 from twolink.errors import AccuracyError
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import constraint_forces, motion_of
 from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import constraint_forces, motion_of
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Solution
-from twolink.integrate.state import Array
 from twolink.simulation.text import Result
 
 POSITION = 1e-9  # m or rad, and per second relative to the velocities: what counts as 0

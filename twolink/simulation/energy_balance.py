@@ -20,10 +20,10 @@ from twolink.algorithms.spatial import outward, spatial_dot
 from twolink.effects.effect import Loads
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
 from twolink.integrate.hybrid.snapshot import Evaluator
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted, plot_lines

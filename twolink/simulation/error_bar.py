@@ -8,8 +8,8 @@ rounding (`integrate.perturbation`). The bar is the largest value so far.
 
 import numpy as np
 
-from twolink.integrate.methods import Method
-from twolink.integrate.state import Array, StateSpace
+from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.steps.methods import Method
 
 SAFETY = 2.5  # of the distance to a finer solution, which has an error of its own
 FEW = 16.0  # steps, of which the errors do not yet follow the tolerance

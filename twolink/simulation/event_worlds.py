@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from twolink.errors import AccuracyError, SceneError
-from twolink.integrate.assembly import assembled
 from twolink.integrate.event import Event
-from twolink.integrate.method_choice import choose
-from twolink.integrate.scene_equations import equations_of, with_starting_states
+from twolink.integrate.motion.assembly import assembled
+from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
-from twolink.integrate.state import Array
+from twolink.integrate.solvers.method_choice import choose
 from twolink.scenes import Scene
 from twolink.scenes.parameters import scene_with
 from twolink.simulation.cost import Cost

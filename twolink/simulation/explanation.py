@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike
 
 from twolink.contact.choice import Choice, choose_contact_method
 from twolink.dynamics.kernels import heyoka, pays_threads
-from twolink.integrate.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
-from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Solution
 from twolink.integrate.solver import solve
-from twolink.integrate.step_building import compiled_rate
-from twolink.integrate.step_control import initial_state
-from twolink.integrate.step_map import step_map
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.compile_time import MAX_IN_PARTS, parts_seconds, step_seconds
+from twolink.integrate.steps.compiled_functions import compiled_function
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_building import compiled_rate
+from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.step_map import step_map
 from twolink.io.text import kebab_case
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

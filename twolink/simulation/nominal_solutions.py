@@ -10,19 +10,19 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import effect_loads, motion_of
+from twolink.integrate.derivatives.variational_legs import Leg, leg_at, leg_of, with_middles
+from twolink.integrate.derivatives.variational_steps import VariationalSteps
 from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
 from twolink.integrate.hybrid.state import RunState
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.methods import METHODS
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
-from twolink.integrate.scene_equations import with_parameters
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import effect_loads, motion_of
+from twolink.integrate.motion.scene_equations import with_parameters
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solver import solve
-from twolink.integrate.state import Array
-from twolink.integrate.variational_legs import Leg, leg_at, leg_of, with_middles
-from twolink.integrate.variational_steps import VariationalSteps
+from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
 from twolink.simulation.error_bar import DISTURBED, SAFETY
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory

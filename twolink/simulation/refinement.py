@@ -12,14 +12,14 @@ import numpy as np
 
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError
-from twolink.integrate.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
-from twolink.integrate.equations import Equations
-from twolink.integrate.failures import MAX_STEPS
-from twolink.integrate.method_choice import MethodChoice, choose, first_setting
-from twolink.integrate.methods import METHODS, Method
+from twolink.integrate.motion.equations import Equations
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.taylor import ROUNDING_UNIT
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers.method_choice import MethodChoice, choose, first_setting
+from twolink.integrate.solvers.taylor import ROUNDING_UNIT
+from twolink.integrate.solvers.taylor_code import Precision
+from twolink.integrate.steps.compile_time import UNOPTIMIZED_SHARE, taylor_seconds
+from twolink.integrate.steps.failures import MAX_STEPS
+from twolink.integrate.steps.methods import METHODS, Method
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verified
 

@@ -11,12 +11,12 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, ControllerError, SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.taylor_code import Precision
+from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.solvers.taylor_code import Precision
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import positive
 from twolink.errors import AccuracyError, SceneError, require_known
-from twolink.integrate.equations import Equations
-from twolink.integrate.method_choice import choose
-from twolink.integrate.scene_equations import equations_of
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.solution import Progress
+from twolink.integrate.solvers.method_choice import choose
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of

@@ -11,11 +11,11 @@ import numpy as np
 from twolink.algorithms.dual_numbers import derivative
 from twolink.effects.loops import Loop
 from twolink.errors import SceneError
-from twolink.integrate.assembly import RANK, assembled
-from twolink.integrate.constraints import Constraints
-from twolink.integrate.equations import Equations
-from twolink.integrate.parameter_variation import ParameterVariation
-from twolink.integrate.scene_equations import equations_of, with_starting_states
+from twolink.integrate.derivatives.parameter_variation import ParameterVariation
+from twolink.integrate.motion.assembly import RANK, assembled
+from twolink.integrate.motion.constraints import Constraints
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, part_of
 

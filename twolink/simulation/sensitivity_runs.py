@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from twolink.integrate.equations import Equations
-from twolink.integrate.variational_legs import Leg
+from twolink.integrate.derivatives.variational_legs import Leg
+from twolink.integrate.motion.equations import Equations
 from twolink.simulation.nominal_solutions import NominalSolution, NominalSolutions, Second, bound
 from twolink.simulation.sensitivity_names import Wanted
 from twolink.simulation.trajectory import Trajectory

@@ -12,8 +12,8 @@ from twolink.effects.sampled_control import exact
 from twolink.effects.sensors import Forces, Seen, Sensor
 from twolink.errors import SceneError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.equations import Equations
 from twolink.integrate.forces_seen import forces_seen
+from twolink.integrate.motion.equations import Equations
 from twolink.loop.readings import Readings, random_of, reading
 from twolink.scenes import Scene
 

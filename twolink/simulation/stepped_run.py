@@ -11,8 +11,8 @@ import numpy as np
 from twolink.contact.solver import SteppedSolution, solve_stepped, stepper_of
 from twolink.contact.stepping import Stepper
 from twolink.errors import AccuracyError
-from twolink.integrate.failures import failure
 from twolink.integrate.solution import Progress
+from twolink.integrate.steps.failures import failure
 from twolink.scenes import Scene
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import error_bar

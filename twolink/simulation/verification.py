@@ -7,20 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.beside import SELDOM, Beside
-from twolink.integrate.equations import Equations
 from twolink.integrate.event import AMBIGUOUS
-from twolink.integrate.method_choice import MethodChoice
-from twolink.integrate.perturbation import (
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.solution import Progress, Solution
+from twolink.integrate.solver import has_lanes, solve
+from twolink.integrate.solvers.method_choice import MethodChoice
+from twolink.integrate.steps.beside import SELDOM, Beside
+from twolink.integrate.steps.perturbation import (
     NO_PERTURBATION,
     RESTARTED,
     Perturbation,
     disturbed_solutions,
     finer_solution,
 )
-from twolink.integrate.solution import Progress, Solution
-from twolink.integrate.solver import has_lanes, solve
-from twolink.integrate.state import Array, StateSpace
 from twolink.simulation.error_bar import (
     CHANCE,
     DISTURBED,

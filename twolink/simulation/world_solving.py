@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twolink.integrate.many_worlds import integrate_many
-from twolink.integrate.method_choice import first_tolerance
-from twolink.integrate.methods import Method
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Progress
 from twolink.integrate.solver import smallest_tolerance
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import StepMap
+from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.steps.many_worlds import integrate_many
+from twolink.integrate.steps.methods import Method
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation, disturbed_solutions, finer_solution
+from twolink.integrate.steps.step_map import StepMap
 from twolink.simulation.error_bar import (
     DISTURBED,
     ENOUGH,

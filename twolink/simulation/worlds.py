@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 from twolink.dynamics.arguments import array, configuration
 from twolink.dynamics.kernels import heyoka
 from twolink.errors import AccuracyError, MissingExtraError, SceneError
-from twolink.integrate.assembly import assembled
-from twolink.integrate.equations import Equations
-from twolink.integrate.methods import METHODS
-from twolink.integrate.scene_equations import equations_of, with_starting_states
-from twolink.integrate.step_map import StepMap, step_map
+from twolink.integrate.motion.assembly import assembled
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
+from twolink.integrate.steps.methods import METHODS
+from twolink.integrate.steps.step_map import StepMap, step_map
 from twolink.io.progress import Report, in_time
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with

@@ -17,8 +17,8 @@ import numpy as np
 from twolink.dynamics.kernels import heyoka
 from twolink.dynamics.threads import one_thread
 from twolink.errors import AccuracyError, SceneError, TwolinkError
-from twolink.integrate.compile_time import reproducible
-from twolink.integrate.methods import METHODS
+from twolink.integrate.steps.compile_time import reproducible
+from twolink.integrate.steps.methods import METHODS
 from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.event_worlds import run_from

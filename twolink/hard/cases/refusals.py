@@ -11,7 +11,7 @@ from twolink.dynamics import load_robot
 from twolink.errors import AccuracyError, QueryError, RobotError, SceneError, TwolinkError
 from twolink.hard.case import SCENES as FOLDER
 from twolink.hard.case import ErrorCheck
-from twolink.integrate.methods import METHODS
+from twolink.integrate.steps.methods import METHODS
 from twolink.scenes import Scene
 from twolink.simulation import simulate_many
 from twolink.simulation.scene_run import simulate

@@ -14,7 +14,7 @@ from scipy.integrate import ode, odeint, solve_ivp
 from twolink.effects.inputs import value_at
 from twolink.hard.case import Track
 from twolink.hard.peers.task import PeerError, PeerRun, PeerTask, Setting, UnsupportedError, tolerances
-from twolink.integrate.state import StateSpace
+from twolink.integrate.motion.state import StateSpace
 
 VERSION = scipy.__version__
 TIGHT = 1e-12

@@ -25,7 +25,7 @@ from twolink.integrate.hybrid.contact_problem import (
 )
 from twolink.integrate.hybrid.force_share import share_of
 from twolink.integrate.hybrid.modes import Mode, ModeState
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 TINY = 1e-11  # relative: velocities that are 0
 SLOW = 1e-8  # m/s: a sliding contact so slow is tried at rest, which it would reach at once

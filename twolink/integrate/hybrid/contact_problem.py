@@ -25,7 +25,7 @@ from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.integrate.hybrid.modes import ModeState
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 FIRST, SWEEPS = 32, 5_000  # of the first look for a solution, and of the last
 NEWTON, SHORTEST = 50, 1e-3  # steps, and the shortest share of one

@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twolink.errors import AccuracyError
-from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.locating import Hit, Watcher
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire_timed, guards_of, same_time
-from twolink.integrate.methods import Method
-from twolink.integrate.perturbation import NO_PERTURBATION, Perturbation
-from twolink.integrate.pieces import piece_times
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Piece, Progress, Solution, joined
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import StepMap, step_map
-from twolink.integrate.stepping import BLOCK, integrate
+from twolink.integrate.solvers.pieces import piece_times
+from twolink.integrate.steps.methods import Method
+from twolink.integrate.steps.perturbation import NO_PERTURBATION, Perturbation
+from twolink.integrate.steps.step_map import StepMap, step_map
+from twolink.integrate.steps.stepping import BLOCK, integrate
 
 AT_ONCE = 200  # events at one time
 MAX_EVENTS = 100_000

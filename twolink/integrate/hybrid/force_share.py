@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.modes import Mode, ModeEquations, ModeState, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
-from twolink.integrate.state import Array
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.state import Array
 
 RANK = 1e-6  # relative: singular values below it are 0; slow slips have directions with so much rounding
 ENOUGH = 0.02  # of the load

@@ -36,7 +36,7 @@ from twolink.integrate.hybrid.contact_problem import (
     solve_contacts,
 )
 from twolink.integrate.hybrid.modes import ModeState, System
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 ROUNDS = 1000  # of reflections
 

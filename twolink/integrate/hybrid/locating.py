@@ -16,8 +16,8 @@ import numpy as np
 
 from twolink.integrate.hybrid import roots
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
-from twolink.integrate.state import Array
-from twolink.integrate.step_map import StepMap
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.step_map import StepMap
 
 Key = tuple[str, int]
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from twolink.effects.switching import Hold, Switching, Trigger
 from twolink.geometry.features import Feature
-from twolink.integrate.assembly import independent_rows
-from twolink.integrate.constraints import Constraints
-from twolink.integrate.effect_numbers import contact_slots
-from twolink.integrate.equations import Equations
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
-from twolink.integrate.scene_equations import make_equations, with_rows
-from twolink.integrate.state import Array
+from twolink.integrate.motion.assembly import independent_rows
+from twolink.integrate.motion.constraints import Constraints
+from twolink.integrate.motion.effect_numbers import contact_slots
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.scene_equations import make_equations, with_rows
+from twolink.integrate.motion.state import Array
 
 ContactMode = Literal["free", "sliding", "rolling"]
 

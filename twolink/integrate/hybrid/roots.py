@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twolink.integrate.state import Array
+from twolink.integrate.motion.state import Array
 
 Function = Callable[[Array], Array]
 

@@ -21,15 +21,15 @@ import numpy as np
 from twolink.algorithms.dual_numbers import derivative
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
-from twolink.integrate.formulas import projected
+from twolink.integrate.derivatives.parameter_variation import ParameterVariation
 from twolink.integrate.hybrid.engine import Engine
 from twolink.integrate.hybrid.locating import Guard, Hit
 from twolink.integrate.hybrid.modes import System
 from twolink.integrate.hybrid.state import RunState
 from twolink.integrate.hybrid.transitions import fire, guard_of, same_time, timed_triggers
-from twolink.integrate.parameter_variation import ParameterVariation
+from twolink.integrate.motion.formulas import projected
+from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Solution
-from twolink.integrate.state import Array
 
 STEP = 1e-3  # of differences by states and times, relative to the size of a direction; rounding is 1e-13 of the size
 SHARES = (1.0, 0.1, 1e-3, 1e-5)  # of it, until the same happens beside an event: small bounces have small speeds

@@ -26,12 +26,12 @@ from twolink.algorithms.namespaces import Expressions, Numbers
 from twolink.dynamics.kernels import heyoka
 from twolink.effects.switching import ContactPoint
 from twolink.errors import CertificationError
-from twolink.integrate.compile_time import BY_NUMPY, UNOPTIMIZED, compiling_seconds, count, looks_pay
-from twolink.integrate.compiled_functions import compiled_function
-from twolink.integrate.constraints import Constraints
-from twolink.integrate.equations import Equations
-from twolink.integrate.formulas import constraint_forces, dynamics, lock_torques, motion_of, state_rates
-from twolink.integrate.state import Array
+from twolink.integrate.motion.constraints import Constraints
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import constraint_forces, dynamics, lock_torques, motion_of, state_rates
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.compile_time import BY_NUMPY, UNOPTIMIZED, compiling_seconds, count, looks_pay
+from twolink.integrate.steps.compiled_functions import compiled_function
 
 if TYPE_CHECKING:
     from twolink.effects.conditions import Condition

@@ -9,14 +9,14 @@ from twolink.algorithms.motion import Motion
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError, SceneError
 from twolink.geometry.features import Feature
-from twolink.integrate.equations import Equations
 from twolink.integrate.event import Event
-from twolink.integrate.formulas import motion_of
 from twolink.integrate.hybrid.consistency import NEAR, consistent, still_speed
 from twolink.integrate.hybrid.impacts import Touch, brought_to_rest, collide, onto_contact, whole
 from twolink.integrate.hybrid.locating import Key
 from twolink.integrate.hybrid.modes import ContactMode, Mode, ModeState, System
 from twolink.integrate.hybrid.snapshot import Snapshot
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import motion_of
 
 BEYOND = 1e-9  # m or rad: a state so far beyond a stop or a plane is refused
 SAME_PLACE = 2 * NEAR  # m: of features that touch at one place

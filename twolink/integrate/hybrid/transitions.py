@@ -11,7 +11,6 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import Trigger
 from twolink.errors import SceneError
-from twolink.integrate.formulas import projected
 from twolink.integrate.hybrid.consistency import ALLOWED
 from twolink.integrate.hybrid.features import pair_guards, pass_edge, single_point
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceShare, share_of
@@ -20,7 +19,8 @@ from twolink.integrate.hybrid.locating import Guard, Key
 from twolink.integrate.hybrid.modes import freed, sliding
 from twolink.integrate.hybrid.snapshot import Snapshot
 from twolink.integrate.hybrid.state import RunState, no_single_point
-from twolink.integrate.state import Array
+from twolink.integrate.motion.formulas import projected
+from twolink.integrate.motion.state import Array
 
 AT_ZERO = 1e-13  # relative to the state: a guard that is so near to 0 at the start begins there
 FORCE_AT_ZERO = 2 * ALLOWED  # relative to the loads

@@ -13,7 +13,7 @@ from litestar.params import FromPath
 
 from twolink.dynamics.robot_record import robot_record
 from twolink.errors import TwolinkError, require_known
-from twolink.integrate.methods import methods
+from twolink.integrate.steps.methods import methods
 from twolink.robots.catalogue import catalogue_entry
 from twolink.scenes import bundled_scenes, scenes
 from twolink.scenes.file import bundled_content

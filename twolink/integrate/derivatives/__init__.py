@@ -1,0 +1,1 @@
+"""Derivatives of a motion by its start and by parameters: variational equations."""

@@ -1,0 +1,154 @@
+"""The rate of a state and its derivatives along directions, compiled: the right-hand side of variational equations.
+
+    x' = f(t, x, p),   S' = (df/dx) S + (df/dp) dp
+
+The traced rate is run on dual numbers: no matrix df/dx is formed. One evaluation serves several directions, which share
+the value.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twolink.algorithms.dual_numbers import Dual, DualNamespace, derivative
+from twolink.algorithms.namespaces import Expressions
+from twolink.dynamics.kernels import heyoka
+from twolink.errors import CertificationError, MissingExtraError, SceneError
+from twolink.integrate.motion.effect_numbers import nominal_vector, physical
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import traced_rate
+from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.compile_time import announced, compiling_seconds
+from twolink.integrate.steps.compiled_functions import compiled_function
+
+QUICK = 1.0  # s of compiling, within which one evaluation serves as many directions as possible
+DERIVATIVE = 2.0  # times as many operations as the value, along one direction
+STATES, AROUND = 4, 0.3  # compared with differences of Pinocchio's rates: so many, within [rad, m, per second]
+STEP = 1e-3  # of these differences, whose error is its fourth power
+AGREEMENT = 1e-6  # relative
+
+
+class VariationalRate(NamedTuple):
+    """Call it with rows (., n) and an array for the results.
+
+    Rows: t, the numbers of the state behind (q, v), the parameters, the sides of limits of effort, of each direction
+    the changes of what is driven, then x = (q, v) and of each direction that of x. Driven are the last of the numbers,
+    if any, and the parameters.
+    Results: the rates of x and of each direction. width: of directions.
+    """
+
+    call: Callable[..., Any]
+    width: int
+    seconds: float
+
+
+def variational_rate(equations: Equations, directions: int, numbers: int) -> VariationalRate:
+    """The compiled rate for so many directions, at best all in one evaluation. numbers: how many of them are driven.
+
+    Raises MissingExtraError without heyoka, and CertificationError when it disagrees with Pinocchio.
+    """
+    if heyoka() is None:
+        raise MissingExtraError("sensitivities need heyoka", remedy="pip install heyoka (Linux)")
+    width = max(1, directions)
+    while width > 1 and _compiling(equations, width) > QUICK:
+        width = -(-width // 2)
+
+    def build() -> Any:
+        with announced(f"the sensitivities of {equations.robot.name}", _compiling(equations, width)):
+            code = _compiled(equations, width, numbers)
+            _certify(equations, code, width, numbers)
+        return code
+
+    code, seconds = compiled_function(equations.key("variational", str(width), str(numbers)), build)
+    return VariationalRate(code, width, seconds)
+
+
+def parameter_values(equations: Equations) -> Array:
+    """The values (p, 1) of the parameters. A joint's damping is beside what damps it already."""
+    damping = [name for name in physical(dict.fromkeys(equations.parameters)) if name.endswith(".damping")]
+    values = zip(equations.parameters, nominal_vector(equations), strict=True)
+    return np.array([0.0 if name in damping else value for name, value in values]).reshape(-1, 1)
+
+
+def constant_rows(equations: Equations) -> Array:
+    """The rows (., 1) that are the same for all states: numbers behind (q, v), parameters, and sides of limits."""
+    numbers = equations.start[equations.moving :].reshape(-1, 1)
+    sides = np.array(equations.sides or (), dtype=float).reshape(-1, 1)
+    return np.concatenate([numbers, parameter_values(equations), sides])
+
+
+def side_count(equations: Equations) -> int:
+    """How many joints have limits of effort."""
+    return len(equations.effort_limits) // 2
+
+
+def sides_in_turn(equations: Equations) -> Equations:
+    """The equations with the sides of limits of effort chosen in turn, to compare one side with Pinocchio each."""
+    return replace(equations, sides=tuple(float(i % 3 - 1) for i in range(side_count(equations))))
+
+
+def _compiling(equations: Equations, width: int) -> float:
+    return compiling_seconds(equations.operations * (1.0 + DERIVATIVE * width))
+
+
+def _compiled(equations: Equations, width: int, driven: int) -> Any:
+    """heyoka's function."""
+    module, space, count = heyoka(), equations.space, len(equations.parameters)
+    xp, moving = Expressions(module, own_sine=True), equations.moving
+    constant = space.size - moving - driven
+    sizes = [1, space.size - moving, count, side_count(equations), width * (driven + count), moving, width * moving]
+    rows = np.array([module.expression(f"x{i}") for i in range(sum(sizes))], dtype=object)
+    (t,), numbers, values, sides, directions, x, tangents = np.split(rows, np.cumsum(sizes)[:-1])
+    equations = replace(equations, sides=tuple(sides))
+    by_value, by_entry = directions.reshape(width, driven + count).T, tangents.reshape(width, moving).T
+    state = [Dual(a, list(d)) for a, d in zip(x, by_entry, strict=True)]
+    state += [Dual(a, [0.0] * width) for a in numbers[:constant]]
+    state += [Dual(a, list(d)) for a, d in zip(numbers[constant:], by_value[:driven], strict=True)]
+    constants = {n: Dual(a, list(d)) for n, a, d in zip(equations.parameters, values, by_value[driven:], strict=True)}
+    whole = np.empty(len(state), dtype=object)
+    whole[:] = state
+    try:
+        out = traced_rate(equations, t, whole, DualNamespace(xp), constants)[:moving]
+    except TypeError as error:  # a number that is used as a constant
+        raise SceneError(f"one of {', '.join(equations.parameters)} is used as a constant", argument="wrt",
+                         remedy="leave it out", code="sensitivities-constant") from error  # fmt: skip
+    tangent_rows = [[entry.tangents[i] if entry.tangents else 0.0 for entry in out] for i in range(width)]
+    entries = [*(entry.value for entry in out), *(e for row in tangent_rows for e in row)]
+    return module.cfunc([xp.lift(e) for e in entries], vars=list(rows))
+
+
+def _certify(equations: Equations, code: Any, width: int, driven: int) -> None:
+    """Compare with differences of Pinocchio's rates. Raises CertificationError."""
+    equations = sides_in_turn(equations)
+    space, moving, count = equations.space, equations.moving, len(equations.parameters)
+    random = np.random.default_rng(1)
+    x = np.repeat(equations.start[:, None], STATES, axis=1)
+    shift = random.uniform(-AROUND, AROUND, (moving, STATES - 1))
+    x[:moving, 1:] += shift
+    if equations.constraints is None and not all(effect.analytic for effect in equations.effects):
+        x[:moving, 0] -= 0.5 * shift[:, 0]  # a start at rest may be where a formula is not smooth
+    along = np.zeros((width, space.size, STATES))
+    along[:, :moving] = random.uniform(-1.0, 1.0, (width, moving, STATES))
+    rows = np.concatenate([np.zeros((1, STATES)), np.repeat(constant_rows(equations), STATES, axis=1),
+                           np.zeros((width * (driven + count), STATES)), x[:moving],
+                           along[:, :moving].reshape(-1, STATES)])  # fmt: skip
+    ours = np.asarray(code(rows)).reshape(1 + width, moving, STATES)
+
+    def rate(k: float) -> Array:
+        """(width, moving, states)."""
+        return np.array([rate_by_pinocchio(equations, 0.0, x + k * STEP * d)[:moving] for d in along])
+
+    theirs = derivative(rate, STEP)
+    scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=(0, 1)) + np.nan_to_num(np.abs(ours[0])).max(axis=0)
+    error = np.abs(ours[1:] - theirs).max(axis=(0, 1)) / scale
+    if equations.constraints is not None or not np.isfinite(theirs).all():
+        error[np.isnan(theirs).any(axis=(0, 1)) & (np.arange(STATES) > 0)] = 0.0
+    if not error.max() <= AGREEMENT:
+        raise CertificationError(
+            f"compiled derivatives differ from those of Pinocchio's rates by {np.nanmax(error):.1e}",
+            where=f"x = {x[:, int(np.argmax(error))].tolist()}",
+            remedy="report it with the URDF",
+        )

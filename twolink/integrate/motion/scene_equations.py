@@ -1,0 +1,260 @@
+"""Making the equations of motion of a scene, and keeping them as long as the scene."""
+
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from twolink.algorithms.functions import function
+from twolink.algorithms.mechanism import mechanism, nominal_values
+from twolink.algorithms.motion import Motion
+from twolink.algorithms.namespaces import Numbers
+from twolink.algorithms.operation_count import Tape
+from twolink.dynamics import Robot
+from twolink.dynamics.certificates import with_values
+from twolink.effects import Effect
+from twolink.effects.effect import plain
+from twolink.effects.inputs import with_pieces
+from twolink.effects.loops import Loop
+from twolink.effects.own_effects import formula_fingerprint, has_own
+from twolink.effects.switching import Switching, switching_of
+from twolink.errors import SceneError
+from twolink.integrate.motion.assembly import assembled, independent
+from twolink.integrate.motion.constraints import all_constraints
+from twolink.integrate.motion.effect_numbers import physical, with_effect_numbers
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import accelerations, effect_loads, motion_of
+from twolink.integrate.motion.layout import layout_of
+from twolink.integrate.motion.state import Array, StateSpace
+from twolink.io.fingerprints import kernel_key
+from twolink.scenes import Scene
+from twolink.scenes.parameters import PREFIX, numbers_of
+
+if TYPE_CHECKING:
+    from twolink.loop.session import Sampling
+
+_kept: weakref.WeakKeyDictionary[Scene, dict[tuple[str, ...], Equations]] = weakref.WeakKeyDictionary()
+
+
+def equations_of(scene: Scene, parameters: Sequence[str] = (), *, ticks: bool = False) -> Equations:
+    """The equations of a scene.
+
+    parameters: physical constants kept as run-time inputs. ticks: whether the caller solves from tick to tick, as
+    controllers call for. Raises SceneError.
+    """
+    sampling = sampling_of(scene)
+    if sampling is not None and not ticks:
+        raise SceneError("a sampled controller acts at ticks, which tl.simulate and tl.explain alone follow",
+                         where=f"effects[{min(sampling.controllers)}]", code="controller-not-followed",
+                         remedy="use a continuous one, such as tl.effects.JointPD or StateFeedback")  # fmt: skip
+    known = _kept.setdefault(scene, {})
+    name = tuple(parameters)
+    if name not in known:
+        switching = switching_of(scene.base, scene.robot, scene.effects)
+        acting = tuple(enumerate(scene.effects)) if switching is None else switching.acting()
+        if sampling is not None:
+            acting = tuple(
+                (i, sampling.controllers[i].held(scene.robot, i) if i in sampling.controllers else e) for i, e in acting
+            )
+        robot = scene.robot if switching is None else switching.robot_with([effect for _, effect in acting])
+        lockable = () if switching is None else switching.lockable
+        equations = make_equations(robot, scene.q, scene.v, acting, lockable, switching, name)
+        if sampling is not None and equations.has_events:
+            what = "a scene with a sampled controller and events, such as stops, friction or limits of effort"
+            raise SceneError(f"{what}, is not solved yet", where=f"effects[{min(sampling.controllers)}]",
+                             remedy="leave the others out, or use smooth ones: SmoothFriction, the controller's limit=",
+                             code="controller-with-events")  # fmt: skip
+        known[name] = replace(equations, sampling=sampling)
+    return known[name]
+
+
+def sampling_of(scene: Scene) -> "Sampling | None":
+    """The controllers and sensors of a scene; None where there are no controllers."""
+    if all(effect.at_ticks != "controller" for effect in scene.effects):
+        return None
+    from twolink.loop.session import Sampling  # which other scenes do not load
+
+    controllers, sensors = ({i: effect for i, effect in enumerate(scene.effects) if effect.at_ticks == kind}
+                            for kind in ("controller", "sensor"))  # fmt: skip
+    return Sampling(scene.robot, controllers, sensors)  # type: ignore[arg-type]
+
+
+def with_parameters(equations: Equations, parameters: Sequence[str]) -> Equations:
+    """The same equations with physical constants kept as run-time inputs; code for them serves any values of those."""
+    if tuple(parameters) == equations.parameters:
+        return equations
+    other, ones = replace(equations, parameters=tuple(parameters)), dict.fromkeys(parameters, 1.0)
+    model = with_values(equations.robot.model, physical(ones))
+    return replace(other, content=_content(with_effect_numbers(other, ones), model))
+
+
+_structures: dict[str, tuple[Equations, Array]] = {}
+MAX_KEPT = 128
+
+
+def structure_of(equations: Equations) -> tuple[Equations, Array]:
+    """Equations with numbers as run-time parameters, so that code for them serves other numbers; and the values (p,).
+
+    Masses, inertias, gravity and the numbers of our own effects. What is 0 stays so; so do lengths, for which motions
+    would take many more operations, and limits of effort, which decide about events.
+    """
+    if equations.content not in _structures:
+        model, chosen = equations.robot.model, {}
+        for name, value in nominal_values(model).items():
+            if value != 0.0 and ".origin." not in name and not name.endswith(".damping"):
+                chosen[name] = value
+        for place, effect in zip(equations.places, equations.effects, strict=False):
+            if not has_own(effect):
+                found = {PREFIX + ".".join((str(place), *path)): value for path, value in numbers_of(effect)
+                         if value and "effort" not in path}  # fmt: skip
+                chosen.update(found)
+        while len(_structures) >= MAX_KEPT:
+            del _structures[next(iter(_structures))]
+        base = with_parameters(equations, tuple(chosen))
+        _structures[equations.content] = base, np.array(list(chosen.values()))
+    return _structures[equations.content]
+
+
+def make_equations(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    effects: Sequence[tuple[int, Effect]],
+    lockable: tuple[int, ...] = (),
+    switching: Switching | None = None,
+    parameters: tuple[str, ...] = (),
+    states: Mapping[str, float] | None = None,
+) -> Equations:
+    """Equations of a robot under effects, each with its place in the scene, from a state (q, v).
+
+    The robot has the constants that effects changed. lockable: degrees of freedom that may be held at rest. states:
+    those of effects, which may act later; None: those that the effects begin with.
+    """
+    if robot.has_mimic:
+        raise SceneError("mimic joints cannot be simulated yet", where="robot", remedy="load it with mimic=False",
+                         code="mimic-joints")  # fmt: skip
+    mech = mechanism(robot.model)
+    acting = [(place, e) for place, e in effects if type(e).act is not Effect.act]
+    loops = [(place, e) for place, e in effects if isinstance(e, Loop)]
+    start, moved, constraints = np.concatenate([q, v]), np.zeros(len(q) + len(v)), None
+    if loops:
+        rows = all_constraints(StateSpace(robot), [loop for _, loop in loops], mech)
+        closed = assembled(rows, start)
+        start, moved = closed, np.abs(closed - start)
+        constraints = independent(rows, start[: robot.nq])
+    if states is None:
+        motion = Motion(robot.model, mech, list(start[: robot.nq]), list(start[robot.nq :]), 0.0, Numbers)
+        states = starting_states([e for _, e in effects] if switching is None else switching.every, motion)
+    layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable, tuple(states))
+    equations = Equations(
+        layout,
+        np.concatenate([start, np.array(list(states.values()), dtype=float), layout.numbers_at(0.0)]),
+        robot,
+        mech,
+        tuple(e for _, e in acting),
+        constraints,
+        parameters,
+        switching,
+        places=tuple(place for place, _ in (*acting, *loops)),
+        assembled=(float(moved[: robot.nq].max(initial=0.0)), float(moved[robot.nq :].max(initial=0.0))),
+    )
+    variant, operations = _fewest_operations(equations)
+    limits, content = _effort_limits(equations), _content(equations)
+    return replace(equations, variant=variant, operations=operations, effort_limits=limits, content=content)
+
+
+def starting_states(effects: Sequence[Effect], motion: Motion) -> dict[str, Any]:
+    """The states of effects at the start, by name. Raises SceneError, code "state-twice"."""
+    found: dict[str, Any] = {}
+    for effect in effects:
+        for name, value in effect.states(motion).items():
+            if name in found:
+                raise SceneError(f"two effects have a state {name!r}", where="effects", code="state-twice",
+                                 remedy="keep one of a kind on a joint, or give muscles other names")  # fmt: skip
+            found[name] = value
+    return found
+
+
+def require_no_states(equations: Equations, what: str) -> None:
+    """Require that no effect has states of its own. Raises SceneError, code "states-of-effects"."""
+    if equations.space.states:
+        raise SceneError(f"{what} does not follow states of effects, such as {equations.space.states[0]!r}",
+                         where="effects", remedy="leave these effects out, or simulate the scene",
+                         code="states-of-effects")  # fmt: skip
+
+
+def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Array] | None = None) -> Array:
+    """States (moving, n) with what effects begin with behind states (q, v) (nq + nv, n). values (n,): of parameters."""
+    if not equations.space.states:
+        return x
+    acting, switching = with_effect_numbers(equations, values or {}).effects, equations.switching
+    effects = acting if switching is None else switching.every
+    model, nq = equations.robot.model, equations.space.nq
+    motion = Motion(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
+    states = starting_states(effects, motion).values()
+    return np.concatenate([x, *(np.broadcast_to(z, x.shape[1:])[None] for z in states)])
+
+
+def with_rows(equations: Equations, kept: Sequence[int]) -> Equations:
+    """The equations with fewer of their kept constraint rows."""
+    constraints = equations.constraints
+    if constraints is None:
+        return equations
+    scales = tuple(constraints.scales[constraints.kept.index(i)] for i in kept)
+    changed = replace(equations, constraints=replace(constraints, kept=tuple(kept), scales=scales, shares=None))
+    return replace(changed, content=_content(changed))
+
+
+def _effort_limits(equations: Equations) -> tuple[tuple[int, str], ...]:
+    """The places of the effects that have limits of effort, and their names."""
+    motion = motion_of(equations, equations.mechanism, 0.0, equations.start, Numbers)
+    numbers = list(equations.start[equations.moving :])
+    placed = zip(equations.places, equations.effects, strict=False)
+    with np.errstate(all="ignore"):  # of a singular start only the names are asked for
+        return tuple((place, name) for place, effect in placed
+                     for name, _ in effect_loads(equations, motion, numbers, [effect]).limits)  # fmt: skip
+
+
+def _fewest_operations(equations: Equations) -> tuple[int, int]:
+    """Which formula of the accelerations has the fewest operations, and how many."""
+    variants = len(function(equations.robot.model, "forward_dynamics").variants)
+    if equations.constraints is not None or equations.layout.lockable:
+        variants = 1
+    totals = [_operations(replace(equations, variant=i)) for i in range(variants)]
+    return totals.index(min(totals)), min(totals)
+
+
+def _operations(equations: Equations) -> int:
+    """The operations of one evaluation of the accelerations."""
+    tape = Tape()
+    x = [tape.variable() for _ in range(equations.space.size)]
+    values = {name: tape.variable() for name in equations.parameters}
+    mech = mechanism(equations.robot.model, physical(values))
+    own = with_effect_numbers(equations, values)
+    return sum(tape.count(accelerations(own, mech, tape.variable(), x, tape)).values())
+
+
+def _content(equations: Equations, model: pin.Model | None = None) -> str:
+    """A digest of the model, the robot's own or another, the effects, our code and versions.
+
+    A table stands by its place and kind: its samples are rows of the state.
+    """
+    constraints = equations.constraints
+    tables = {id(table): f"{i} {type(table).__name__} {table.rows}" for i, table in enumerate(equations.layout.tables)}
+    effects = [
+        f"{type(e).__module__}.{type(e).__qualname__} {_encoded(with_pieces(e, lambda table: tables[id(table)]))!r}"
+        + formula_fingerprint(e, equations.robot.model)
+        for e in (*equations.effects, *(constraints.loops if constraints else ()))
+    ]
+    rows = f"{constraints and (constraints.kept, constraints.scales, constraints.shares)} {equations.layout.lockable}"
+    if equations.space.states:  # an effect that begins later has its states from the start
+        rows += f" {equations.space.states}"
+    return kernel_key(model or equations.robot.model, ("equations", *effects, rows, "|", *equations.parameters))
+
+
+def _encoded(effect: Effect) -> bytes:
+    return msgspec.json.encode(effect, enc_hook=plain)

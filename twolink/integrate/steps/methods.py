@@ -1,0 +1,96 @@
+"""The table of methods, read from methods.toml. A new Runge-Kutta method is an entry there, and no stepping code."""
+
+import functools
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from twolink.errors import SceneError, nearest
+from twolink.integrate.steps.tableau import Tableau, tableau_of
+from twolink.io.text import Table
+
+ITERATIONS = 6  # of Newton's method a stage: from a guess within 1e-2 to rounding, as the matrix is kept for a step
+Kind = Literal["semi-implicit", "explicit", "implicit", "taylor", "scipy"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method for x' = f(t, x).
+
+    Parameters
+    ----------
+    name : str
+    order : int
+        Of the global error; a Taylor method takes the order that its tolerance calls for.
+    kind : str
+        How a step is made.
+    good_for, source : str
+        What it is good for, and where it comes from.
+    tableau : Tableau, optional
+        Of a Runge-Kutta method.
+    solver : str
+        SciPy's class, of the methods that are SciPy's.
+    """
+
+    name: str
+    order: int
+    kind: Kind
+    good_for: str
+    source: str
+    tableau: Tableau | None = None
+    solver: str = ""
+
+    @functools.cached_property
+    def adaptive(self) -> bool:
+        """Whether the method chooses its own steps."""
+        return self.kind in ("taylor", "scipy") or bool(self.tableau and self.tableau.errors)
+
+    @functools.cached_property
+    def error_order(self) -> int:
+        """The order that a step's error estimate behaves like, as h^order: two estimates go as their product does."""
+        orders = self.tableau.error_orders if self.tableau else ()
+        return sum(orders) if len(orders) == 2 else 1 + min(self.order, *orders, self.order)
+
+    @functools.cached_property
+    def evaluations(self) -> int:
+        """Evaluations of f a step; of an implicit method with those of its iterations, but not of its Jacobian."""
+        if self.tableau is None:
+            return 1
+        implicit = sum(d != 0.0 for d in self.tableau.diagonal)
+        return len(self.tableau.b) - implicit + implicit * ITERATIONS + (self.tableau.diagonal[0] != 0.0)
+
+
+def _load() -> dict[str, Method]:
+    """The methods by name, from methods.toml."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    methods = {}
+    for name, entry in table.items():
+        rows = entry.pop("tableau", None)
+        tableau = None if rows is None else tableau_of(entry["order"], **rows)
+        methods[name] = Method(name, **entry, tableau=tableau)
+    return methods
+
+
+METHODS = _load()
+
+
+def method_named(name: str, argument: str = "method") -> Method:
+    """The method of this name. Raises SceneError with the nearest name for an unknown one."""
+    if str(name) not in METHODS:
+        raise SceneError(f"{name!r} is unknown", where="method", argument=argument,
+                         remedy=nearest(str(name), ("auto", *METHODS)))  # fmt: skip
+    return METHODS[str(name)]
+
+
+def methods() -> Table:
+    """The methods that simulate, as a table.
+
+    Returns
+    -------
+    Table
+        Columns name, order (of the global error), kind, adaptive (whether the method chooses its steps), good_for and
+        source.
+    """
+    columns = ("name", "order", "kind", "adaptive", "good_for", "source")
+    return Table(columns, tuple(tuple(getattr(method, name) for name in columns) for method in METHODS.values()))

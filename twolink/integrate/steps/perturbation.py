@@ -1,0 +1,114 @@
+"""Perturbation: how a solution beside a run differs from it, so that the distance of the two shows an error of the run.
+
+Truncation and rounding are shown by different solutions, so that neither hides the other. A finer solution, which is
+not disturbed, shows truncation. Solutions of the run's own setting, disturbed at every step by random numbers of the
+size of rounding, show what the motion makes of rounding (Conrad et al., Stat. Comput. 27 (2017) 1065-1082).
+"""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.steps.methods import Method
+
+MIN_STEPS = 16.0  # of an adaptive method in a run
+ROUNDING = 2 * np.finfo(float).eps  # of each entry of a state, relative to its size, in each step
+SHARE = 0.1  # of the largest entry of q, or of v: the least size that counts, as forces of one joint act on others
+PERIOD = 4096  # random numbers of an entry, then they repeat
+APART = 613  # places between the random numbers of two solutions
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """What differs from the run; by default nothing.
+
+    Parameters
+    ----------
+    finer : float
+        By which the tolerance of an adaptive method, or the step of another one, is divided.
+    rounding : float
+        The largest disturbance of an entry of the state in a step, relative to its size.
+    number : int
+        Names the sequence of random numbers of the disturbances.
+    touch_margin : float
+        A guard of a stop or a plane that comes as near to 0 as this counts as 0, m or rad.
+    sign : float
+        Of the disturbances: -1 mirrors those of another solution of the same number.
+    restarts : bool
+        Of SciPy's methods: begin anew where solutions are disturbed.
+    """
+
+    finer: float = 1.0
+    rounding: float = 0.0
+    number: int = 0
+    touch_margin: float = 0.0
+    sign: float = 1.0
+    restarts: bool = False
+
+    def min_steps(self, method: Method) -> float:
+        """The smallest number of steps in a run: a finer solution has as many more as by its tolerance."""
+        return MIN_STEPS * (self.finer ** (1.0 / method.order) if method.adaptive else 1.0)
+
+
+NO_PERTURBATION, RESTARTED = Perturbation(), Perturbation(restarts=True)
+
+
+def finer_solution(method: Method, touch_margin: float = 0.0) -> Perturbation:
+    """The perturbation of the solution that shows the truncation of a method.
+
+    A 50th of the tolerance takes 1.6 times as many steps by DOP853; at low order that would take too many. Taylor's
+    order rises by 4: one or two orders more may be no better.
+    """
+    if not method.adaptive:
+        return Perturbation(finer=2.0, touch_margin=touch_margin)
+    ratio = math.exp(8.0) if method.kind == "taylor" else 50.0 if method.order >= 8 else 30.0
+    return Perturbation(finer=ratio, touch_margin=touch_margin)
+
+
+def disturbed_solutions(count: int, finer: float = 1.0) -> tuple[Perturbation, ...]:
+    """The perturbations of solutions that show rounding, beside an undisturbed one that is as fine."""
+    return tuple(Perturbation(finer, ROUNDING, i) for i in range(count))
+
+
+@functools.lru_cache(64)
+def _random(size: int) -> Array:
+    """Random numbers (PERIOD, size) from -1 to 1, the same in every process."""
+    return np.random.default_rng(size).uniform(-1.0, 1.0, (PERIOD, size))
+
+
+@functools.lru_cache(64)
+def _numbers(perturbations: tuple[Perturbation, ...]) -> tuple[Array, Array, Array]:
+    """The places of the first random numbers of each, its rounding and its sign."""
+    return (np.array([APART * one.number for one in perturbations], dtype=int),
+            np.array([one.rounding for one in perturbations]),
+            np.array([one.sign for one in perturbations]))  # fmt: skip
+
+
+def disturbances(perturbations: tuple[Perturbation, ...], counts: Array, x: Array, space: StateSpace) -> Array:
+    """What is added to states.
+
+    Parameters
+    ----------
+    perturbations : tuple of Perturbation
+        Of the n solutions; or one, of all of them.
+    counts : ndarray (k, n)
+        How many steps each has attempted before: they choose the random numbers, so that these do not depend on what
+        else is solved.
+    x : ndarray (size, n)
+        The states, of which the sizes count.
+    space : StateSpace
+        Of the states: which entries are of q and of v.
+
+    Returns
+    -------
+    ndarray (k, size, n)
+    """
+    first, rounding, sign = _numbers(perturbations)
+    size = rounding * np.abs(x)
+    for part in (size[: space.nq], size[space.v_rows]):
+        np.fmax(part, SHARE * part.max(axis=0, initial=0.0), out=part)
+    random = _random(len(x))[(counts.astype(int) + first) % PERIOD].swapaxes(1, 2)
+    return np.asarray(random * (sign * size))

@@ -1,0 +1,149 @@
+"""The certificate of a compiled step: it agrees with the portable one on Pinocchio's rates."""
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.namespaces import Numbers
+from twolink.errors import CertificationError, SceneError
+from twolink.integrate.motion.assembly import assembled
+from twolink.integrate.motion.effect_numbers import nominal_vector
+from twolink.integrate.motion.equations import Equations
+from twolink.integrate.motion.formulas import projected
+from twolink.integrate.motion.pinocchio_rate import rate as rate_by_pinocchio
+from twolink.integrate.motion.state import Array
+from twolink.integrate.steps.methods import Method
+from twolink.integrate.steps.step_control import initial_state
+from twolink.integrate.steps.stiffness import fastest
+
+AGREEMENT = 1e-8  # largest difference of the two steps, relative to the step
+STATES = 8  # on which they are compared
+AROUND, BESIDE = 1.0, 0.1  # rad, m, and per second: of states with closed loops, and beside these
+NEARER = (1.0, 0.1, 0.01, 0.0)  # of it: the first that is not much nearer to singular than the start
+LEAST = 0.1  # of the smallest pivot of the constraints at the start
+Map = Callable[[Array, Array], None]
+
+
+def _lock_some(equations: Equations, x: Array) -> None:
+    """Lock some joints in each state but the first, as far as the loops leave the others free to move."""
+    lockable, constraints = equations.layout.lockable, equations.constraints
+    first = equations.space.size - 2 * len(lockable)
+    x[first : first + len(lockable)] = 0.0
+    for column in range(1, x.shape[1]):
+        locks = x[first : first + len(lockable), column]
+        for i in range(column % 2, len(lockable), 2):
+            if constraints is not None:
+                jacobian = constraints.jacobian_at(x[: equations.space.nq, column], constraints.kept)
+                jacobian[:, list(lockable)] *= 1.0 - np.where(np.arange(len(lockable)) == i, 1.0, locks)
+                if np.linalg.matrix_rank(jacobian, tol=1e-3) < len(jacobian):
+                    continue
+            locks[i] = 1.0
+
+
+def certify(equations: Equations, method: Method, portable: Map, compiled: Map) -> None:
+    """Compare one step of both maps, from the start and from random states around it.
+
+    Raises CertificationError with the worst state.
+    """
+    size, x = equations.space.size, _states(equations, AROUND, closed=True)
+    change = np.abs(rate_by_pinocchio(equations, 0.0, x)).max(axis=0, initial=0.0)
+    h = 0.05 / (1.0 + np.maximum(change, fastest(equations, x)[0]))
+    values = _parameters(equations)
+    state = initial_state(x, 0.0, h, h, np.inf, parameters=values if len(values) else None)
+    ours, theirs = np.empty_like(state), np.empty_like(state)
+    compiled(state, ours)
+    portable(state, theirs)
+    scale = 1.0 + np.abs(x).max(axis=0) + np.abs(theirs[:size] - x).max(axis=0)
+    _require_agreement(equations, f"step of {method.name}", x, ours[:size], theirs[:size], scale)
+
+
+def certify_rate(equations: Equations, compiled: Any) -> None:
+    """Compare a compiled rate with Pinocchio's at the start and at states around it, beside closed loops too.
+
+    Solving for accelerations multiplies rounding by the condition number of the mass matrix, in both.
+    """
+    x = _states(equations, BESIDE)
+    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
+    ours = compiled(np.concatenate([np.zeros((1, STATES)), x, values]))
+    theirs = rate_by_pinocchio(equations, 0.0, x)
+    matrices = equations.robot.mass_matrix(equations.space.rows(x)[0])
+    condition = np.linalg.cond(matrices) if matrices.size else 1.0
+    size = np.abs(theirs).max(axis=0) * (1.0 + np.finfo(float).eps * condition / AGREEMENT)
+    _require_agreement(equations, "rate", x, ours, theirs, 1.0 + size)
+
+
+def certify_projection(equations: Equations, compiled: Any) -> None:
+    """Compare a compiled projection with NumPy's."""
+    x = _states(equations, BESIDE)
+    values = np.broadcast_to(_parameters(equations), (len(equations.parameters), STATES))
+    with np.errstate(all="ignore"):
+        theirs = projected(equations, x, Numbers)
+    scale = 1.0 + np.nan_to_num(np.abs(theirs)).max(axis=0)
+    _require_agreement(equations, "projection", x, compiled(np.concatenate([x, values])), theirs, scale)
+
+
+def _states(equations: Equations, reach: float, *, closed: bool = False) -> Array:
+    """The start, and random states up to a reach around it, (size, STATES). closed: with closed loops.
+
+    Where constraints are nearly singular, such as where bodies overlap or at Painleve's angle of a rod that slides,
+    compiled steps are refused; states there are taken nearer to the start.
+    """
+    x = np.repeat(equations.start[:, None], STATES, axis=1)
+    shift = np.random.default_rng(1).uniform(-reach, reach, (equations.space.size, STATES))
+    least = LEAST * _smallest_pivot(equations, equations.start)
+    for column, nearer in itertools.product(range(1, STATES), NEARER):
+        if nearer == NEARER[0] or not _smallest_pivot(equations, x[:, column]) >= least:
+            x[:, column] = _placed(equations, nearer * shift[:, column], closed=closed)
+    _lock_some(equations, x)
+    return x
+
+
+def _placed(equations: Equations, shift: Array, *, closed: bool) -> Array:
+    """The start, shifted, with unit lengths; the start itself where loops are to be closed and cannot be."""
+    x, moving = equations.space.normalized(equations.start + shift, Numbers), equations.moving
+    if closed and equations.constraints is not None:
+        try:
+            x[:moving] = assembled(equations.constraints, x[:moving])
+        except SceneError:
+            return equations.start
+    return x
+
+
+@np.errstate(all="ignore")
+def _smallest_pivot(equations: Equations, x: Array) -> float:
+    """The smallest pivot of the constraints' A = J M^-1 B of one state, scaled; NaN where it is not finite."""
+    constraints, space = equations.constraints, equations.space
+    if constraints is None:
+        return math.inf
+    q, v = x[: space.nq], x[space.v_rows]
+    jacobian = constraints.jacobian_at(q, constraints.kept)
+    loops = equations.layout.with_numbers(constraints.loops, list(x[space.moving :]))
+    forces = np.array(constraints.force_rows(constraints.mech, q, v, Numbers, jacobian.tolist(), loops), dtype=float)
+    matrix = jacobian @ np.linalg.solve(equations.robot.mass_matrix(q), forces.T)
+    if not np.isfinite(matrix).all():
+        return math.nan
+    matrix *= np.outer(constraints.scales, constraints.scales)
+    minors = np.array([np.linalg.det(matrix[:k, :k]) for k in range(len(matrix) + 1)])
+    return float((minors[1:] / minors[:-1]).min())
+
+
+def _parameters(equations: Equations) -> Array:
+    """The robot's own values of the run-time parameters, (p, 1)."""
+    return np.array(nominal_vector(equations)).reshape(-1, 1)
+
+
+def _require_agreement(equations: Equations, what: str, x: Array, ours: Array, theirs: Array, scale: Array) -> None:
+    """Require that results (size, STATES) agree. Raises CertificationError with the worst state."""
+    error = np.abs(ours - theirs).max(axis=0) / scale
+    if equations.constraints is not None:  # beside a singular position there is no number: that is meant
+        error[np.isnan(ours).any(axis=0) & (np.arange(STATES) > 0)] = 0.0
+    if not error.max() <= AGREEMENT:
+        worst = int(np.argmax(np.where(np.isnan(error), np.inf, error)))
+        raise CertificationError(
+            f"the compiled {what} differs from Pinocchio's by {error[worst]:.1e}",
+            where=f"x = {x[:, worst].tolist()}",
+            remedy="report it with the URDF; TWOLINK_HEYOKA=0 in the environment does without compiled code",
+        )
