@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from twolink.control.feedback import lqr
     from twolink.control.linearization import Linearization, linearize
     from twolink.control.periodic import PeriodicMotion, periodic_motion
+    from twolink.exchange.model_comparison import ModelComparison, compare_models
+    from twolink.exchange.referee import Verdict, judge
+    from twolink.exchange.urdf_scene import scene_of
     from twolink.identification.fit_result import SceneFit
     from twolink.identification.identify import identify
     from twolink.identification.result import Identification
@@ -45,6 +48,9 @@ _IMPORTED_WHEN_USED = {
     "control.feedback": ("lqr",),
     "control.linearization": ("Linearization", "linearize"),
     "control.periodic": ("PeriodicMotion", "periodic_motion"),
+    "exchange.model_comparison": ("ModelComparison", "compare_models"),
+    "exchange.referee": ("Verdict", "judge"),
+    "exchange.urdf_scene": ("scene_of",),
     "identification.fit_result": ("SceneFit",),
     "identification.identify": ("identify",),
     "identification.result": ("Identification",),
@@ -84,6 +90,7 @@ __all__ = [
     "Identification",
     "Linearization",
     "LoadReport",
+    "ModelComparison",
     "Optimum",
     "PeriodicMotion",
     "Robot",
@@ -92,9 +99,11 @@ __all__ = [
     "Sensitivities",
     "Study",
     "Trajectory",
+    "Verdict",
     "Worlds",
     "Wrench",
     "accuracy_study",
+    "compare_models",
     "connect",
     "effects",
     "energy_book",
@@ -104,6 +113,7 @@ __all__ = [
     "fit",
     "gradient",
     "identify",
+    "judge",
     "lagrange",
     "linearize",
     "load_robot",
@@ -115,6 +125,7 @@ __all__ = [
     "periodic_motion",
     "progress_bar",
     "robots",
+    "scene_of",
     "scenes",
     "sensitivities",
     "simulate",

@@ -75,9 +75,9 @@ def test_a_new_scene_replaces_no_file(twolink: Twolink, tmp_path: Path) -> None:
     assert "it exists already" in problem
 
 
-def test_a_urdf_runs_alone_under_gravity(twolink: Twolink) -> None:
+def test_a_urdf_runs_with_all_that_it_says(twolink: Twolink) -> None:
     code, out, _ = twolink("run", URDF, "--duration", "0.5", "--json")
-    scene = tl.Scene(tl.load_robot(URDF), effects=[tl.effects.Gravity()])
+    scene = tl.scene_of(URDF)
     assert code == 0
     np.testing.assert_allclose(json.loads(out)["q"], tl.simulate(scene, 0.5).q[-1], atol=2e-6)
 

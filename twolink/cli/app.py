@@ -11,6 +11,7 @@ from twolink._version import __version__
 from twolink.cli.common import FAILED, INTERRUPTED, MISUSED, Command
 from twolink.cli.demo import demo
 from twolink.cli.evidence import hard_cases, paper, throw
+from twolink.cli.exchange import diff, export, judge
 from twolink.cli.fitting import fit, identify, optimize
 from twolink.cli.play import play, serve, video
 from twolink.cli.robots import check, inspect, query, robots
@@ -26,9 +27,10 @@ app = typer.Typer(
     epilog="ROBOT is a name (see `twolink robots`), or the path of a URDF. SI units and radians throughout. "
     "Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted.",
 )
-_QUESTIONS = demo, robots, inspect, query, check, linearize, identify, fit
-_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, methods, play, video, throw, hard_cases, paper
-for _command in (*_QUESTIONS, *_EXPERIMENTS, serve):
+_QUESTIONS = demo, robots, inspect, query, check, diff, linearize, identify, fit
+_EXPERIMENTS = scenes, new, explain, run, accuracy, sweep, optimize, judge, methods, play, video, throw, hard_cases
+_WRITERS = paper, export, serve
+for _command in (*_QUESTIONS, *_EXPERIMENTS, *_WRITERS):
     app.command(cls=Command)(_command)
 
 

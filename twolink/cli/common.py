@@ -18,8 +18,8 @@ from typer.core import TyperCommand
 
 from twolink.accuracy import Study
 from twolink.dynamics import Robot, load_robot
-from twolink.effects.constants import Gravity as GravityEffect
 from twolink.errors import TwolinkError
+from twolink.exchange.urdf_scene import scene_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.io.tables import SUFFIXES, require_format
 from twolink.io.text import parse_numbers
@@ -30,7 +30,7 @@ from twolink.simulation.trajectory import Trajectory
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 _CALLS = ("load_robot", "load_scene")  # places in Python, which mean nothing on a command line
-RUN_ENDINGS = (*SUFFIXES, *FORMATS, ".html")
+RUN_ENDINGS = (*SUFFIXES, ".mat", *FORMATS, ".html")
 STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 
 
@@ -186,7 +186,7 @@ SceneName = Annotated[
     str,
     Argument(
         metavar="SCENE",
-        help="A bundled scene, a scene file (.toml), or a URDF: the robot alone under gravity.",
+        help="A bundled scene, a scene file (.toml), or a robot: with all that its URDF says.",
         autocompletion=completion(bundled_scenes),
     ),
 ]
@@ -268,8 +268,6 @@ def locks_of(lock: Lock) -> dict[str, list[float]]:
 
 
 def scene_from(source: str) -> Scene:
-    """A bundled scene, or that of a file; of a URDF the robot alone, released at rest under gravity."""
-    if not source.endswith(".urdf"):
-        return load_scene(source)
-    robot = load_robot(source)
-    return Scene(robot, effects=[GravityEffect()], title=f"{robot.name}, released at rest under gravity")
+    """A bundled scene, or that of a file; of a robot one with all that its URDF says."""
+    of_robot = source.endswith(".urdf") or (source in catalogue_names() and source not in bundled_scenes())
+    return scene_of(source) if of_robot else load_scene(source)

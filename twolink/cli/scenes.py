@@ -37,6 +37,7 @@ from twolink.cli.common import (
     show,
     write_by_ending,
 )
+from twolink.exchange.urdf_scene import UrdfScene, limit_notes
 from twolink.integrate.steps.methods import methods as method_table
 from twolink.io.files import write_atomic
 from twolink.io.progress import progress_bar
@@ -142,9 +143,10 @@ def run(
 ) -> None:
     """Simulate a scene, with an error bar and its cost.
 
-    --out writes samples (.csv .parquet .npz), a figure (.png .svg .pdf) or a playback (.html).
+    --out writes samples (.csv .parquet .npz .mat), a figure (.png .svg .pdf) or a playback (.html).
 
     \b
+    twolink run panda                                    with the damping, friction and stops of its URDF
     twolink run arm-swing --accuracy 1e-9
     twolink run arm-swing --method rk4 --step 0.01      the error bar says how wrong that is
     twolink run arm-swing --accuracy 1e-25               33 digits, as 16 do not reach it
@@ -162,6 +164,9 @@ def run(
         )  # fmt: skip
     record = result.to_dict() | {"scene": scene}
     text = _text(scene, result, record)
+    if isinstance(loaded, UrdfScene):
+        record |= {"report": loaded.report.to_dict(), "beyond_limits": limit_notes(result)}
+        text = "\n".join([text, *(f"  beyond   {note}" for note in record["beyond_limits"]), str(loaded.report)])
     if book:
         from twolink.simulation.energy_balance import energy_book
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from twolink.algorithms.functions import Function
 from twolink.algorithms.mechanism import nominal
 from twolink.algorithms.references import State
-from twolink.dynamics.kernels import Kernel
+from twolink.dynamics.kernels import Kernel, heyoka
 from twolink.errors import CertificationError
 
 BOUND = 1e-11  # of the reference's scale, which takes in the mass matrix's condition number
@@ -76,7 +76,8 @@ def certify(
 
 @functools.cache
 def _versions() -> str:
-    return ", ".join(f"{name} {version(name)}" for name in ("heyoka", "pin", "numpy"))
+    libraries = ("heyoka", "pin", "numpy") if heyoka() else ("pin", "numpy")
+    return ", ".join(f"{name} {version(name)}" for name in libraries)
 
 
 def _arguments(model: pin.Model, function: Function, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Tables of named columns: .csv, .parquet and .npz files, and CSV text whose errors name the line."""
+"""Tables of named columns: .csv, .parquet, .npz and .mat files, and CSV text whose errors name the line."""
 
 import csv
 import io
@@ -77,9 +77,9 @@ def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
     Parameters
     ----------
     path : Path
-        A file that ends in .csv, .parquet or .npz.
+        A file that ends in .csv, .parquet, .npz or .mat.
     columns : dict
-        Arrays (n,) or (n, k) by name. A .csv file has no place for the latter.
+        Arrays (n,) or (n, k) by name. A .csv or .mat file has no place for the latter.
     notes : mapping
         Texts by name. A .csv file has no place for them.
 
@@ -93,7 +93,8 @@ def write_table(path: Path, columns: Columns, notes: Mapping[str, str]) -> Path:
     TwolinkError
         The format is unknown (code "unknown-format") or the file cannot be written (code "not-writable").
     """
-    writer = {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz}[require_format(path)]
+    writers = {".csv": _write_csv, ".parquet": _write_parquet, ".npz": _write_npz, ".mat": _write_mat}
+    writer = writers[require_format(path, writers)]
     return write_atomic(path, lambda file: writer(file, columns, notes))
 
 
@@ -105,7 +106,8 @@ def read_table(path: Path) -> tuple[Columns, dict[str, str]]:
     TwolinkError
         The format is unknown, or the file cannot be read (code "not-readable", of CSV "csv").
     """
-    reader = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz}[require_format(path)]
+    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".npz": _read_npz, ".mat": _read_mat}
+    reader = readers[require_format(path, readers)]
     try:
         path.stat()  # pyarrow's own error for a missing file says less
         return reader(path)
@@ -173,3 +175,31 @@ def _read_npz(path: Path) -> tuple[Columns, dict[str, str]]:
             raise ValueError("it is one array, not an archive of them")
         notes = {k.removeprefix("note:"): str(archive[k]) for k in archive.files if k.startswith("note:")}
         return {k: archive[k] for k in archive.files if not k.startswith("note:")}, notes
+
+
+def _write_mat(file: BinaryIO, columns: Columns, notes: Mapping[str, str]) -> None:
+    """For MATLAB: t, energy, ...; the columns q.JOINT as a matrix q (n, nq) and their names as a cell q_names."""
+    from scipy.io import savemat
+
+    arrays: dict[str, Any] = {"notes": dict(notes)}
+    for name, values in columns.items():
+        letter, _, joint = name.partition(".")
+        if values.ndim == 1:
+            arrays[letter] = np.column_stack([*([arrays[letter]] if letter in arrays else []), values])
+            if joint:
+                arrays[f"{letter}_names"] = np.array([*arrays.get(f"{letter}_names", []), joint], dtype=object)
+    savemat(file, arrays, long_field_names=True)
+
+
+def _read_mat(path: Path) -> tuple[Columns, dict[str, str]]:
+    from scipy.io import loadmat
+
+    arrays = {k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")}
+    notes = {k: str(v) if np.size(v) else "" for k, v in arrays.pop("notes", {}).items()}
+    columns: Columns = {}
+    for name, values in arrays.items():
+        joints = np.atleast_1d(arrays.get(f"{name}_names", []))
+        table = np.asarray(values).reshape(-1, max(1, len(joints)))
+        if not name.endswith("_names"):
+            columns |= {f"{name}.{joint}": table[:, k] for k, joint in enumerate(joints)} or {name: np.asarray(values)}
+    return columns, notes

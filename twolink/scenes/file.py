@@ -133,7 +133,7 @@ def load_scene(source: str | os.PathLike[str]) -> Scene:
         what = f"a {type(source).__name__} is not a scene"
         raise SceneError(what, where="load_scene", remedy="pass a name or a path", argument="source")
     if name.endswith(".urdf"):
-        remedy = f"tl.Scene(tl.load_robot({name!r}), effects=[tl.effects.Gravity()]); `twolink new` begins a scene file"
+        remedy = f"tl.scene_of({name!r}); `twolink new` begins a scene file"
         raise SceneError("a URDF is a robot, not a scene", where=name, remedy=remedy, argument="source")
     if isinstance(source, os.PathLike) or name.endswith(".toml") or os.sep in name:
         path = Path(name)

@@ -306,9 +306,10 @@ class Trajectory(Result, Plotted):
         return {name: as_data(value) for name, value in record.items()}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the samples to .csv, .parquet or .npz; all keep every digit. Returns the path.
+        """Write the samples to .csv, .parquet, .npz or MATLAB's .mat; all keep every digit. Returns the path.
 
-        The latter two also keep the robot's name, the events, and contacts and forces on links.
+        All but .csv keep the robot's name and the events; .parquet and .npz contacts and forces on links too. A .mat
+        file has t, energy, and q (n, nq) and v (n, nv) with q_names and v_names.
         """
         notes = {"title": self.title, "bound": self.bound, **tables.mark_notes(self.events or ())}
         columns = {**self.columns(), **tables.mark_columns(self.contacts, self.forces_on_links)}
@@ -321,7 +322,7 @@ class Trajectory(Result, Plotted):
         Parameters
         ----------
         path : path-like
-            A .npz, .parquet or .csv file.
+            A .npz, .parquet, .mat or .csv file.
         robot : Robot, optional
             Its robot. A .csv needs it. A .npz or .parquet file names its robot: one of the catalogue is loaded again
             as it was then; any other one must be passed.

@@ -1,0 +1,140 @@
+"""Robots as C and as URDF: compiled and run, loaded again and compared."""
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twolink as tl
+
+ROBOTS = ("two_link", "panda", "ur5", "kinova", "z1", "double_pendulum_continuous", "solo12", "go1", "anymal", "bowler")
+STATES = 100
+
+
+def library(source: Path) -> ctypes.CDLL:
+    """The compiled file."""
+    out = source.with_suffix(".so")
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    subprocess.run(["cc", *strict, "-O1", "-shared", "-fPIC", "-o", str(out), str(source), "-lm"], check=True)
+    return ctypes.CDLL(str(out))
+
+
+def call(function: object, size: int, *arguments: np.ndarray | float) -> np.ndarray:
+    out = np.empty(size)
+    given = [ctypes.c_double(x) if np.ndim(x) == 0 else np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p)
+             for x in arguments]  # fmt: skip
+    function(*given, out.ctypes.data_as(ctypes.c_void_p))
+    return out
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_c_agrees_with_pinocchio(name: str, tmp_path: Path) -> None:
+    robot = tl.load_robot(name, root="free" if name in ("solo12", "anymal") else "fixed")
+    source, _ = robot.export_c(tmp_path / "it.c", ["forward_dynamics", "mass_matrix", "bias"])
+    lib, nv = library(source), robot.nv
+    q, v = robot.random_state(STATES, seed=5)
+    tau = np.random.default_rng(5).normal(size=v.shape)
+    a = robot.forward_dynamics(q, v, tau, engine="pinocchio")
+    matrix, bias = robot.mass_matrix(q, engine="pinocchio"), robot.bias(q, v, engine="pinocchio")
+    for i in range(STATES):
+        got = call(lib.it_forward_dynamics, nv, q[i], v[i], tau[i])
+        solved = matrix[i] @ got - (tau[i] - bias[i])  # what remains of M a = tau - h: free of M's condition number
+        assert np.abs(solved).max() <= 1e-12 * max(np.abs(matrix[i]) @ np.abs(a[i]) + np.abs(bias[i]) + 1)
+        np.testing.assert_allclose(call(lib.it_mass_matrix, nv * nv, q[i]), matrix[i].ravel(), rtol=0,
+                                   atol=1e-12 * np.abs(matrix[i]).max())  # fmt: skip
+        np.testing.assert_allclose(call(lib.it_bias, nv, q[i], v[i]), bias[i], rtol=0,
+                                   atol=1e-12 * max(1, np.abs(bias[i]).max()))  # fmt: skip
+
+
+@pytest.mark.parametrize("flags", [[], ["-DTWOLINK_FLOAT"]])
+@pytest.mark.parametrize("name", ["two_link", "kinova"])
+def test_the_self_test_passes_and_finds_a_changed_number(name: str, flags: list[str], tmp_path: Path) -> None:
+    robot = tl.load_robot(name)
+    functions = ["forward_dynamics", "inverse_dynamics", f"frame_pose:{robot.frame_names[-1]}", "energy", "step:rk4"]
+    source, header = robot.export_c(tmp_path / "my-arm.c", functions)
+    assert "96 states against Pinocchio" in header.read_text()
+
+    def run() -> subprocess.CompletedProcess[str]:
+        command = ["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", *flags, "-DMY_ARM_SELF_TEST"]
+        subprocess.run([*command, str(source), "-o", str(tmp_path / "test"), "-lm"], check=True)
+        return subprocess.run([str(tmp_path / "test")], capture_output=True, text=True, check=False)
+
+    done = run()
+    assert done.returncode == 0, done.stdout
+    assert all(function in done.stdout for function in functions)
+    text = source.read_text()
+    place = text.index("out[0] = ", text.index("my_arm_inverse_dynamics")) + len("out[0] = ")
+    source.write_text(f"{text[:place]}K(1e6) + {text[place:]}")
+    assert run().returncode == 1
+
+
+def test_the_step_is_the_method_of_its_order(tmp_path: Path) -> None:
+    robot = tl.load_robot("two_link")
+    source, _ = robot.export_c(tmp_path / "arm.c", ["step:rk4"])
+    step, q, v = library(source).arm_step_rk4, np.array([0.3, 0.5]), np.array([0.5, -1.0])
+    gravity = tl.effects.Gravity(tuple(robot.gravity))
+    truth = tl.simulate(tl.Scene(robot, q, v, [gravity]), 0.5, accuracy=1e-11, t_eval=[0.5])
+    errors = []
+    for n in (80, 160):
+        x = np.concatenate([q, v])
+        for _ in range(n):
+            x = call(step, 4, x[:2], x[2:], np.zeros(2), 0.5 / n)
+        errors.append(np.abs(x - np.concatenate([truth.q[-1], truth.v[-1]])).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    robot = tl.load_robot("two_link")
+    for functions in ([], "energy", ["energy", "energy"], ["centre_of_mass"], ["step:radau"], ["step:gauss4"]):
+        with pytest.raises(tl.errors.TwolinkError):
+            robot.export_c(tmp_path / "x.c", functions)
+    with pytest.raises(tl.errors.QueryError, match="no joint moves"):
+        tl.load_robot("heavy_top").export_c(tmp_path / "x.c")
+    with pytest.raises(tl.errors.TwolinkError):
+        robot.export_c(tmp_path / "x.txt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_name_ends_a_comment(tmp_path: Path) -> None:
+    text = (tl.load_robot("two_link").visuals.text).replace('"two_link"', '"two*/link é"', 1)
+    source, _ = tl.load_robot(text).export_c(tmp_path / "1arm.c")
+    assert library(source)._1arm_forward_dynamics
+
+
+@pytest.mark.parametrize("name", [*ROBOTS, "talos_arm", "tiago_pro", "baxter"])
+def test_an_exported_urdf_is_the_same_robot(name: str, tmp_path: Path) -> None:
+    root = "free" if name in ("solo12", "anymal") else "fixed"
+    robot = tl.load_robot(name, root=root)
+    again = tl.load_robot(robot.export_urdf(tmp_path / "r.urdf"), root=root)
+    found = tl.compare_models(robot, again)
+    assert found.equal, str(found)
+    assert not found.remarks or "would mirror" in found.remarks[0]
+    assert max(found.dynamics.values()) < 1e-9
+    assert set(robot.frame_names) == set(again.frame_names)
+
+
+def test_locked_joints_are_merged(tmp_path: Path) -> None:
+    robot = tl.load_robot("panda", lock={"panda_joint3": 0.4, "panda_finger_joint1": 0.02})
+    again = tl.load_robot(robot.export_urdf(tmp_path / "r.urdf"))
+    assert again.nv == 7
+    found = tl.compare_models(robot, again)
+    assert found.equal, str(found)
+
+
+def test_a_run_for_matlab_is_read_again(tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    for name in ("two_link", "double_pendulum_continuous", "bouncing_ball"):
+        scene = tl.Scene(tl.load_robot(name), effects=[tl.effects.Gravity()])
+        run = tl.simulate(scene, 0.1)
+        path = run.save(tmp_path / f"{name}.mat")
+        arrays = loadmat(path)
+        assert arrays["q"].shape == run.q.shape
+        assert arrays["t"].shape == (len(run.t), 1)
+        assert len(arrays["v_names"].ravel()) == scene.robot.nv
+        again = tl.Trajectory.load(path)
+        np.testing.assert_array_equal(again.q, run.q)
+        np.testing.assert_array_equal(again.error, run.error)
+        assert tl.judge(scene, path).right

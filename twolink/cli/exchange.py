@@ -1,0 +1,110 @@
+"""The commands about other files and programs: compare two models, judge a log, write a robot in another
+format.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from twolink.cli.common import (
+    FAILED,
+    ROBOT_HELP,
+    Files,
+    Gravity,
+    Json,
+    Lock,
+    RobotName,
+    Root,
+    SceneName,
+    completion,
+    deliver,
+    require_writable,
+    robot_from,
+    scene_from,
+    show,
+)
+from twolink.robots.catalogue import catalogue_names
+from twolink.show.figure import FORMATS
+
+
+def diff(
+    a: Annotated[str, Argument(metavar="A", help=ROBOT_HELP, autocompletion=completion(catalogue_names))],
+    b: Annotated[str, Argument(metavar="B", help="The other one.", autocompletion=completion(catalogue_names))],
+    root: Root = "fixed",
+    tolerance: Annotated[float, Option(help="Relative; of lengths, of the robot's reach.")] = 1e-6,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Say whether two URDFs are the same mechanism, or why not.
+
+    Each difference has its place and cause. Names of links, the order of joints, fixed joints and the frames of
+    inertias do not count. --out writes the comparison (.json). The exit code is 1 when they differ.
+
+    \b
+    twolink diff arm.urdf converted.urdf
+    """
+    from twolink.exchange.model_comparison import compare_models
+
+    require_writable(out or [], (".json",))
+    first, second = (robot_from(name, root, None, unphysical="report") for name in (a, b))
+    found = compare_models(first, second, tolerance=tolerance)
+    deliver(found.to_dict(), found, out, found.save, as_json)
+    if not found.equal:
+        raise typer.Exit(FAILED)
+
+
+def judge(
+    scene: SceneName,
+    log: Annotated[Path, Argument(metavar="LOG", help="A .csv, .npz or .parquet file: t, q.JOINT, v.JOINT.")],
+    tolerance: Annotated[float, Option(help="A distance that does not count, rad or m.")] = 1e-6,
+    out: Files = None,
+    as_json: Json = False,
+) -> None:
+    """Judge a trajectory of any simulator against the solution.
+
+    It says how far the log is from the solution, since when, how large its local errors are, and what explains them.
+    --out writes a figure (.png .svg .pdf) or the verdict (.json). The exit code is 1 when the log is wrong.
+
+    \b
+    twolink judge scene.toml log.csv --out verdict.png
+    """
+    from twolink.exchange.referee import judge as judge_log
+
+    require_writable(out or [], (".json", *FORMATS))
+    verdict = judge_log(scene_from(scene), log, tolerance=tolerance)
+    deliver(verdict.to_dict(), verdict, out,
+            lambda path: (verdict.plot if path.suffix in FORMATS else verdict.save)(path), as_json)  # fmt: skip
+    if not verdict.right:
+        raise typer.Exit(FAILED)
+
+
+def export(
+    robot: RobotName,
+    file: Annotated[Path, Argument(metavar="FILE", help="The file to write: .c (with its header) or .urdf.")],
+    functions: Annotated[
+        str, Option(help="Of C: such as forward_dynamics,mass_matrix,frame_pose:tip,step:rk4.")
+    ] = "forward_dynamics,step:rk4",
+    root: Root = "fixed",
+    lock: Lock = None,
+    gravity: Gravity = "0 0 -9.81",
+    as_json: Json = False,
+) -> None:
+    """Write a robot as C code or as a URDF.
+
+    The C99 file needs nothing but libm and allocates nothing. It holds its certificate and a self test. The URDF has
+    merged bodies, locked joints fixed, and inertias about centres of mass.
+
+    \b
+    twolink export panda panda.c --functions forward_dynamics,mass_matrix
+    twolink export panda arm.urdf --lock panda_finger_joint1=0 --lock panda_finger_joint2=0
+    """
+    require_writable([file], (".c", ".urdf"))
+    loaded = robot_from(robot, root, lock, gravity)
+    if file.suffix.lower() == ".c":
+        names = [name.strip() for name in functions.split(",") if name.strip()]
+        written = list(loaded.export_c(file, names))
+    else:
+        written = [loaded.export_urdf(file)]
+    show({"robot": loaded.name, "written": written}, "\n".join(f"wrote {path}" for path in written), as_json)

@@ -1,0 +1,163 @@
+"""Functions of a robot as lists of operations, which code can be written from: traced, and held against Pinocchio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twolink.algorithms.functions import function
+from twolink.algorithms.mechanism import mechanism
+from twolink.algorithms.operation_count import Symbol, Tape
+from twolink.algorithms.references import State
+from twolink.dynamics import Robot
+from twolink.dynamics.certificates import BOUND, certify
+from twolink.errors import CertificationError, QueryError
+from twolink.integrate.motion.state import Array, StateSpace
+from twolink.integrate.steps.methods import method_named
+from twolink.integrate.steps.step_formulas import explicit_step
+from twolink.integrate.steps.tableau import Tableau
+
+VECTORS = 4  # states of a test
+Vectors = tuple[list[np.ndarray], np.ndarray, np.ndarray]  # arguments, results and their scale, (VECTORS, ...)
+_NUMPY: dict[str, Callable[..., Any]] = {
+    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "neg": np.negative, "sin": np.sin, "cos": np.cos,
+    "sqrt": np.sqrt, "atan2": np.arctan2,
+}  # fmt: skip
+
+
+class CTape(Tape):
+    """A tape that also records what the operation count has no need of."""
+
+    def atan2(self, y: Any, x: Any) -> Symbol:
+        """The angle of (x, y)."""
+        return self.enter("atan2", y, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """A function as operations on symbols. arguments: names, sizes and symbols; outputs: symbols and constants.
+
+    about: one line for people. operations counts them by kind.
+    """
+
+    name: str
+    about: str
+    arguments: tuple[tuple[str, list[Symbol]], ...]
+    outputs: list[Any]
+    tape: Tape
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """How many there are of each kind."""
+        return self.tape.count(self.outputs)
+
+    def needed(self) -> list[tuple[int, tuple[Any, ...]]]:
+        """The operations behind the outputs, in an order that they can be computed in: (number, (kind, operands))."""
+        inputs = {symbol.key for _, symbols in self.arguments for symbol in symbols}
+        keys = set[int]().union(*(self.tape.inputs(output) for output in self.outputs))
+        made = {symbol.key: operation for operation, symbol in self.tape.made.items()}
+        return [(key, made[key]) for key in sorted(keys - inputs)]
+
+    def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """The outputs (n, k) for arguments (n, size)."""
+        values = {symbol.key: column[:, i] for (_, symbols), column in zip(self.arguments, columns, strict=True)
+                  for i, symbol in enumerate(symbols)}  # fmt: skip
+        for key, (kind, *operands) in self.needed():
+            values[key] = _NUMPY[kind](*(x if isinstance(x, float) else values[x] for x in operands))
+        results = [values[x.key] if isinstance(x, Symbol) else np.full(len(columns[0]), x) for x in self.outputs]
+        return np.stack(results, axis=1)
+
+
+def function_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
+    """A compiled query: its cheapest formula, certified against Pinocchio; its certificate; test vectors."""
+    try:
+        of = function(robot.model, name)
+    except QueryError as error:
+        raise error.at("functions", argument="functions") from None
+    found = []
+    for formula in of.variants:
+        tape = CTape()
+        symbols = {argument: [tape.variable() for _ in range(size)] for argument, size in of.arguments}
+        outputs = formula(mechanism(robot.model), dict(symbols), tape)
+        shape = " x ".join(map(str, of.shape)) or "1"
+        found.append(Traced(name, f"{name}: out has {shape} numbers.", tuple(symbols.items()), outputs, tape))
+    traced = min(found, key=lambda one: sum(one.operations.values()))
+    certificate = certify(robot.model, of, _Shaped(traced, of.shape))  # type: ignore[arg-type]
+    told = f"{name}: {certificate.states} states against Pinocchio, worst error {certificate.worst:.1e} of its scale"
+    arguments = _states(robot, [argument for argument, _ in of.arguments])
+    answers = [of.reference(State(robot.model, {k: x[i] for k, x in arguments.items()})) for i in range(VECTORS)]
+    expected = np.array([np.ravel(value) for value, _ in answers])
+    return traced, told, (list(arguments.values()), expected, np.array([np.max(s) for _, s in answers]))
+
+
+@dataclass(frozen=True)
+class _Shaped:
+    """A traced function as the certification calls it."""
+
+    traced: Traced
+    shape: tuple[int, ...]
+
+    @property
+    def operations(self) -> dict[str, int]:
+        return self.traced.operations
+
+    def __call__(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        return self.traced(columns).reshape(-1, *self.shape)
+
+
+def step_of(robot: Robot, name: str) -> tuple[Traced, str, Vectors]:
+    """One step of an explicit method under torques that stay, certified against Pinocchio's accelerations."""
+    method = method_named(name.partition(":")[2] or "rk4", "functions")
+    if not isinstance(method.tableau, Tableau) or any(method.tableau.diagonal):
+        raise QueryError(f"{method.name} has no explicit steps", argument="functions", remedy='such as "step:rk4"')
+    space, tape = StateSpace(robot), CTape()
+    forward = function(robot.model, "forward_dynamics")
+    mech, nq = mechanism(robot.model), robot.nq
+    sizes = {"q": nq, "v": robot.nv, "tau": robot.nv, "h": 1}
+    symbols = {argument: [tape.variable() for _ in range(size)] for argument, size in sizes.items()}
+
+    def traced_rate(_: Any, x: Array) -> Array:
+        unit = space.normalized(x, tape)
+        arguments = {"q": list(unit[:nq]), "v": list(x[nq:]), "tau": symbols["tau"]}
+        a = forward.variants[-1](mech, arguments, tape)
+        return np.concatenate([space.rate(x[:nq], x[nq:]), np.array(a, dtype=object)])
+
+    x = np.array([*symbols["q"], *symbols["v"]], dtype=object)
+    after = space.normalized(explicit_step(method.tableau, traced_rate, 0.0, x, symbols["h"][0])[0], tape)
+    about = f"{name}: q and v, one step of {method.name} of h seconds later; tau stays."
+    traced = Traced(name, about, tuple(symbols.items()), list(after), tape)
+    arguments = _states(robot, ["q", "v", "tau"])
+    columns = [*arguments.values(), np.full((VECTORS, 1), 1e-3)]
+    expected = np.stack([_pinocchio_step(robot, space, method.tableau, *(c[i] for c in columns))
+                         for i in range(VECTORS)])  # fmt: skip
+    scale = np.maximum(1.0, np.abs(expected).max(axis=1))
+    worst = float((np.abs(traced(columns) - expected).max(axis=1) / scale).max())
+    if not worst <= BOUND:
+        raise CertificationError(f"the step differs from Pinocchio's by {worst:.1e} of its scale", where=name,
+                                 remedy="report it, with the robot")  # fmt: skip
+    told = f"{name}: {VECTORS} steps against Pinocchio's accelerations, worst error {worst:.1e} of the scale"
+    return traced, told, (columns, expected, scale)
+
+
+def _pinocchio_step(
+    robot: Robot, space: StateSpace, tableau: Tableau, q: Array, v: Array, tau: Array, h: Array
+) -> np.ndarray:
+    """The same step by Pinocchio."""
+
+    def rate(_: Any, x: Array) -> Array:
+        unit = robot.normalize(x[: robot.nq])
+        a = robot.forward_dynamics(unit, x[robot.nq :], tau, engine="pinocchio")
+        return np.concatenate([space.rate(x[: robot.nq], x[robot.nq :]), a])
+
+    after = explicit_step(tableau, rate, 0.0, np.concatenate([q, v]), h[0])[0]
+    return np.concatenate([robot.normalize(after[: robot.nq]), after[robot.nq :]])
+
+
+def _states(robot: Robot, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Arguments of the self test."""
+    q, v = robot.random_state(VECTORS, seed=99)
+    other = np.asarray(np.random.default_rng(99).uniform(-5, 5, v.shape))
+    return {name: {"q": q, "v": v}.get(name, other) for name in names}

@@ -1,0 +1,198 @@
+"""A scene with all that a URDF says: gravity, damping, friction, stops; started within limits and off equilibrium."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from twolink.dynamics import Robot, load_robot
+from twolink.effects import Effect
+from twolink.effects.constants import Gravity
+from twolink.effects.forces import JointDamping
+from twolink.effects.joint_switches import DryFriction, JointStops
+from twolink.effects.loops import Coupling
+from twolink.errors import SceneError
+from twolink.robots.joint_layout import NO_LIMIT, JointLayout, turns, urdf_limits
+from twolink.robots.load_report import Finding, LoadReport, findings
+from twolink.robots.tree import Tree, read_tree
+from twolink.robots.xml import parse_xml
+from twolink.scenes import Scene
+from twolink.simulation.trajectory import Trajectory
+
+OFFSET = 0.5  # rad or m, from 0 at most: how far a joint is moved at the start
+SHARE = 0.6  # of the range between its limits, towards which it is moved
+STARTING_SPEED = 0.5  # rad/s or m/s, of a robot that would stay at rest
+AT_REST = 1e-6  # N m, N: joint torques of gravity and friction below which a robot would
+
+
+class UrdfScene(Scene):
+    """A scene that `scene_of` made.
+
+    Attributes
+    ----------
+    report : LoadReport
+        What was taken from the URDF, what was not, and what was assumed.
+    """
+
+    @property
+    def report(self) -> LoadReport:
+        """What was taken from the URDF, what was not, and what was assumed."""
+        robot, model = self.base, self.base.model
+        names = {
+            "damping (JointDamping)": _joints(robot, model.damping),
+            "friction (DryFriction, which holds joints at rest)": _joints(robot, model.friction),
+            "limits of position (JointStops, without restitution)": [
+                joint.name for joint, ends in _limited(robot) if np.isfinite(ends).any()
+            ],
+            "mimic (Coupling)": [effect.joint for effect in self.effects if isinstance(effect, Coupling)],
+        }
+        effort = [name for name, limit in _limits_by_joint(robot, model.upperEffortLimit).items() if limit > 0]
+        ignored = {
+            'limits of effort (no controller acts; controllers take effort="urdf")': effort,
+            "limits of velocity (a result beyond them says so)": list(_limits_by_joint(robot, model.velocityLimit)),
+        }
+        g = ", ".join(f"{x:g}" for x in robot.gravity)
+        assumed = [
+            Finding("assumed", f"gravity ({g}) m/s^2"),
+            Finding("assumed", f"a start of at most {OFFSET:g} rad or m from 0, within limits"),
+            *findings("assumed", {f"a start with {STARTING_SPEED:g} rad/s or m/s, for gravity alone moves nothing": [
+                name for name, moving in zip(robot.joint_names, [bool(self.v[j.v].any()) for j in robot.joints],
+                                             strict=True) if moving]}),
+            Finding("assumed", "no body touches another, no motor acts"),
+        ]  # fmt: skip
+        return LoadReport(robot.report.source, (*findings("read", names), *findings("ignored", ignored), *assumed))
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()}\n{self.report}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return UrdfScene, (self.base, self.q, self.v, self.effects, self.duration, self.title)
+
+
+def scene_of(robot: Robot | str | os.PathLike[str], duration: float = 5.0) -> UrdfScene:
+    """A scene with gravity and all that a robot's URDF says: damping, friction, stops, mimic joints.
+
+    It starts at rest, off equilibrium and within the limits, always the same. `print(scene)` says what was taken from
+    the URDF, what was not, and what was assumed.
+
+    Parameters
+    ----------
+    robot : Robot, str or path
+        A robot, or what `load_robot` takes.
+    duration : float
+        Time to simulate, s.
+
+    Returns
+    -------
+    UrdfScene
+        A scene, with its report.
+
+    Raises
+    ------
+    SceneError
+        Nothing moves (code "nothing-moves").
+    RobotError
+        The robot is refused.
+    """
+    loaded = robot if isinstance(robot, Robot) else load_robot(robot)
+    if loaded.nv == 0:
+        raise SceneError("no joint moves", where=f"robot {loaded.name!r}", argument="robot", code="nothing-moves",
+                         remedy='free its base: load_robot(..., root="free")')  # fmt: skip
+    model, effects = loaded.model, list[Effect]([Gravity(tuple(loaded.gravity.tolist()))])
+    couplings = _couplings(loaded)
+    followers = [coupling.joint for coupling in couplings]
+    if model.damping.any():
+        effects.append(JointDamping())
+    if model.friction.any():
+        effects.append(DryFriction())
+    stops = {joint.name: ends for joint, ends in _limited(loaded)
+             if joint.name not in followers and np.isfinite(ends).any()}  # fmt: skip
+    if stops:
+        effects.append(JointStops(stops if followers else "urdf"))
+    q = loaded.neutral
+    for joint in loaded.joints:
+        q[joint.q] = _start(loaded, joint, q[joint.q])
+    entries = {joint.name: joint for joint in loaded.joints}
+    for coupling in couplings:
+        q[entries[coupling.joint].q] = coupling.ratio * q[entries[coupling.other].q] + coupling.offset
+    effects += couplings
+    still = np.all(np.abs(loaded.gravity_torque(q)) <= np.maximum(model.friction, AT_REST))
+    v = np.full(loaded.nv, STARTING_SPEED) if still else np.zeros(loaded.nv)
+    for coupling in couplings:
+        v[entries[coupling.joint].v] = coupling.ratio * v[entries[coupling.other].v]
+    return UrdfScene(loaded, q, v, effects, duration, f"{loaded.name} under gravity, with all that its URDF says")
+
+
+def limit_notes(run: Trajectory) -> list[str]:
+    """Where a run is beyond the URDF's limits of velocity or position, one line a joint."""
+    robot, notes = run.robot, []
+    for joint, (lower, upper) in _limited(robot):
+        q, unit = run.q[:, joint.q.start], "rad" if turns(robot.model, joint) else "m"
+        for value, beyond in ((lower, q < lower - 1e-6), (upper, q > upper + 1e-6)):
+            notes += _note(run, joint.name, q, beyond, f"{value:.4g} {unit}")
+    limits = _limits_by_joint(robot, robot.model.velocityLimit)
+    for joint in robot.joints:
+        if joint.name in limits:
+            speed, unit = np.abs(run.v[:, joint.v]).max(axis=1), "rad/s" if turns(robot.model, joint) else "m/s"
+            notes += _note(run, joint.name, speed, speed > limits[joint.name], f"{limits[joint.name]:.4g} {unit}")
+    return notes
+
+
+def _note(run: Trajectory, joint: str, values: np.ndarray, beyond: np.ndarray, limit: str) -> list[str]:
+    if not beyond.any():
+        return []
+    largest = values[beyond][np.argmax(np.abs(values[beyond]))]
+    return [f"{joint} is beyond its limit of {limit} from {run.t[np.argmax(beyond)]:.3g} s on: {largest:.4g} at most"]
+
+
+def urdf_tree(robot: Robot) -> Tree:
+    """What the URDF of a robot says."""
+    return read_tree(parse_xml(robot.visuals.text.encode(), robot.report.source), robot.report.source)
+
+
+def _couplings(robot: Robot) -> list[Coupling]:
+    """The joints that follow others by the URDF, but move freely in the robot: leaders before their followers."""
+    ones = [joint.name for joint in robot.joints if joint.kind == "vector"]
+    found = {joint.name: Coupling(joint.name, joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
+             for joint in urdf_tree(robot).moving
+             if joint.mimic and joint.name in ones and joint.mimic.joint in ones}  # fmt: skip
+
+    def depth(name: str, seen: tuple[str, ...] = ()) -> int:
+        return 0 if name not in found or name in seen else 1 + depth(found[name].other, (*seen, name))
+
+    return sorted(found.values(), key=lambda coupling: depth(coupling.joint))
+
+
+def _start(robot: Robot, joint: JointLayout, neutral: np.ndarray) -> np.ndarray:
+    """The configuration of a joint at the start."""
+    if joint.kind == "cos-sin":
+        return joint.configuration(OFFSET)
+    if joint.kind != "vector":
+        return neutral
+    lower, upper = urdf_limits(robot.model, joint.q.start)
+    if not np.isfinite([lower, upper]).all():
+        away = OFFSET if turns(robot.model, joint) else 0.0
+        return np.clip([away], lower, upper)
+    zero = min(max(0.0, lower), upper)
+    aim = lower + SHARE * (upper - lower)
+    return np.array([zero + min(max(aim - zero, -OFFSET), OFFSET)])
+
+
+def _limited(robot: Robot) -> list[tuple[JointLayout, tuple[float, float]]]:
+    """The joints with one coordinate, and their limits."""
+    ones = [joint for joint in robot.joints if joint.kind == "vector" and joint.v.stop - joint.v.start == 1]
+    return [(joint, urdf_limits(robot.model, joint.q.start)) for joint in ones]
+
+
+def _limits_by_joint(robot: Robot, values: np.ndarray) -> dict[str, float]:
+    """The finite limits that are not zero, by joint."""
+    found = {joint.name: float(values[joint.v].max(initial=0.0)) for joint in robot.joints}
+    return {name: limit for name, limit in found.items() if 0 < limit < NO_LIMIT}
+
+
+def _joints(robot: Robot, values: Sequence[float] | np.ndarray) -> Iterable[str]:
+    """The joints for which a value by degree of freedom is not zero."""
+    return [joint.name for joint in robot.joints if np.any(np.asarray(values)[joint.v])]
