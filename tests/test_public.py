@@ -20,7 +20,8 @@ TOP = Path(__file__).parents[1]
 FACE = {
     tl: ["Certificate", "Compiled", "Cost", "EnergyBalance", "Equilibria", "Event", "Explanation", "Gradient",
          "Identification", "Linearization", "LoadReport", "ModelComparison", "Optimum", "PeriodicMotion", "Robot",
-         "Scene", "SceneFit", "Sensitivities", "Study", "Trajectory", "Verdict", "Worlds", "Wrench", "accuracy_study",
+         "Scene", "SceneFit", "Sensitivities", "Simulation", "Study", "Trajectory", "Verdict", "Worlds", "Wrench",
+         "accuracy_study",
          "compare_models", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "fit",
          "gradient", "identify", "judge", "lagrange", "linearize", "load_robot", "load_scene", "loop_forces", "lqr",
          "methods", "optimize", "periodic_motion", "progress_bar", "robots", "scene_of", "scenes", "sensitivities",

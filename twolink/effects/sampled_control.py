@@ -56,6 +56,18 @@ class HeldTorques(Effect, frozen=True):
             loads.torque(motion.dofs(joint)[0], value)
 
 
+class DofTorques(Effect, frozen=True):
+    """Generalized forces of all degrees of freedom, in order, which are rows of the state."""
+
+    analytic: ClassVar[bool] = False
+
+    values: Mapping[str, Slot]
+
+    def act(self, motion: Motion, loads: Loads) -> None:  # noqa: ARG002 what all effects are given
+        """Add them."""
+        loads.torques(list(self.values.values()))
+
+
 class Controller(Effect, frozen=True):
     """A sampled controller in plain Python: torques of joints that are computed at ticks and held between them.
 

@@ -70,7 +70,7 @@ class Lanes:
         self._by, self._rows, self._setting = by, by.rows, setting
         self.state, self._limit = start_state(by, start, t, end, setting, every, span=end - t)
         self.state[by.rows.time, count:] = np.inf  # they fill the vector
-        self._new, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
+        self.spare, self._call, self._size, self._count = np.empty_like(self.state), by.call(len(every)), size, count
         self._rounded = tuple(one for one in perturbations if one.rounding)  # the last ones
         self._finer = [i for i, one in enumerate(perturbations) if one.finer > 1.0 and i > 0]
         self._progress, self._longest = progress, (end - t) / MIN_STEPS
@@ -101,14 +101,14 @@ class Lanes:
             state[rows.step, i], state[rows.longest, i] = min(before.item(i), half), min(self._longest, half)
         state[rows.end] = end
         self._disturb()
-        new, tried, late = self._new, 0, list(range(self._count))
+        new, tried, late = self.spare, 0, list(range(self._count))
         while late:
             self._call(state, new)
             state, new, tried = new, state, tried + 1
             if late[0] == 0 and start < (start := state.item(time, 0)) < end:
                 on_the_way.append((start, state[: self._size, 0].copy()))
             late = [i for i in late if state.item(time, i) < end]
-            self.state, self._new = state, new
+            self.state, self.spare = state, new
             if tried % LOOK == 0:
                 self._require_fine()
         self._tried = tried

@@ -1,0 +1,101 @@
+"""tl.Simulation: step by step as in one run, held torques against a closed form, events, saving, errors."""
+
+import math
+
+import numpy as np
+import pytest
+
+import twolink as tl
+from tests.effects.bodies import slider
+
+E = tl.effects
+SWING = tl.load_scene("arm-swing")
+
+
+def test_steps_of_any_length_are_the_motion_within_the_bar() -> None:
+    run = tl.simulate(SWING, 2.0, accuracy=1e-12)
+    sim = tl.Simulation(SWING, accuracy=1e-8, verify=True)
+    for dt in np.random.default_rng(0).dirichlet(np.ones(300)) * 2.0:
+        state = sim.step(dt)
+    assert state.t == pytest.approx(2.0, abs=1e-12)
+    assert np.abs(state.q - run.q[-1]).max() < sim.error < 1e-7
+    assert math.isnan(tl.Simulation(SWING).error)
+
+
+def test_held_torques_push_a_cart_as_the_closed_form_says() -> None:
+    """x'' = u / m with u held for 0.1 s: x and v by rational steps."""
+    sim, x, v = tl.Simulation(tl.Scene(slider(), [0.5], [0.0])), 0.5, 0.0
+    for k in range(50):
+        u = math.sin(k)
+        state = sim.step(0.1, [u])
+        x, v = x + 0.1 * v + 0.005 * u, v + 0.1 * u
+        assert state.q[0] == pytest.approx(x, abs=1e-13)
+        assert state.v[0] == pytest.approx(v, abs=1e-13)
+    assert sim.step(0.1).v[0] == pytest.approx(v + 0.1 * u, abs=1e-13)  # they go on
+
+
+def test_it_stands_at_an_event_or_at_the_limit() -> None:
+    scene = tl.Scene(slider(), [0.0], [1.0])
+    for event in (
+        E.JointReaches("x", 0.3),
+        E.FrameReaches("x_link", 0.3, direction=(1, 0, 0)),
+        lambda at: at.q[0] - 0.3,
+    ):
+        sim = tl.Simulation(scene)
+        assert sim.run_until(event, 5.0, [2.0])
+        assert sim.t == pytest.approx((math.sqrt(1.0 + 4.0 * 0.3) - 1.0) / 2.0, abs=1e-14)
+        assert sim.state.q[0] == pytest.approx(0.3, abs=1e-14)
+        assert not sim.run_until(E.JointReaches("x", -9.0), 0.5)
+        assert sim.t == pytest.approx((math.sqrt(2.2) - 1.0) / 2.0 + 0.5)
+
+
+@pytest.mark.parametrize("verify", [False, True])
+def test_what_was_saved_goes_on_with_the_same_bits(verify: bool) -> None:
+    sim = tl.Simulation(SWING, verify=verify)
+    sim.step(0.3, [1.0, -1.0])
+    saved = sim.save()
+    first = [sim.step(0.01).q.copy() for _ in range(20)], sim.error
+    sim.step(1.0, [5.0, 5.0])
+    for _ in range(2):
+        sim.restore(saved)
+        again = [sim.step(0.01).q.copy() for _ in range(20)], sim.error
+        np.testing.assert_array_equal(first[0], again[0])
+        assert first[1] == again[1] or not verify
+
+
+def test_another_state_begins_anew() -> None:
+    sim = tl.Simulation(SWING, verify=True)
+    sim.step(1.0, [3.0, 1.0])
+    sim.set_state([0.2, 0.4], [0.0, 0.0], t=7.0)
+    state = sim.step(0.5)
+    run = tl.simulate(tl.Scene(SWING.base, [0.2, 0.4], effects=SWING.effects), 0.5, accuracy=1e-11)
+    assert state.t == pytest.approx(7.5)
+    assert np.abs(state.q - run.q[-1]).max() < 1e-8
+
+
+def test_states_of_effects_and_free_bodies() -> None:
+    sim = tl.Simulation(tl.load_scene("heavy-top"))
+    assert np.linalg.norm(sim.step(0.5).q) == pytest.approx(1.0, abs=1e-14)
+    block = tl.load_scene("stick-slip")
+    run = tl.simulate(block, 0.2, accuracy=1e-10)
+    sim = tl.Simulation(block, accuracy=1e-8)
+    state = sim.step(0.2)
+    assert np.abs(state.q - run.q[-1]).max() < 1e-6
+    assert set(state.z) == set(run.states)
+
+
+@pytest.mark.parametrize(
+    ("make", "part"),
+    [
+        (lambda: tl.Simulation("arm-swing"), "expected a Scene"),
+        (lambda: tl.Simulation(tl.load_scene("bouncing-ball")), "events"),
+        (lambda: tl.Simulation(SWING).step(0.0), "above 0"),
+        (lambda: tl.Simulation(SWING).step(math.nan), "above 0"),
+        (lambda: tl.Simulation(SWING).step(0.1, [1.0]), "tau"),
+        (lambda: tl.Simulation(SWING).step(0.1, [1.0, math.nan]), "tau"),
+        (lambda: tl.Simulation(SWING).restore(tl.Simulation(tl.load_scene("heavy-top")).save()), "another scene"),
+    ],
+)
+def test_refusals(make: object, part: str) -> None:
+    with pytest.raises(tl.errors.TwolinkError, match=part):
+        make()  # type: ignore[operator]
