@@ -98,4 +98,4 @@ def test_states_of_effects_and_free_bodies() -> None:
 )
 def test_refusals(make: object, part: str) -> None:
     with pytest.raises(tl.errors.TwolinkError, match=part):
-        make()  # type: ignore[operator]
+        make()
