@@ -63,6 +63,27 @@ class Saved:
     steps: int
 
 
+def with_held_torques(scene: Scene, q: Array, v: Array) -> tuple[Equations, slice]:
+    """The equations of a scene from a state on, with torques that are rows of the state; and these rows.
+
+    Raises SceneError, code "not-step-by-step".
+    """
+    names = [f"torque {k}" for k in range(scene.robot.nv)]
+    held = DofTorques({name: Slot(name) for name in names})
+    switches = switching_of(scene.base, scene.robot, scene.effects)
+    if switches is not None or any(effect.at_ticks == "controller" for effect in scene.effects):
+        raise SceneError("events and sampled controllers are not solved step by step yet", where="effects",
+                         remedy="tl.simulate; or smooth effects, and the controller's torques as tau",
+                         code="not-step-by-step")  # fmt: skip
+    equations = make_equations(scene.robot, q, v, [*enumerate(scene.effects), (len(scene.effects), held)])
+    if equations.has_events or len(equations.layout.tables) > len(names):
+        raise SceneError("limits of effort and tables of samples are not solved step by step", where="effects",
+                         remedy="limit and look up the torques before step(dt, tau)",
+                         code="not-step-by-step")  # fmt: skip
+    rows = [at.start for at, _ in equations.layout.rows_of_tables()]  # of the slots, as there are no tables
+    return equations, slice(rows[0], rows[-1] + 1)
+
+
 class Simulation:
     """A scene that is solved step by step, with torques that are given from step to step.
 
@@ -97,31 +118,12 @@ class Simulation:
 
     def __init__(self, scene: Scene, *, accuracy: float = 1e-6, verify: bool = False) -> None:
         duration_for(scene, None)  # it is a scene
-        self._names = [f"torque {k}" for k in range(scene.robot.nv)]
         self.scene, self._tolerance = scene, first_tolerance(METHOD, accuracy_of(accuracy))
         others = (finer_solution(METHOD, self._tolerance), *disturbed_solutions(ROUNDED)) if verify else ()
         self._solutions, self._bar, self._steps = (NO_PERTURBATION, *others), 0.0, 0
-        self._equations = self._made(scene.q, scene.v)
+        self._equations, self._torques = with_held_torques(scene, scene.q, scene.v)
         self._map = step_map(self._equations, METHOD)
-        rows = [at.start for at, _ in self._equations.layout.rows_of_tables()]  # of the slots, as there are no tables
-        self._torques = slice(rows[0], rows[-1] + 1)
         self._lanes = self._begun(self._equations, 0.0)
-
-    def _made(self, q: Array, v: Array) -> Equations:
-        """The equations from a state on, with torques that are rows of the state."""
-        scene = self.scene
-        held = DofTorques({name: Slot(name) for name in self._names})
-        switches = switching_of(scene.base, scene.robot, scene.effects)
-        if switches is not None or any(effect.at_ticks == "controller" for effect in scene.effects):
-            raise SceneError("events and sampled controllers are not solved step by step yet", where="effects",
-                             remedy="tl.simulate; or smooth effects, and the controller's torques as tau",
-                             code="not-step-by-step")  # fmt: skip
-        equations = make_equations(scene.robot, q, v, [*enumerate(scene.effects), (len(scene.effects), held)])
-        if equations.has_events or len(equations.layout.tables) > len(self._names):
-            raise SceneError("limits of effort and tables of samples are not solved step by step", where="effects",
-                             remedy="limit and look up the torques before step(dt, tau)",
-                             code="not-step-by-step")  # fmt: skip
-        return equations
 
     def _begun(self, equations: Equations, t: float) -> Lanes:
         """Solutions that begin at a time with the equations' start."""
@@ -253,7 +255,7 @@ class Simulation:
         now, robot = self.state, self.scene.robot
         q = now.q if q is None else array("q", q, robot.nq)
         v = now.v if v is None else array("v", v, robot.nv)
-        self._equations = self._made(np.asarray(q), np.asarray(v))
+        self._equations, _ = with_held_torques(self.scene, np.asarray(q), np.asarray(v))
         self._bar, self._steps = 0.0, 0
         self._lanes = self._begun(self._equations, now.t if t is None else float(t))
 

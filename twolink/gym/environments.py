@@ -1,0 +1,183 @@
+"""Environments of Gymnasium (Towers et al. 2024) from a scene, one world or many in a batch."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from twolink.errors import MissingExtraError, SceneError
+from twolink.integrate.motion.state import Array
+from twolink.integrate.solvers.method_choice import first_tolerance
+from twolink.integrate.steps.outcomes import FINE
+from twolink.integrate.steps.perturbation import NO_PERTURBATION
+from twolink.integrate.steps.step_map import LANES, step_map
+from twolink.integrate.steps.stepping import BLOCK, advance, start_state
+from twolink.scenes import Scene
+from twolink.simulation.sampling import duration_for
+from twolink.simulation.stepwise import METHOD, Simulation, State, with_held_torques
+
+try:
+    import gymnasium
+    from gymnasium.vector import AutoresetMode
+except ImportError:
+    raise MissingExtraError(
+        "Gymnasium is not installed", where="twolink.gym", remedy="pip install 'twolink[gym]'"
+    ) from None
+
+Seen = Callable[[State], Array]
+Reward = Callable[[State, Array], float]
+Start = Callable[[np.random.Generator], tuple[Array, Array]]
+EFFORT = 1.0  # N m or N, of joints without a limit of effort
+
+
+class Agent:
+    """What an agent of a scene sees, does and gets.
+
+    Parameters
+    ----------
+    scene : Scene
+        Without events and sampled controllers, see `tl.Simulation`.
+    reward : callable
+        (state, action) -> float, of the state at the end of a period.
+    period : float
+        Between actions, s; the torques are constant in between.
+    observe : callable, optional
+        state -> array; by default q and v.
+    terminated : callable, optional
+        state -> bool, whether the episode ends there; by default it does not before the scene's duration.
+    start : callable, optional
+        random generator -> (q, v); by default the scene's own start.
+    limit : array_like (nv,), optional
+        Of the torques, N m or N; by default the URDF's efforts, and 1 where there is none.
+    accuracy : float
+        Which the steps are chosen for, rad or m.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        reward: Reward,
+        *,
+        period: float = 0.02,
+        observe: Seen | None = None,
+        terminated: Callable[[State], bool] | None = None,
+        start: Start | None = None,
+        limit: Any = None,
+        accuracy: float = 1e-6,
+    ) -> None:
+        duration_for(scene, None)  # it is a scene
+        self.scene, self.reward, self.period, self.accuracy = scene, reward, period, accuracy
+        self.observe = observe or (lambda state: np.concatenate([state.q, state.v]))
+        self.terminated = terminated or (lambda _: False)
+        self.start = start or (lambda _: (scene.q, scene.v))
+        effort = np.asarray(scene.robot.model.effortLimit) if limit is None else np.asarray(limit, dtype=float)
+        self.limit = np.where(np.isfinite(effort) & (effort > 0.0), effort, EFFORT) * np.ones(scene.robot.nv)
+        self.actions = gymnasium.spaces.Box(-self.limit, self.limit, dtype=np.float64)
+        seen = np.asarray(self.observe(State(0.0, scene.q, scene.v, {})), dtype=float)
+        self.observations = gymnasium.spaces.Box(-np.inf, np.inf, seen.shape, dtype=np.float64)
+
+    def torques(self, action: Any) -> Array:
+        """The torques of actions, within their limits."""
+        return np.asarray(np.clip(np.asarray(action, dtype=float), -self.limit, self.limit))
+
+    def outcome(self, state: State, action: Array) -> tuple[Array, float, bool, bool]:
+        """What is seen of a state, the reward, whether it is terminal, and whether the time is up."""
+        seen = np.asarray(self.observe(state), dtype=float)
+        late = state.t >= self.scene.duration - 0.5 * self.period
+        return seen, float(self.reward(state, action)), bool(self.terminated(state)), bool(late)
+
+
+class Environment(gymnasium.Env[Array, Array]):
+    """A scene as an environment of Gymnasium. Takes what `Agent` takes.
+
+    Examples
+    --------
+    >>> import twolink as tl
+    >>> from twolink.gym import Environment
+    >>> env = Environment(tl.load_scene("arm-swing"), lambda state, action: -abs(state.q[0]))
+    >>> observation, info = env.reset(seed=0)
+    >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    """
+
+    def __init__(self, scene: Scene, reward: Reward, **agent: Any) -> None:
+        self.agent = Agent(scene, reward, **agent)
+        self.action_space, self.observation_space = self.agent.actions, self.agent.observations
+        self.simulation = Simulation(scene, accuracy=self.agent.accuracy)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode. options: q and v of its start."""
+        super().reset(seed=seed)
+        q, v = self.agent.start(self.np_random)
+        chosen = {"q": q, "v": v} | (options or {})
+        self.simulation.set_state(chosen["q"], chosen["v"], t=0.0)
+        return np.asarray(self.agent.observe(self.simulation.state), dtype=float), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Act for a period."""
+        tau = self.agent.torques(action)
+        state = self.simulation.step(self.agent.period, tau)
+        return *self.agent.outcome(state, tau), {"t": state.t}
+
+
+class VectorEnvironment(gymnasium.vector.VectorEnv[Array, Array, Array]):
+    """Many worlds of a scene as a vector environment: a batch of compiled steps. Takes what `Agent` takes.
+
+    A world that has ended begins its next episode with the next step, whose action it ignores.
+
+    Parameters
+    ----------
+    num_envs : int
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 Gymnasium's
+
+    def __init__(self, scene: Scene, reward: Reward, num_envs: int, **agent: Any) -> None:
+        self.agent, self.num_envs = Agent(scene, reward, **agent), num_envs
+        self.single_action_space, self.single_observation_space = self.agent.actions, self.agent.observations
+        self.action_space = gymnasium.vector.utils.batch_space(self.agent.actions, num_envs)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.agent.observations, num_envs)
+        equations, self._torques = with_held_torques(scene, scene.q, scene.v)
+        if equations.constraints is not None:
+            raise SceneError("worlds with loops are not solved in a batch", where="effects", code="not-step-by-step",
+                             remedy="several Environment")  # fmt: skip
+        self._map = step_map(equations, METHOD)
+        x = np.repeat(equations.start[:, None], num_envs, axis=1)
+        self._state, self._limit = start_state(self._map, x, 0.0, scene.duration,
+                                               first_tolerance(METHOD, self.agent.accuracy))  # fmt: skip
+        self._begin, self._ended = self._state[:, 0].copy(), np.zeros(num_envs, dtype=bool)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode in every world."""
+        super().reset(seed=seed if isinstance(seed, int) else None, options=options)
+        self._restart(np.arange(self.num_envs))
+        return np.array([self.agent.observe(self._seen(i)) for i in range(self.num_envs)], dtype=float), {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Act for a period in every world."""
+        state, rows, tau = self._state, self._map.rows, self.agent.torques(actions)
+        again = np.flatnonzero(self._ended)
+        state[self._torques], state[rows.end] = tau.T, state[rows.time] + self.agent.period
+        state[rows.end, again], before = state[rows.time, again], state[rows.step].copy()
+        lost = np.zeros(self.num_envs, dtype=bool)
+        for block in advance(self._map, state, self._limit, BLOCK, LANES, (NO_PERTURBATION,)):
+            lost[block.worlds[block.outcome != FINE]] = True
+        state[rows.step] = np.fmax(state[rows.step], before)  # a period ends steps, and does not make them smaller
+        self._restart(again)
+        out = [self.agent.outcome(self._seen(i), tau[i]) for i in range(self.num_envs)]
+        seen, rewards, terminated, truncated = (np.array(part) for part in zip(*out, strict=True))
+        rewards[again], terminated[again], truncated[again] = 0.0, False, False
+        self._ended = terminated | truncated | lost
+        return seen, rewards, terminated | lost, truncated, {"lost": lost}
+
+    def _restart(self, worlds: Array) -> None:
+        space = self._map.equations.space
+        for i in worlds:
+            self._state[:, i] = self._begin
+            self._state[: space.nq, i], self._state[space.v_rows, i] = self.agent.start(self.np_random)
+        self._ended[worlds] = False
+
+    def _seen(self, i: int) -> State:
+        space, x = self._map.equations.space, self._state[:, i]
+        q = self.agent.scene.robot.normalize(x[: space.nq]) if space.curved else x[: space.nq].copy()
+        z = dict(zip(space.states, x[space.z_rows].tolist(), strict=True))
+        return State(float(x[self._map.rows.time]), q, x[space.v_rows].copy(), z)
