@@ -3,12 +3,13 @@
 A body with mass density rho >= 0 has the pseudo-inertia P = integral of (x, 1)(x, 1)^T rho dV, positive semidefinite,
 and linear in its ten parameters (Wensing, Kim and Slotine 2018). Sought is theta that makes
 
-    |B theta - estimate|^2_(covariance^-1) / 2 + weight sum over bodies of [tr(P0^-1 P) - log det(P0^-1 P) - 4]
+    |B theta - estimate|^2_(information) / 2 + weight sum over bodies of [tr(P0^-1 P) - log det(P0^-1 P) - 4]
 
-least. The sum is the Bregman divergence from the robot's own bodies P0 (Lee, Wensing and Park 2020): it keeps P
-positive definite, and decides only what the data do not show. The problem is convex, also where some parameters of a
-body are held, so Newton's method finds its one minimum; in log-Cholesky parameters (Rucker and Wensing 2022) it is not
-convex, and parameters cannot be held.
+least, with the information matrix of least squares, so that it is the loss of fit that is weighed. The sum is the
+Bregman divergence from the robot's own bodies P0 (Lee, Wensing and Park 2020): it keeps P positive definite, and
+decides only what the data do not show. The problem is convex, also where some parameters of a body are held, so
+Newton's method finds its one minimum; in log-Cholesky parameters (Rucker and Wensing 2022) it is not convex, and
+parameters cannot be held.
 
 For charts, any ten numbers (alpha, d, s, t) are a body that can exist: P = U U^T with
 
@@ -176,18 +177,23 @@ class Consistency:
 
 def consistent(
     robot: Robot, chosen: Selection, combinations: tuple[str, ...], matrix: np.ndarray, estimate: np.ndarray,
-    covariance: np.ndarray,
+    covariance: np.ndarray, metric: np.ndarray,
 ) -> Consistency:  # fmt: skip
-    """The parameters theta that real bodies can have, nearest to the estimate of B theta (matrix (r, k))."""
+    """The parameters theta that real bodies can have, nearest to the estimate of B theta (matrix (r, k)).
+
+    covariance tells how far that is; metric, the inverse of the information, what is near.
+    """
     floor = _EXACT * np.maximum(np.abs(estimate), np.abs(matrix) @ np.abs(chosen.nominal) + 1e-12)
     errors = np.sqrt(np.diag(covariance))
-    inexact = covariance + np.diag(np.maximum(floor**2 - errors**2, 0.0))
+    inexact = metric + np.diag(np.maximum(floor**2 - np.diag(metric), 0.0))
     scale = np.sqrt(np.diag(inexact))
     values, vectors = np.linalg.eigh(inexact / np.outer(scale, scale))
     whiten = vectors.T / np.sqrt(np.maximum(values, 1e-12))[:, None] / scale
     domains = _domains(robot, chosen, np.abs(matrix.T) @ (np.abs(estimate) + errors))
     theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains)
-    gaps = np.abs(matrix @ theta - estimate) / scale
+    of_joints = [name.rpartition(".")[2] in JOINT_PARAMETERS for name in chosen.names]
+    theta = np.where(of_joints, np.maximum(theta, 0.0), theta)
+    gaps = np.abs(matrix @ theta - estimate) / np.maximum(errors, floor)
     worst = int(np.argmax(gaps))
     named = dict(zip(chosen.names, theta.tolist(), strict=True))
     return Consistency(named, chosen.parameters(robot, theta), float(gaps[worst]), combinations[worst])
