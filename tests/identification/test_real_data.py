@@ -1,5 +1,6 @@
 """Real logs of a double pendulum: the default finds the filter, and explains a run that was kept out."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,13 @@ def test_a_ridge_keeps_a_direction_that_the_data_do_not_show_near_its_value() ->
     assert np.abs(free.x[1:]).max() > 100
     assert np.all(np.abs(held.x - [1.0, 2.5, 2.5]) < 0.1)
     assert np.sqrt(held.covariance[1, 1]) == pytest.approx(10 / np.sqrt(2), rel=0.02)
+
+
+def test_a_joint_that_really_turned_beyond_its_limits_is_a_warning() -> None:
+    t, q, v, a = motion(ARM, 600)
+    far = 8 * q
+    tau = ARM.inverse_dynamics(far, 8 * v, 8 * a)
+    narrow = tl.load_robot(re.sub(r'velocity="[^"]*"', 'velocity="1.5"', ARM.visuals.text))
+    with pytest.warns(RuntimeWarning, match="the torques fit radians"):
+        found = identify(narrow, t, far, None, noisy(tau, 0.05), ["forearm.mass"])
+    assert found.values["forearm.mass"] == pytest.approx(ARM.parameter_values[10], abs=0.05)

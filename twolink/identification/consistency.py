@@ -29,6 +29,7 @@ from twolink.algorithms.spatial import ENTRIES
 from twolink.dynamics import Robot
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.identification.base_parameters import Selection
+from twolink.robots.checks import weightless_joints
 
 _THIN = 1e-6  # thin rods and point masses are allowed: P may lack this share of its second moments
 # Entries of the inertia in robot.parameter_names: xx, xy, yy, xz, yz, zz.
@@ -115,6 +116,7 @@ _WEIGHT = (
     1e-3  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
 )
 _EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
+_RADIUS = 0.1  # m, of gyration of a link without inertia, before it is identified
 _STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
 
 
@@ -172,7 +174,9 @@ class Consistency:
             model.armature, model.damping = armature, damping
             model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
 
-        return robot.changed(change)
+        found = robot.changed(change)
+        found.weightless = weightless_joints(found.model) if robot.weightless else ()
+        return found
 
 
 def consistent(
@@ -190,7 +194,8 @@ def consistent(
     values, vectors = np.linalg.eigh(inexact / np.outer(scale, scale))
     whiten = vectors.T / np.sqrt(np.maximum(values, 1e-12))[:, None] / scale
     domains = _domains(robot, chosen, np.abs(matrix.T) @ (np.abs(estimate) + errors))
-    theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains)
+    first = sum((domain.first for domain in domains), np.zeros(len(chosen.names)))
+    theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains, first)
     of_joints = [name.rpartition(".")[2] in JOINT_PARAMETERS for name in chosen.names]
     theta = np.where(of_joints, np.maximum(theta, 0.0), theta)
     gaps = np.abs(matrix @ theta - estimate) / np.maximum(errors, floor)
@@ -201,11 +206,15 @@ def consistent(
 
 @dataclass(frozen=True)
 class _Domain:
-    """A matrix start + sum_k slopes[k] (theta_k - nominal_k) that has to be positive definite; inverse: of start."""
+    """A matrix start + sum_k slopes[k] (theta_k - nominal_k) that has to be positive definite.
+
+    inverse: of the matrix that is near, which is start but for links without inertia. first (k,): the change to it.
+    """
 
     start: np.ndarray
     slopes: np.ndarray
     inverse: np.ndarray
+    first: np.ndarray
 
 
 def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain]:
@@ -216,18 +225,25 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
     for first in range(0, bodies, 10):
         slopes = np.stack([pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
         if slopes.any():
-            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass)
-            found.append(_Domain(start, slopes, np.linalg.inv(start)))
+            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass or 1.0)
+            near, change = start, np.zeros(len(chosen.names))
+            part = chosen.columns[first : first + 10]
+            if pi[first] == 0 and np.linalg.matrix_rank(part) == len(part):
+                mass = (robot.mass or robot.nv) / robot.nv
+                body = mass * np.array([1.0, 0, 0, 0, *(_RADIUS**2 * np.array([1, 0, 1, 0, 0, 1]))])
+                near, change = start + pseudo_inertia(body), np.linalg.pinv(part) @ body
+            found.append(_Domain(start, slopes, np.linalg.inv(near), change))
     for k, column in enumerate(chosen.columns.T):
         if column[bodies:].any():
             start = np.array([[max(chosen.nominal[k], 1e-3 * sizes[k], 1e-12)]])
-            found.append(_Domain(start, np.eye(len(chosen.names))[k][:, None, None], 1 / start))
+            slopes = np.eye(len(chosen.names))[k][:, None, None]
+            found.append(_Domain(start, slopes, 1 / start, np.zeros(len(chosen.names))))
     return found
 
 
-def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain]) -> np.ndarray:
+def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain], first: np.ndarray) -> np.ndarray:
     """The minimum by Newton steps, with weights of the divergence that fall to the last one (path following)."""
-    change = np.zeros(matrix.shape[1])
+    change = first
     weight = max(1.0, float(target @ target))
     while True:
         value = _objective(matrix, target, domains, change, weight)

@@ -125,7 +125,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
             pairs = [system(states(robot, run, size, source, at), run.tau[at])
                      for run, at in zip(runs, places, strict=True)]  # fmt: skip
             columns, y = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
-            left = _left_out(columns, y)
+            left = left_out(columns, y)
             score = float(np.mean(np.log(left)))
             tried.append((score, source, size, np.sqrt(left)))
             best, beyond = min(best, score), beyond + 1 if score > best + _WORSE else 0
@@ -137,7 +137,7 @@ def choose(robot: Robot, runs: Sequence[Recording], system: System, half: int | 
     return Filter(chosen, source, cutoff(chosen, rate), table)
 
 
-def _left_out(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
+def left_out(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The mean square (nv,) of y of each part of the data less its prediction from the other parts."""
     lengths = np.maximum(np.linalg.norm(columns, axis=(0, 1)), 1e-300)
     k, floor = len(lengths), (1e-13 * np.abs(y).max(initial=1e-100)) ** 2

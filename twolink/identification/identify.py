@@ -1,5 +1,6 @@
 """identify: parameters of a robot from measured positions and joint torques."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,15 +18,17 @@ from twolink.identification.filtering import (
     Filter,
     Recording,
     States,
+    System,
     choose,
     half_window_of,
+    left_out,
     require_samples,
+    states,
 )
-from twolink.identification.measurements import Measurements, filtered, recordings, require_reach, wider
+from twolink.identification.measurements import Measurements, beyond_reach, filtered, recordings, wider
 from twolink.identification.regression import METHODS, fit
 from twolink.identification.result import Identification, Validation
 
-_UNEXPLAINED = 0.3  # of the torques: residuals above it ask for the reason
 _SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 
@@ -106,6 +109,8 @@ def identify(
         what, remedy = "the errors of measured velocities are not known", "leave v and a out, or use another method"
         raise QueryError(what, argument="method", remedy=remedy, code="no-errors")
     possible = _possible(robot, chosen)
+    for run in runs:
+        _require_radians(robot, run, _system_of(robot, chosen, possible))
     by = _filter_of(robot, chosen, possible, runs, half_window, cutoff)
     data = filtered(robot, runs, by)
     columns, y = _system(robot, chosen, data)
@@ -122,9 +127,6 @@ def identify(
         errors = np.concatenate([wide - columns, (torques - y)[..., None]], axis=-1)
         found = fit(columns, y, method, errors, prior=prior)
         numerical = found.rounding + np.abs(fit(wide, torques, method, errors, prior=prior).x - found.x)
-    if np.std(found.residuals) > _UNEXPLAINED * np.std(y):
-        for run in runs:
-            require_reach(robot, run.t, run.q)
     half_width = stdtrit(y.size - len(found.x), (1 + confidence) / 2) * np.sqrt(np.diag(found.covariance)) + numerical
     result = Identification(
         robot=robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
@@ -152,13 +154,34 @@ def _filter_of(
         rate = float(np.median([(len(run.t) - 1) / (run.t[-1] - run.t[0]) for run in runs]))
         half = half_window_of(positive(frequency, "cutoff", QueryError, "such as 8", expected="a frequency, Hz"), rate)
         require_samples(min(len(run.t) for run in runs), wider(half))
+    return choose(robot, runs, _system_of(robot, chosen, possible), half)
+
+
+def _system_of(robot: Robot, chosen: Selection, possible: BaseParameters) -> System:
+    """The equations y = G theta of what can be told, from states and torques."""
     known, members = chosen.parameters(robot, np.zeros(len(chosen.names))), list(possible.members)
 
     def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         regressor = robot.regressor(now.q, now.v, now.a)
         return (regressor @ chosen.columns)[..., members], tau - regressor @ known
 
-    return choose(robot, runs, system, half)
+    return system
+
+
+def _require_radians(robot: Robot, run: Recording, system: System) -> None:
+    """Warn of a joint beyond its limits; refuse (code "units") where the torques say that its angles are degrees."""
+    what = beyond_reach(robot, run.t, run.q)
+    half = min(10, len(run.t) // 8)
+    if not what or half < SMALLEST:
+        return
+    at, errors = np.arange(half, len(run.t) - half, max(1, len(run.t) // 800)), []
+    for scale in (1.0, np.pi / 180):
+        v = None if run.v is None else scale * run.v
+        now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
+        errors.append(float(np.mean(np.log(left_out(*system(now, run.tau[at]))))))
+    if errors[1] < errors[0]:
+        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
+    warnings.warn(f"{what}; the torques fit radians", RuntimeWarning, stacklevel=3)
 
 
 def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.ndarray, np.ndarray]:

@@ -195,10 +195,13 @@ def wrong_units(what: str, argument: str, ratio: float, guesses: Mapping[float, 
 
 
 def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
-    """Refuse angles and speeds that are beyond the limits of a joint and within them as degrees.
+    """Refuse what is `beyond_reach`. Raises QueryError (code "units")."""
+    if what := beyond_reach(robot, t, q):
+        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
 
-    Raises QueryError (code "units").
-    """
+
+def beyond_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> str:
+    """A joint whose angle and speed are beyond its limits and within them as degrees, in words; "" if there is none."""
     model, speed = robot.model, np.abs(robot.difference(q[:-1], q[1:]) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
     for joint in robot.joints:
         if joint.kind != "vector" or not turns(model, joint):
@@ -207,9 +210,9 @@ def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
         reach = max(abs(float(model.lowerPositionLimit[i])), abs(float(model.upperPositionLimit[i])))
         far = float(np.abs(q[:, i]).max())
         if np.radians(far) < reach < far / 1.5 and np.radians(fastest) < limit < fastest:
-            what = (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
-                    f"rad and {limit:.4g} rad/s; is q in degrees?")  # fmt: skip
-            raise QueryError(what, argument="q", remedy="give radians", code="units")
+            return (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
+                    f"rad and {limit:.4g} rad/s")  # fmt: skip
+    return ""
 
 
 def table_columns(measurements: Any) -> dict[str, np.ndarray]:
