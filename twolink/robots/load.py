@@ -94,8 +94,9 @@ def load_model(
         raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(_folders(package_dirs), urdf.path, examples_share())
     said: dict[str, Any] = {"mimic": mimic, "odd_inertias": odd_inertias, "unphysical": unphysical}
-    choices: dict[str, Any] = {"root": root, "usual_root": urdf.entry.usual_root if urdf.entry else "", "gravity": field,
-                               "locked": tuple(lock or ()), "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
+    usual = urdf.entry.usual_root if urdf.entry else ""
+    choices: dict[str, Any] = {"root": root, "usual_root": usual, "gravity": field, "locked": tuple(lock or ()),
+                               "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
         *load_report.content_findings(tree, missing=missing_meshes(tree.element, folders), **said),
