@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from inspect import Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -212,6 +212,7 @@ Lock = Annotated[list[str] | None, Option(metavar="JOINT=VALUE", help="Lock a jo
 Gravity = Annotated[str, Option(help="Gravity along the world's axes, m/s^2.")]
 Mimic = Annotated[bool, Option("--mimic", help="Couple mimic joints; else they move freely.")]
 Unphysical = Annotated[str, Option(help="refuse or report physically impossible inertias.")]
+Purpose = Annotated[str, Option(help="dynamics; kinematics or identification take missing inertias.")]
 Folders = Annotated[
     list[Path] | None, Option("--package-dir", metavar="FOLDER", help="Root of package://; repeatable.")
 ]
@@ -230,11 +231,12 @@ def robot_from(
     gravity: Gravity = "0 0 -9.81",
     mimic: Mimic = False,
     unphysical: Unphysical = "refuse",
+    purpose: Purpose = "dynamics",
     package_dirs: Folders = None,
 ) -> Robot:
     """The robot that the options describe."""
     locks, field = locks_of(lock), parse_numbers("gravity", gravity)
-    choices = {"root": cast(Any, root), "unphysical": cast(Any, unphysical)}  # load_robot refuses other texts
+    choices: dict[str, Any] = {"root": root, "unphysical": unphysical, "purpose": purpose}  # load_robot refuses others
     return load_robot(source, lock=locks, gravity=field, mimic=mimic, package_dirs=package_dirs or [], **choices)
 
 

@@ -27,7 +27,7 @@ from twolink.errors import CertificationError
 from twolink.io.text import facts_html
 from twolink.robots.checks import mass_matrix_by_columns
 from twolink.robots.joint_layout import Lock
-from twolink.robots.load import load_model
+from twolink.robots.load import Purpose, load_model
 from twolink.robots.load_report import LoadReport
 from twolink.robots.model import RobotModel, Visuals
 
@@ -137,7 +137,7 @@ class Robot(RobotModel):
         Featherstone 2008, "Rigid Body Dynamics Algorithms", tables 7.1 and 6.2.
         """
         if method == "aba" and f_ext is None and not self.has_mimic:
-            if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(q, v, tau)):
+            if engine in _BY_PINOCCHIO and not self.weightless and isfinite(total := self._sum_of_state(q, v, tau)):
                 a: Array = pin.aba(self.model, self.data, q, v, tau)
                 if isfinite(total + sum(a.tolist())):
                     return a  # as `_answer`, a tenth faster (scripts/benchmarks/overhead.py)
@@ -173,7 +173,7 @@ class Robot(RobotModel):
         Featherstone 2008, table 5.1.
         """
         if f_ext is None:
-            if engine in _BY_PINOCCHIO and isfinite(total := self._sum_of_state(q, v, a)):
+            if engine in _BY_PINOCCHIO and not self.weightless and isfinite(total := self._sum_of_state(q, v, a)):
                 tau: Array = pin.rnea(self.model, self.data, q, v, a)
                 if isfinite(total + sum(tau.tolist())):
                     return tau
@@ -479,6 +479,7 @@ class Robot(RobotModel):
         QueryError
             For an unknown parameter.
         """
+        self.require_inertia()
         key = tuple(parameters)
         made = self._compiled.get(key)
         return made if made is not None else self._compiled.setdefault(key, Compiled(self, key))
@@ -540,6 +541,8 @@ class Robot(RobotModel):
         return pinocchio_queries.answer(self, query, arguments)
 
     def _query(self, name: str) -> Algorithm:
+        if not name.startswith("frame_"):
+            self.require_inertia()
         return self._queries.setdefault(name, pinocchio_queries.query_of(self, name))
 
     def _is_compiled(self, name: str, engine: str, *arguments: Any) -> bool:
@@ -598,6 +601,7 @@ def load_robot(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     mimic: bool = False,
     unphysical: Literal["refuse", "report"] = "refuse",
+    purpose: Purpose = "dynamics",
 ) -> Robot:
     """Load and check a robot. `robot.report` says what was read, ignored, repaired and assumed.
 
@@ -617,6 +621,9 @@ def load_robot(
         Couple mimic joints (then use method="crba"). Otherwise they move on their own, and the report says so.
     unphysical : {"refuse", "report"}
         Refuse bodies with inertias that no real body has, or report them and take them as they are.
+    purpose : {"dynamics", "kinematics", "identification"}
+        Links whose inertia is missing or zero are refused for dynamics. For the others they are taken: frames,
+        Jacobians and the regressor answer, dynamics is refused (code "no-inertia").
 
     Returns
     -------
@@ -636,4 +643,5 @@ def load_robot(
         gravity=gravity,
         mimic=mimic,
         unphysical=unphysical,
+        purpose=purpose,
     )

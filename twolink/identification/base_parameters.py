@@ -87,7 +87,7 @@ RANK = 1e-8
 """Columns, scaled to length 1, are dependent where what is left of one is shorter than this. URDFs write right angles
 with 6 to 16 digits; rounding of the regressor is 1e-15."""
 _COEFFICIENT = 1e-9  # of a combination, below which a parameter is left out of it
-_NOISE = 3.0  # what is left of a column must be this many times as long as its own error
+_NOISE = 2.0  # what is left of a column must be this many times as long as its own error: noise alone is not
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,13 @@
 A body with mass density rho >= 0 has the pseudo-inertia P = integral of (x, 1)(x, 1)^T rho dV, positive semidefinite,
 and linear in its ten parameters (Wensing, Kim and Slotine 2018). Sought is theta that makes
 
-    |B theta - estimate|^2_(covariance^-1) / 2 + weight sum over bodies of [tr(P0^-1 P) - log det(P0^-1 P) - 4]
+    |B theta - estimate|^2_(information) / 2 + weight sum over bodies of [tr(P0^-1 P) - log det(P0^-1 P) - 4]
 
-least. The sum is the Bregman divergence from the robot's own bodies P0 (Lee, Wensing and Park 2020): it keeps P
-positive definite, and decides only what the data do not show. The problem is convex, also where some parameters of a
-body are held, so Newton's method finds its one minimum; in log-Cholesky parameters (Rucker and Wensing 2022) it is not
-convex, and parameters cannot be held.
+least, with the information matrix of least squares, so that it is the loss of fit that is weighed. The sum is the
+Bregman divergence from the robot's own bodies P0 (Lee, Wensing and Park 2020): it keeps P positive definite, and
+decides only what the data do not show. The problem is convex, also where some parameters of a body are held, so
+Newton's method finds its one minimum; in log-Cholesky parameters (Rucker and Wensing 2022) it is not convex, and
+parameters cannot be held.
 
 For charts, any ten numbers (alpha, d, s, t) are a body that can exist: P = U U^T with
 
@@ -28,6 +29,7 @@ from twolink.algorithms.spatial import ENTRIES
 from twolink.dynamics import Robot
 from twolink.dynamics.regressors import JOINT_PARAMETERS
 from twolink.identification.base_parameters import Selection
+from twolink.robots.checks import weightless_joints
 
 _THIN = 1e-6  # thin rods and point masses are allowed: P may lack this share of its second moments
 # Entries of the inertia in robot.parameter_names: xx, xy, yy, xz, yz, zz.
@@ -114,6 +116,7 @@ _WEIGHT = (
     1e-3  # of the divergence: it moves what the data show by this times standard error / value, in standard errors
 )
 _EXACT = 1e-7  # estimates count as no more exact than this times their size: keeps Newton's equations solvable
+_RADIUS = 0.1  # m, of gyration of a link without inertia, before it is identified
 _STEPS = 60  # for each weight; data that no body explains may need more, and their distance is then an upper bound
 
 
@@ -171,23 +174,31 @@ class Consistency:
             model.armature, model.damping = armature, damping
             model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
 
-        return robot.changed(change)
+        found = robot.changed(change)
+        found.weightless = weightless_joints(found.model) if robot.weightless else ()
+        return found
 
 
 def consistent(
     robot: Robot, chosen: Selection, combinations: tuple[str, ...], matrix: np.ndarray, estimate: np.ndarray,
-    covariance: np.ndarray,
+    covariance: np.ndarray, metric: np.ndarray,
 ) -> Consistency:  # fmt: skip
-    """The parameters theta that real bodies can have, nearest to the estimate of B theta (matrix (r, k))."""
+    """The parameters theta that real bodies can have, nearest to the estimate of B theta (matrix (r, k)).
+
+    covariance tells how far that is; metric, the inverse of the information, what is near.
+    """
     floor = _EXACT * np.maximum(np.abs(estimate), np.abs(matrix) @ np.abs(chosen.nominal) + 1e-12)
     errors = np.sqrt(np.diag(covariance))
-    inexact = covariance + np.diag(np.maximum(floor**2 - errors**2, 0.0))
+    inexact = metric + np.diag(np.maximum(floor**2 - np.diag(metric), 0.0))
     scale = np.sqrt(np.diag(inexact))
     values, vectors = np.linalg.eigh(inexact / np.outer(scale, scale))
     whiten = vectors.T / np.sqrt(np.maximum(values, 1e-12))[:, None] / scale
     domains = _domains(robot, chosen, np.abs(matrix.T) @ (np.abs(estimate) + errors))
-    theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains)
-    gaps = np.abs(matrix @ theta - estimate) / scale
+    first = sum((domain.first for domain in domains), np.zeros(len(chosen.names)))
+    theta = chosen.nominal + _newton(whiten @ matrix, whiten @ (estimate - matrix @ chosen.nominal), domains, first)
+    of_joints = [name.rpartition(".")[2] in JOINT_PARAMETERS for name in chosen.names]
+    theta = np.where(of_joints, np.maximum(theta, 0.0), theta)
+    gaps = np.abs(matrix @ theta - estimate) / np.maximum(errors, floor)
     worst = int(np.argmax(gaps))
     named = dict(zip(chosen.names, theta.tolist(), strict=True))
     return Consistency(named, chosen.parameters(robot, theta), float(gaps[worst]), combinations[worst])
@@ -195,11 +206,15 @@ def consistent(
 
 @dataclass(frozen=True)
 class _Domain:
-    """A matrix start + sum_k slopes[k] (theta_k - nominal_k) that has to be positive definite; inverse: of start."""
+    """A matrix start + sum_k slopes[k] (theta_k - nominal_k) that has to be positive definite.
+
+    inverse: of the matrix that is near, which is start but for links without inertia. first (k,): the change to it.
+    """
 
     start: np.ndarray
     slopes: np.ndarray
     inverse: np.ndarray
+    first: np.ndarray
 
 
 def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain]:
@@ -210,18 +225,25 @@ def _domains(robot: Robot, chosen: Selection, sizes: np.ndarray) -> list[_Domain
     for first in range(0, bodies, 10):
         slopes = np.stack([pseudo_inertia(column[first : first + 10]) for column in chosen.columns.T])
         if slopes.any():
-            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass)
-            found.append(_Domain(start, slopes, np.linalg.inv(start)))
+            start = thickened(pseudo_inertia(pi[first : first + 10]), robot.mass or 1.0)
+            near, change = start, np.zeros(len(chosen.names))
+            part = chosen.columns[first : first + 10]
+            if pi[first] == 0 and np.linalg.matrix_rank(part) == len(part):
+                mass = (robot.mass or robot.nv) / robot.nv
+                body = mass * np.array([1.0, 0, 0, 0, *(_RADIUS**2 * np.array([1, 0, 1, 0, 0, 1]))])
+                near, change = start + pseudo_inertia(body), np.linalg.pinv(part) @ body
+            found.append(_Domain(start, slopes, np.linalg.inv(near), change))
     for k, column in enumerate(chosen.columns.T):
         if column[bodies:].any():
             start = np.array([[max(chosen.nominal[k], 1e-3 * sizes[k], 1e-12)]])
-            found.append(_Domain(start, np.eye(len(chosen.names))[k][:, None, None], 1 / start))
+            slopes = np.eye(len(chosen.names))[k][:, None, None]
+            found.append(_Domain(start, slopes, 1 / start, np.zeros(len(chosen.names))))
     return found
 
 
-def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain]) -> np.ndarray:
+def _newton(matrix: np.ndarray, target: np.ndarray, domains: list[_Domain], first: np.ndarray) -> np.ndarray:
     """The minimum by Newton steps, with weights of the divergence that fall to the last one (path following)."""
-    change = np.zeros(matrix.shape[1])
+    change = first
     weight = max(1.0, float(target @ target))
     while True:
         value = _objective(matrix, target, domains, change, weight)

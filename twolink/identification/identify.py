@@ -1,6 +1,9 @@
 """identify: parameters of a robot from measured positions and joint torques."""
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,18 +13,30 @@ from twolink.dynamics import Robot
 from twolink.dynamics.arguments import one_of, positive
 from twolink.errors import QueryError
 from twolink.identification.base_parameters import BaseParameters, Selection, base_parameters, independent, select
-from twolink.identification.measurements import Measurements, measurements, require_reach
+from twolink.identification.filtering import (
+    SMALLEST,
+    Filter,
+    Recording,
+    States,
+    System,
+    choose,
+    half_window_of,
+    left_out,
+    require_samples,
+    states,
+)
+from twolink.identification.measurements import Measurements, beyond_reach, filtered, recordings, wider
 from twolink.identification.regression import METHODS, fit
-from twolink.identification.result import Identification
+from twolink.identification.result import Identification, Validation
 
-_UNEXPLAINED = 0.3  # of the torques: residuals above it ask for the reason
+_SHORTEST = 0.1  # m: of the links of a robot whose joints are at one place
 _LARGEST = 1e100  # of torques and of the regressor: squares and their ratios stay within the range of doubles
 
 
 def identify(
-    robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike,
+    robot: Robot, t: Any, q: ArrayLike | None = None, v: ArrayLike | None = None, tau: ArrayLike | None = None,
     parameters: Sequence[str] | None = None, *, a: ArrayLike | None = None, method: str = "weighted",
-    half_window: int | None = None, confidence: float = 0.95,
+    half_window: int | None = None, cutoff: float | None = None, confidence: float = 0.95, validate: Any = None,
 ) -> Identification:  # fmt: skip
     """Find parameters pi in tau = Y(q, v, a) pi from measurements, with intervals, and name what cannot be found.
 
@@ -29,32 +44,40 @@ def identify(
     ----------
     robot : Robot
         The robot. Parameters that are not looked for keep its values; damping and friction are then 0.
-    t : array_like, (n,)
-        Increasing times, s.
+    t : array_like, (n,), or runs
+        Increasing times, s. Or, without q, v, tau and a, a run or a list of runs: tables of columns or of whole
+        arrays, DataFrames, or files, as `twolink identify` takes them. A column `run` tells the runs of a table apart.
     q : array_like, (n, nq)
         Configurations, rad or m.
     v : array_like, (n, nv), or None
-        Velocities, rad/s or m/s. None: q is filtered and differentiated by local polynomials of degree 4 (Savitzky and
-        Golay), and the samples within half a window of the ends are left out.
+        Velocities, rad/s or m/s. Without a, positions and velocities are filtered and differentiated by local
+        polynomials of degree 4 (Savitzky and Golay), the samples near the ends of each run are left out, and torques
+        and the regressor's columns are averaged over the same blocks of a quarter of the window.
     tau : array_like, (n, nv)
         Joint torques, N m or N.
     parameters : sequence of str, optional
         Names of `robot.parameter_names`, or patterns such as "forearm.*" and "*.damping"; by default all parameters of
         the bodies. A mass alone keeps its link's centre of mass and its inertia about that.
     a : array_like, (n, nv), optional
-        Accelerations. Otherwise v is differentiated.
+        Accelerations. Otherwise v or q is differentiated.
     method : {"weighted", "ordinary", "robust", "total"}
         Weighted: each joint's torques count by their own noise. Robust: outliers count less (Huber). Total: errors of
         the filtered positions are taken in as well as those of the torques; it needs v=None.
     half_window : int, optional
-        Samples on each side of the filter's window; by default 0.7 of the widest whose residuals are noise alone.
+        Samples on each side of the filter's window; by default the one whose states predict the torques of left-out
+        parts of the data best. Measured velocities are used only where they do better than those of q.
+    cutoff : float, optional
+        The filter's cut-off frequency (-3 dB), Hz, in place of half_window.
     confidence : float
         The probability of the intervals.
+    validate : runs, optional
+        Runs that are kept out of the fit, in the form of t; `result.validation` has their residuals.
 
     Returns
     -------
     Identification
-        `values`, `intervals`, `covariance`, `not_identifiable`, `not_excited`, `consistency`, `found`.
+        `values`, `intervals`, `covariance`, `not_identifiable`, `not_excited`, `consistency`, `found`,
+        `filter`, `validation`, `predict`.
 
     Raises
     ------
@@ -68,6 +91,9 @@ def identify(
     other in time widen them (Newey and West). The numerical error is added to them: a bound on rounding, and where
     positions are filtered the change of the result under a window that is wider by 1 / 0.7.
 
+    Directions that the data hardly show are held near the URDF's values by a ridge: a normal prior of 10 times the
+    size of the links. It is part of the weighted and the robust method, and of the covariance.
+
     References
     ----------
     Khalil and Dombre 2002, "Modeling, Identification and Control of Robots", chapter 12.
@@ -77,33 +103,119 @@ def identify(
     if confidence >= 1.0:
         raise QueryError(f"expected a probability, got {confidence!r}", argument="confidence", remedy="such as 0.95")
     chosen = select(robot, parameters)
-    data = measurements(robot, t, q, v, tau, a, half_window)
-    if method == "total" and data.coarse is None:
+    runs = recordings(robot, t, q, v, tau, a)
+    held = () if validate is None else recordings(robot, validate, None, None, None)
+    if method == "total" and runs[0].v is not None:
         what, remedy = "the errors of measured velocities are not known", "leave v and a out, or use another method"
         raise QueryError(what, argument="method", remedy=remedy, code="no-errors")
     possible = _possible(robot, chosen)
+    for run in runs:
+        _require_radians(robot, run, _system_of(robot, chosen, possible))
+    by = _filter_of(robot, chosen, possible, runs, half_window, cutoff)
+    data = filtered(robot, runs, by)
     columns, y = _system(robot, chosen, data)
     coarse = None if data.coarse is None else _system(robot, chosen, data.coarse)
     base = _excited(possible, columns, None if coarse is None else coarse[0] - columns)
-    _require_enough(data, base)
+    _require_enough(y, data, base)
     columns = columns[..., list(base.members)]
+    prior = _prior(robot, chosen, base)
     if coarse is None:
-        found = fit(columns, y, method)
+        found = fit(columns, y, method, prior=prior)
         numerical = found.rounding
     else:
-        wider, torques = coarse[0][..., list(base.members)], coarse[1]
-        errors = np.concatenate([wider - columns, (torques - y)[..., None]], axis=-1)
-        found = fit(columns, y, method, errors)
-        numerical = found.rounding + np.abs(fit(wider, torques, method, errors).x - found.x)
-    if np.std(found.residuals) > _UNEXPLAINED * np.std(y):
-        require_reach(robot, data.t, data.q)
-    wide = stdtrit(y.size - len(found.x), (1 + confidence) / 2) * np.sqrt(np.diag(found.covariance)) + numerical
-    return Identification(
+        wide, torques = coarse[0][..., list(base.members)], coarse[1]
+        errors = np.concatenate([wide - columns, (torques - y)[..., None]], axis=-1)
+        found = fit(columns, y, method, errors, prior=prior)
+        numerical = found.rounding + np.abs(fit(wide, torques, method, errors, prior=prior).x - found.x)
+    half_width = stdtrit(y.size - len(found.x), (1 + confidence) / 2) * np.sqrt(np.diag(found.covariance)) + numerical
+    result = Identification(
         robot=robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
-        covariance=found.covariance, numerical_error=numerical, half_width=wide, confidence=confidence,
+        covariance=found.covariance, numerical_error=numerical, half_width=half_width, confidence=confidence,
         not_identifiable=possible.not_identifiable(), not_excited=_not_excited(possible, base), noise=found.noise,
-        t=data.t, residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=method,
+        t=data.averaged(data.t), residuals=found.residuals, condition=found.condition, correlated=found.correlated,
+        method=method, filter=by, metric=found.metric, torques=data.averaged(data.tau), validation=None,
     )  # fmt: skip
+    return replace(result, validation=_validation(result, held)) if held else result
+
+
+def _filter_of(
+    robot: Robot, chosen: Selection, possible: BaseParameters, runs: Sequence[Recording],
+    half: int | None, frequency: float | None,
+) -> Filter | None:  # fmt: skip
+    """The window that is given, or that suits the data; None where accelerations were measured."""
+    if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
+        what = f"expected a whole number from {SMALLEST} on, got {half!r}"
+        raise QueryError(what, argument="half_window", remedy="leave it out to choose by the torques")
+    if runs[0].a is not None:
+        return None
+    for run in runs:
+        require_samples(len(run.t), wider(half or SMALLEST), "q" if run.v is None else "v")
+    if half is None and frequency is not None:
+        rate = float(np.median([(len(run.t) - 1) / (run.t[-1] - run.t[0]) for run in runs]))
+        half = half_window_of(positive(frequency, "cutoff", QueryError, "such as 8", expected="a frequency, Hz"), rate)
+        require_samples(min(len(run.t) for run in runs), wider(half))
+    return choose(robot, runs, _system_of(robot, chosen, possible), half)
+
+
+def _system_of(robot: Robot, chosen: Selection, possible: BaseParameters) -> System:
+    """The equations y = G theta of what can be told, from states and torques."""
+    known, members = chosen.parameters(robot, np.zeros(len(chosen.names))), list(possible.members)
+
+    def system(now: States, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        regressor = robot.regressor(now.q, now.v, now.a)
+        return (regressor @ chosen.columns)[..., members], tau - regressor @ known
+
+    return system
+
+
+def _require_radians(robot: Robot, run: Recording, system: System) -> None:
+    """Warn of a joint beyond its limits; refuse (code "units") where the torques say that its angles are degrees."""
+    what = beyond_reach(robot, run.t, run.q)
+    half = min(10, len(run.t) // 8)
+    if not what or half < SMALLEST:
+        return
+    at, errors = np.arange(half, len(run.t) - half, max(1, len(run.t) // 800)), []
+    for scale in (1.0, np.pi / 180):
+        v = None if run.v is None else scale * run.v
+        now = states(robot, replace(run, q=scale * run.q, v=v), half, "q" if v is None else "v", at)
+        errors.append(float(np.mean(np.log(left_out(*system(now, run.tau[at]))))))
+    if errors[1] < errors[0]:
+        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
+    warnings.warn(f"{what}; the torques fit radians", RuntimeWarning, stacklevel=3)
+
+
+def _prior(robot: Robot, chosen: Selection, base: BaseParameters) -> tuple[np.ndarray, np.ndarray]:
+    """The URDF's base parameters (r,), and the reciprocals of their standard deviations: 10 times the links' sizes.
+
+    So wide a ridge moves only what the data hardly show. Friction, damping and armature have none: 0.
+    """
+    model = robot.model
+    bodies, sizes = 10 * (model.njoints - 1), np.zeros(len(robot.parameter_names))
+    length = max((float(np.linalg.norm(place.translation)) for place in list(model.jointPlacements)[1:]), default=0.0)
+    length = max(length, _SHORTEST)
+    for j in range(model.njoints - 1):
+        mass = max(model.inertias[j + 1].mass, robot.mass / model.njoints)
+        sizes[10 * j : 10 * j + 10] = mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
+    of_names = np.abs(chosen.columns[:bodies].T) @ sizes[:bodies]
+    of_names[np.any(chosen.columns[bodies:], axis=0)] = np.inf
+    with np.errstate(invalid="ignore"):
+        spread = 10 * np.nansum(np.abs(base.matrix) * of_names, axis=1)
+    return base.matrix @ chosen.nominal, np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0)
+
+
+def _validation(found: Identification, held: Sequence[Recording]) -> Validation:
+    """Torques of other runs, by the same filter, less their prediction."""
+    if found.filter is not None:
+        for run in held:
+            require_samples(len(run.t), wider(found.filter.half_window))
+        held = [replace(run, a=None) for run in held]
+    elif any(run.a is None for run in held):
+        what, remedy = "the runs that were identified have accelerations, these have not", "give q, v and a"
+        raise QueryError(what, argument="validate", remedy=remedy, code="column-missing")
+    data = filtered(found.robot, held, found.filter)
+    predicted = np.concatenate([found.predict(*state) for state in data.states()])
+    tau, predicted = data.averaged(data.tau), data.averaged(predicted)
+    return Validation(data.averaged(data.t), tau, tau - predicted)
 
 
 def _possible(robot: Robot, chosen: Selection) -> BaseParameters:
@@ -124,7 +236,7 @@ def _system(robot: Robot, chosen: Selection, data: Measurements) -> tuple[np.nda
         regressor = robot.regressor(*state)
         columns.append(regressor @ chosen.columns)
         torques.append(regressor @ known)
-    both = np.concatenate(columns), data.tau - np.concatenate(torques)
+    both = data.averaged(np.concatenate(columns)), data.averaged(data.tau - np.concatenate(torques))
     largest = max(float(np.abs(x).max(initial=0.0)) for x in both)
     if largest > _LARGEST:
         what = f"numbers of the size {largest:.3g} cannot be used"
@@ -148,10 +260,10 @@ def _not_excited(possible: BaseParameters, base: BaseParameters) -> tuple[str, .
     return tuple(possible.combinations[k] for k in lacking)
 
 
-def _require_enough(data: Measurements, base: BaseParameters) -> None:
+def _require_enough(y: np.ndarray, data: Measurements, base: BaseParameters) -> None:
     """Require more torques than parameters. Raises QueryError (code "too-few-samples")."""
-    if data.tau.size <= len(base.members):
-        what = f"{data.tau.size} torques at {len(data.t)} samples are too few for {len(base.members)} parameters"
+    if y.size <= len(base.members):
+        what = f"{y.size} torques at {len(data.t)} samples are too few for {len(base.members)} parameters"
         remedy = "measure longer, or look for fewer parameters"
         raise QueryError(what, argument="t", remedy=remedy, code="too-few-samples")
     if not base.members:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import pinocchio as pin
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
 from twolink.errors import QueryError, require_known
-from twolink.identification.measurements import check_units, checked_times, require_reach, wrong_units
-from twolink.io.tables import read_table
+from twolink.identification.measurements import check_units, checked_times, require_reach, table_columns, wrong_units
 from twolink.robots.joint_layout import joint_columns, read_columns
 from twolink.simulation.trajectory_tables import coordinate_names
 
@@ -97,7 +95,7 @@ def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
     TwolinkError
         The file cannot be read.
     """
-    content = _columns(measurements)
+    content = table_columns(measurements)
     if "t" not in content:
         raise _missing("t", content)
     t = checked_times(content["t"])
@@ -114,18 +112,6 @@ def measured_motion(robot: Robot, measurements: Any) -> MeasuredMotion:
     check_units(robot, t, q, v)
     require_reach(robot, t, q)
     return MeasuredMotion(robot, t, q, v, of_q, of_v)
-
-
-def _columns(measurements: Any) -> dict[str, np.ndarray]:
-    """The columns by name."""
-    if isinstance(measurements, str | Path):
-        return dict(read_table(Path(measurements))[0])
-    if isinstance(measurements, Mapping):
-        return {str(name): np.asarray(values) for name, values in measurements.items()}
-    if hasattr(measurements, "columns") and hasattr(measurements, "__getitem__"):  # a DataFrame of any library
-        return {str(name): np.asarray(measurements[name]) for name in measurements.columns}
-    raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
-                     remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
 
 
 def _read(robot: Robot, content: Mapping[str, np.ndarray], letter: str, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,18 +1,9 @@
-"""Measurements of a motion: checked arrays and data files; velocities and accelerations where they are missing.
-
-Around each sample a polynomial of degree 4 is fitted by least squares to the samples of a window; its value and
-derivatives at the sample are q, v and a. For even times this is Savitzky and Golay's filter. Samples nearer to an end
-than half a window are left out. Positions are differences in the tangent space, so that quaternions and angles that
-pass pi are treated as they should be.
-
-Source: Savitzky and Golay 1964, "Smoothing and differentiation of data by simplified least squares procedures",
-Analytical Chemistry 36."""
+"""Measurements of motions: checked arrays and data files of one run or several; filtered samples of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import factorial
 from pathlib import Path
 from typing import Any
 
@@ -21,113 +12,22 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import array, configuration
-from twolink.dynamics.configurations import difference_rows
 from twolink.errors import QueryError
+from twolink.identification.filtering import Filter, Recording, states
 from twolink.io.tables import read_table
 from twolink.robots.joint_layout import read_columns, turns
 
-DEGREE = 4
-SMALLEST = 3  # half a window: 7 samples for the 5 coefficients of the polynomial
-_EXCESS = 1.1  # residuals of a window that is not too wide exceed those of the narrowest by less, and by chance
-
-
-@dataclass(frozen=True)
-class Smoothed:
-    """q (m, nq), v, a (m, nv) at the samples with `half_window` others on each side in the window."""
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    half_window: int
-
-
-def smooth(robot: Robot, t: np.ndarray, q: np.ndarray, half: int | None = None) -> Smoothed:
-    """Filtered positions with their velocities and accelerations.
-
-    Parameters
-    ----------
-    robot : Robot
-        The robot.
-    t : ndarray, (n,)
-        Increasing times, s. They need not be even.
-    q : ndarray, (n, nq)
-        Configurations.
-    half : int, optional
-        Samples on each side of the window. By default the widest whose residuals are the noise
-        that the narrowest shows.
-
-    Raises
-    ------
-    QueryError
-        Code "too-few-samples".
-    """
-    widest = (len(t) - 1) // 2 - 1
-    if widest < (half or SMALLEST):
-        need = 2 * (half or SMALLEST) + 3
-        what = f"{len(t)} samples are too few to differentiate, expected at least {need}"
-        raise QueryError(what, argument="t", remedy="give more samples, or v and a", code="too-few-samples")
-    if half is not None:
-        return _fit(robot, t, q, half)[0]
-    found, noise = _fit(robot, t, q, SMALLEST)
-    limit = noise * (_EXCESS + 6 / np.sqrt(len(t)))
-    for wider in np.unique(np.geomspace(SMALLEST, max(SMALLEST, widest // 4), 24).astype(int))[1:]:
-        smoothed, residual = _fit(robot, t, q, int(wider))
-        if np.any(residual > limit):
-            break
-        found = smoothed
-    return found
-
-
-def rate(t: np.ndarray, x: np.ndarray, half: int = SMALLEST) -> np.ndarray:
-    """The time derivative (n - 2 half, k) of samples (n, k), by the same polynomials."""
-    return np.asarray(_weigh(_weights(t, half)[:, 1], np.moveaxis(_windows(x, half), -1, 1)))
-
-
-def _fit(robot: Robot, t: np.ndarray, q: np.ndarray, half: int) -> tuple[Smoothed, np.ndarray]:
-    """The polynomials' values, and the root mean square (nv,) of what they leave of the positions, as noise."""
-    inner = q[half : len(q) - half]
-    near = np.stack([difference_rows(robot, inner, _shifted(q, half, k)) for k in range(-half, half + 1)], axis=1)
-    weights = _weights(t, half)
-    value, v, a = (_weigh(weights[:, k], near) for k in range(3))
-    free = 1.0 - weights[:, 0, half].mean()  # the variance of a residual, in that of the noise
-    residual = np.sqrt(np.mean(value**2, axis=0) / free)
-    return Smoothed(np.asarray(robot.integrate(inner, value)), v, a, half), residual
-
-
-def _weights(t: np.ndarray, half: int) -> np.ndarray:
-    """(n - 2 half or 1, 3, window): what takes samples to value, first and second derivative at the middle."""
-    around = np.lib.stride_tricks.sliding_window_view(t, 2 * half + 1) - t[half : len(t) - half, None]
-    step = (t[-1] - t[0]) / (len(t) - 1)
-    if np.abs(np.diff(t) - step).max() < 1e-6 * step:
-        around = step * np.arange(-half, half + 1.0)[None]
-    reach = around[:, -1].max()
-    powers = (around / reach)[..., None] ** np.arange(DEGREE + 1)
-    inverse = np.linalg.pinv(powers)[:, :3]
-    return np.asarray(inverse * np.array([factorial(k) / reach**k for k in range(3)])[:, None])
-
-
-def _weigh(weights: np.ndarray, near: np.ndarray) -> np.ndarray:
-    return np.asarray((weights[..., None] * near).sum(axis=1))
-
-
-def _windows(x: np.ndarray, half: int) -> np.ndarray:
-    return np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
-
-
-def _shifted(q: np.ndarray, half: int, k: int) -> np.ndarray:
-    return q[half + k : len(q) - half + k]
-
-
-_NARROWER = 0.7  # of the widest window that the noise allows: errors of a fall with its fourth power
+_NARROWER = 0.7  # a window is compared with one wider by 1 / 0.7: errors of a grow with its fourth power
+_GAP = 20.0  # times the usual step of time, from which it is a jump
 LIKELY = {180 / np.pi: "is v in degrees?", np.pi / 180: "is q in degrees?", 1e3: "is t in milliseconds?"}
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """Samples t (n,), q (n, nq), v, a, tau (n, nv).
+    """Samples t (n,), q (n, nq), v, a, tau (n, nv) of all runs.
 
-    half_window: samples on each side of the filter's window; 0 where v and a were measured.
-    coarse: the same samples with velocities and accelerations by a wider window, for the filter's error.
+    block: so many samples that follow each other are averaged, columns of the regressor and torques alike.
+    ends: where each run ends. coarse: the same samples by a wider window, for the filter's error.
     """
 
     t: np.ndarray
@@ -135,7 +35,8 @@ class Measurements:
     v: np.ndarray
     a: np.ndarray
     tau: np.ndarray
-    half_window: int = 0
+    ends: tuple[int, ...]
+    block: int = 1
     coarse: Measurements | None = None
 
     def states(self, size: int = 2_000) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -143,24 +44,58 @@ class Measurements:
         for i in range(0, len(self.t), size):
             yield self.q[i : i + size], self.v[i : i + size], self.a[i : i + size]
 
+    def averaged(self, x: np.ndarray) -> np.ndarray:
+        """Means of x (n, ...) over blocks of samples, within each run."""
+        if self.block == 1:
+            return x
+        starts = (0, *self.ends[:-1])
+        blocks = [(e - s) // self.block for s, e in zip(starts, self.ends, strict=True)]
+        means = [x[s : s + n * self.block].reshape(n, self.block, *x.shape[1:]).mean(axis=1)
+                 for s, n in zip(starts, blocks, strict=True)]  # fmt: skip
+        return np.concatenate(means)
 
-def measurements(
-    robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike, a: ArrayLike | None, half: int | None
-) -> Measurements:
-    """Checked samples. Without a, v is differentiated; without v, q is filtered and differentiated twice.
+
+def recordings(
+    robot: Robot, t: Any, q: ArrayLike | None, v: ArrayLike | None, tau: ArrayLike | None, a: ArrayLike | None = None
+) -> tuple[Recording, ...]:
+    """Checked runs: arrays of one, or in place of t a run or several as tables or paths.
 
     Raises
     ------
     QueryError
-        For wrong shapes or values that are not finite; codes "times", "too-few-samples", "constant-data" and "units".
+        For wrong shapes or values that are not finite; codes "times", "constant-data", "column-missing" and "units".
     """
+    if q is not None and tau is not None:
+        return (_recording(robot, t, q, v, tau, a),)
+    if q is not None or tau is not None or v is not None or a is not None:
+        raise QueryError("expected t, q and tau, or runs alone", argument="t", remedy="give identify(robot, runs)")
+    tables = list(t) if isinstance(t, list | tuple) else [t]
+    if not tables:
+        raise QueryError("there are no runs", argument="t", remedy="give some", code="too-few-samples")
+    parts = [part for number, table in enumerate(tables) for part in _parts(table, number)]
+    runs = tuple(_recording(robot, **measurements_of(robot, part, where)) for part, where in parts)
+    if len({(run.v is None, run.a is None) for run in runs}) > 1:
+        what, remedy = "some runs have v or a, and some have not", "give all runs the same columns"
+        raise QueryError(what, argument="t", remedy=remedy, code="column-missing")
+    return runs
+
+
+def _parts(table: Any, number: int) -> list[tuple[dict[str, np.ndarray], str]]:
+    """The runs of a table by its column `run`, each with its name; the whole where there is none."""
+    where = str(table) if isinstance(table, str | Path) else f"run {number}"
+    columns = table_columns(table)
+    if "run" not in columns:
+        return [(columns, where)]
+    numbers = columns.pop("run")
+    cuts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    return [({name: np.asarray(x)[rows] for name, x in columns.items()}, f"{where}, run {numbers[rows[0]]:g}")
+            for rows in np.split(np.arange(len(numbers)), cuts)]  # fmt: skip
+
+
+def _recording(
+    robot: Robot, t: ArrayLike, q: ArrayLike, v: ArrayLike | None, tau: ArrayLike, a: ArrayLike | None
+) -> Recording:
     times = checked_times(t)
-    if half is not None and (not isinstance(half, int | np.integer) or half < SMALLEST):
-        what, remedy = (
-            f"expected a whole number from {SMALLEST} on, got {half!r}",
-            "leave it out to choose by the noise",
-        )
-        raise QueryError(what, argument="half_window", remedy=remedy)
     given = {"q": configuration("q", q, robot.nq, robot.joints), "tau": array("tau", tau, robot.nv)}
     given |= {name: array(name, x, robot.nv) for name, x in (("v", v), ("a", a)) if x is not None}
     for name, x in given.items():
@@ -172,15 +107,52 @@ def measurements(
     if np.ptp(given["q"], axis=0).max() == 0.0 and not any(np.ptp(given[k]) for k in ("v", "a") if k in given):
         what, remedy = "the robot never moves: all samples are the same", "measure motions, or several poses"
         raise QueryError(what, argument="q", remedy=remedy, code="constant-data")
-    if a is not None:
-        return Measurements(times, given["q"], given["v"], given["a"], given["tau"])
-    if v is not None:
-        return _with_rate_of_v(robot, times, given, half or SMALLEST)
-    wide = _filtered(robot, times, given, None if half is None else max(half + 1, round(half / _NARROWER)))
-    chosen = _filtered(robot, times, given, half or max(SMALLEST, round(_NARROWER * wide.half_window)))
-    if wide.half_window == chosen.half_window:
-        wide = _filtered(robot, times, given, wide.half_window + 1)
-    return replace(_cut(chosen, wide.half_window - chosen.half_window), coarse=wide)
+    if a is None:
+        _require_no_gap(times)
+    if v is not None and a is None:
+        check_units(robot, times, given["q"], given["v"])
+    return Recording(times, given["q"], given.get("v"), given.get("a"), given["tau"])
+
+
+def _require_no_gap(t: np.ndarray) -> None:
+    """Refuse a jump in time: nothing is differentiated across it. Raises QueryError (code "times")."""
+    steps = np.diff(t)
+    if len(steps) and steps.max() > _GAP * np.median(steps):
+        row = int(np.argmax(steps))
+        what = (
+            f"time jumps by {steps[row]:.4g} s at t[{row}] = {t[row]:.9g} s, the usual step is {np.median(steps):.4g} s"
+        )
+        remedy = "give the parts as several runs: a list of tables, or a column `run`"
+        raise QueryError(what, argument="t", remedy=remedy, code="times")
+
+
+def filtered(robot: Robot, runs: Sequence[Recording], by: Filter | None) -> Measurements:
+    """The runs' samples; without measured accelerations filtered by a window, and by a wider one.
+
+    Blocks of a quarter of the window are averaged, which its cut-off allows.
+    """
+    if by is None:
+        return _joined([(run.t, run.q, run.v, run.a, run.tau) for run in runs], 1)
+    block = max(1, by.half_window // 2)
+    wide = wider(by.half_window)
+    at = [np.arange(wide, len(run.t) - wide) for run in runs]
+    two = []
+    for half in (by.half_window, wide):
+        moved = [states(robot, run, half, by.source, rows) for run, rows in zip(runs, at, strict=True)]
+        parts = [(run.t[rows], s.q, s.v, s.a, run.tau[rows]) for run, rows, s in zip(runs, at, moved, strict=True)]
+        two.append(_joined(parts, block))
+    return replace(two[0], coarse=two[1])
+
+
+def _joined(parts: Sequence[tuple[Any, ...]], block: int) -> Measurements:
+    """The samples (t, q, v, a, tau) of all runs."""
+    t, q, v, a, tau = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return Measurements(t, q, v, a, tau, tuple(np.cumsum([len(part[0]) for part in parts]).tolist()), block)
+
+
+def wider(half: int) -> int:
+    """The half window that shows the error of this one."""
+    return max(half + 1, round(half / _NARROWER))
 
 
 def checked_times(t: ArrayLike) -> np.ndarray:
@@ -203,19 +175,6 @@ def checked_times(t: ArrayLike) -> np.ndarray:
     return times
 
 
-def _with_rate_of_v(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int) -> Measurements:
-    """Accelerations by differentiating measured velocities."""
-    wide = max(half + 1, round(half / _NARROWER))
-    if len(t) < 2 * wide + 1:
-        what = f"{len(t)} samples are too few to differentiate v, expected at least {2 * wide + 1}"
-        raise QueryError(what, argument="t", remedy="give more samples, or a", code="too-few-samples")
-    check_units(robot, t, given["q"], given["v"])
-    part, inner = slice(wide, len(t) - wide), slice(wide - half, len(t) - wide - half)
-    q, v, tau = (given[name][part] for name in ("q", "v", "tau"))
-    m = Measurements(t[part], q, v, rate(t, given["v"], half)[inner], tau, half)
-    return replace(m, coarse=replace(m, a=rate(t, given["v"], wide)))
-
-
 def check_units(robot: Robot, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> None:
     """Refuse velocities that are a multiple of the rate of the positions. Raises QueryError (code "units")."""
     moved = robot.difference(q[:-1], q[1:])
@@ -236,10 +195,13 @@ def wrong_units(what: str, argument: str, ratio: float, guesses: Mapping[float, 
 
 
 def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
-    """Refuse angles and speeds that are beyond the limits of a joint and within them as degrees.
+    """Refuse what is `beyond_reach`. Raises QueryError (code "units")."""
+    if what := beyond_reach(robot, t, q):
+        raise QueryError(f"{what}; is q in degrees?", argument="q", remedy="give radians", code="units")
 
-    Raises QueryError (code "units").
-    """
+
+def beyond_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> str:
+    """A joint whose angle and speed are beyond its limits and within them as degrees, in words; "" if there is none."""
     model, speed = robot.model, np.abs(robot.difference(q[:-1], q[1:]) / np.diff(t)[:, None]).max(axis=0, initial=0.0)
     for joint in robot.joints:
         if joint.kind != "vector" or not turns(model, joint):
@@ -248,20 +210,21 @@ def require_reach(robot: Robot, t: np.ndarray, q: np.ndarray) -> None:
         reach = max(abs(float(model.lowerPositionLimit[i])), abs(float(model.upperPositionLimit[i])))
         far = float(np.abs(q[:, i]).max())
         if np.radians(far) < reach < far / 1.5 and np.radians(fastest) < limit < fastest:
-            what = (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
-                    f"rad and {limit:.4g} rad/s; is q in degrees?")  # fmt: skip
-            raise QueryError(what, argument="q", remedy="give radians", code="units")
+            return (f"joint {joint.name!r} turns to {far:.4g} rad at {fastest:.4g} rad/s; its limits are {reach:.4g} "
+                    f"rad and {limit:.4g} rad/s")  # fmt: skip
+    return ""
 
 
-def _filtered(robot: Robot, t: np.ndarray, given: dict[str, np.ndarray], half: int | None) -> Measurements:
-    smoothed = smooth(robot, t, given["q"], half)
-    part = slice(smoothed.half_window, len(t) - smoothed.half_window)
-    return Measurements(t[part], smoothed.q, smoothed.v, smoothed.a, given["tau"][part], smoothed.half_window)
-
-
-def _cut(m: Measurements, drop: int) -> Measurements:
-    part = slice(drop, len(m.t) - drop)
-    return Measurements(m.t[part], m.q[part], m.v[part], m.a[part], m.tau[part], m.half_window)
+def table_columns(measurements: Any) -> dict[str, np.ndarray]:
+    """The columns by name."""
+    if isinstance(measurements, str | Path):
+        return dict(read_table(Path(measurements))[0])
+    if isinstance(measurements, Mapping):
+        return {str(name): np.asarray(values) for name, values in measurements.items()}
+    if hasattr(measurements, "columns") and hasattr(measurements, "__getitem__"):  # a DataFrame of any library
+        return {str(name): np.asarray(measurements[name]) for name in measurements.columns}
+    raise QueryError(f"expected a table, got {type(measurements).__name__}", argument="measurements",
+                     remedy='give a DataFrame, a path, or {"t": ..., "q.elbow": ...}')  # fmt: skip
 
 
 def read_measurements(robot: Robot, path: Path) -> dict[str, Any]:

@@ -25,6 +25,7 @@ class Fit:
     correlated: whether residuals follow each other in time, as unmodelled forces and filters make them; the covariance
     then takes it in. condition: of the weighted regressor, its columns scaled to length 1.
     rounding (r,): a bound on the error of x from rounding.
+    metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
     """
 
     x: np.ndarray
@@ -34,21 +35,25 @@ class Fit:
     correlated: bool
     condition: float
     rounding: np.ndarray
+    metric: np.ndarray
 
 
 def fit(
     columns: np.ndarray, y: np.ndarray, method: str, error: np.ndarray | None = None, *,
-    least: float = 0.0, sigma: np.ndarray | None = None,
+    least: float = 0.0, sigma: np.ndarray | None = None, prior: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
-    count instead.
+    count instead. prior: x (r,) as it is expected, and the reciprocals of the standard deviations of that; "ordinary"
+    and "total" have none.
     """
+    r = columns.shape[-1]
+    expected, sure = prior if prior is not None and method != "ordinary" else (np.zeros(r), np.zeros(r))
     noise, full = np.ones(y.shape[1]), np.ones(y.shape, dtype=bool)
     weights = np.ones(y.shape)
     for _ in range(40):
-        x, leverage = _solve(columns, y, weights)
+        x, leverage = _solve(columns, y, weights, expected, sure)
         residuals = y - columns @ x
         before, noise = noise, np.maximum(_noise(residuals, leverage, y, method == "robust"), least)
         if sigma is not None:
@@ -65,22 +70,29 @@ def fit(
         residuals = y - columns @ x
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
-    covariance, correlated = _covariance(scaled, residuals, weights, noise, full)
+    covariance, correlated = _covariance(scaled, residuals, weights, noise, full, sure / lengths)
     singular = np.linalg.svd(_triangle(scaled * weights[..., None]), compute_uv=False)
+    information = _triangle(np.vstack([(scaled / noise[:, None]).reshape(-1, r), np.diag(sure / lengths)]))
+    root = scipy.linalg.solve_triangular(information, np.eye(r))
     condition = float(singular[0] / singular[-1])
     # Golub and Van Loan, Matrix Computations, section 5.3.8
     left, size = np.linalg.norm(residuals * weights), np.linalg.norm(x * lengths)
     rounding = 4 * _EPSILON * (condition * size + condition**2 * left) / lengths
-    return Fit(x, covariance / np.outer(lengths, lengths), residuals, noise, correlated, condition, rounding)
+    sizes = np.outer(lengths, lengths)
+    return Fit(x, covariance / sizes, residuals, noise, correlated, condition, rounding, root @ root.T / sizes)
 
 
-def _solve(columns: np.ndarray, y: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The weighted least-squares solution, and the leverages (n, nv) of the torques."""
+def _solve(
+    columns: np.ndarray, y: np.ndarray, weights: np.ndarray, expected: np.ndarray, sure: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The weighted least-squares solution with a ridge, and the leverages (n, nv) of the torques."""
     flat = (columns * weights[..., None]).reshape(y.size, -1)
     lengths = np.linalg.norm(flat, axis=0)
-    q, r = scipy.linalg.qr(flat / lengths, mode="economic")
-    x = scipy.linalg.solve_triangular(r, q.T @ (y * weights).ravel()) / lengths
-    return np.asarray(x), np.sum(q**2, axis=1).reshape(y.shape)
+    ridge = [np.diag(sure / lengths)] if sure.any() else []
+    right = np.concatenate([(y * weights).ravel(), *([sure * expected] if ridge else [])])
+    q, r = scipy.linalg.qr(np.vstack([flat / lengths, *ridge]), mode="economic")
+    x = scipy.linalg.solve_triangular(r, q.T @ right) / lengths
+    return np.asarray(x), np.sum(q[: y.size] ** 2, axis=1).reshape(y.shape)
 
 
 def _triangle(columns: np.ndarray) -> np.ndarray:
@@ -116,16 +128,19 @@ def _total(columns: np.ndarray, y: np.ndarray, error: np.ndarray, first: np.ndar
 
 
 def _covariance(
-    columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray
-) -> tuple[np.ndarray, bool]:
+    columns: np.ndarray, residuals: np.ndarray, weights: np.ndarray, noise: np.ndarray, full: np.ndarray,
+    sure: np.ndarray,
+) -> tuple[np.ndarray, bool]:  # fmt: skip
     """The covariance A^-1 B A^-1 of x, and whether residuals are correlated in time.
 
-    A = sum of w^2 G^T G over residuals of full weight. B = sum of w^4 s_k^2 G^T G for independent residuals of joint k;
-    for correlated ones, or some of less weight, Newey and West's (1987) from the scores w^2 G^T e.
+    A = sum of w^2 G^T G over residuals of full weight, and the prior's information, which B has too. B = sum of w^4
+    s_k^2 G^T G for independent residuals of joint k; for correlated ones, or some of less weight, Newey and West's
+    (1987) from the scores w^2 G^T e.
     """
     n, dofs, r = columns.shape
     # Scores are taken in coordinates in which A is 1: forming A would square the condition number.
-    inverse = scipy.linalg.solve_triangular(_triangle(columns * (weights * full)[..., None]), np.eye(r))
+    rows = (columns * (weights * full)[..., None]).reshape(-1, r)
+    inverse = scipy.linalg.solve_triangular(_triangle(np.vstack([rows, np.diag(sure)])), np.eye(r))
     columns = columns @ inverse
     length = _correlation_length(residuals / noise)
     if length == 0 and full.all():
@@ -133,11 +148,12 @@ def _covariance(
         middle = flat.T @ flat
     else:
         score = np.einsum("nkr,nk->nr", columns, weights**2 * residuals)
-        middle = score.T @ score
-        for step in range(1, length + 1):
-            part = (1 - step / (length + 1)) * (score[step:].T @ score[:-step])
-            middle += part + part.T
+        # Weights 1 - lag / (length + 1) of the lags are those of squared sums over a moving window.
+        sums = np.cumsum(np.vstack([score, np.zeros((length, r))]), axis=0)
+        moving = sums - np.vstack([np.zeros((length + 1, r)), sums])[: n + length]
+        middle = moving.T @ moving / (length + 1)
         middle *= n * dofs / (n * dofs - r)
+    middle = middle + inverse.T @ np.diag(sure**2) @ inverse
     covariance = inverse @ middle @ inverse.T
     return (covariance + covariance.T) / 2, length > 0
 

@@ -9,10 +9,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.identification.base_parameters import Selection
 from twolink.identification.consistency import Consistency, consistent
+from twolink.identification.filtering import Filter
 from twolink.io.text import Table
 from twolink.show.figure import COLOURS, Plotted, new_figure, plain
 from twolink.simulation.text import Result
@@ -133,6 +135,35 @@ class Estimate(Result, Plotted):
         return lines + [f"{weak}: {text}" for text in self.not_excited]
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation:
+    """Runs that were kept out: times t (n,), measured torques (n, nv), and these less their prediction (n, nv)."""
+
+    t: np.ndarray
+    torques: np.ndarray
+    residuals: np.ndarray
+
+    @property
+    def rms(self) -> np.ndarray:
+        """The residuals' root mean square (nv,), N m or N."""
+        return np.asarray(np.sqrt(np.mean(self.residuals**2, axis=0)))
+
+    @property
+    def share(self) -> np.ndarray:
+        """The same (nv,), relative to that of the torques."""
+        return np.asarray(self.rms / np.maximum(np.sqrt(np.mean(self.torques**2, axis=0)), 1e-300))
+
+    def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
+        """A record for JSON."""
+        pairs = zip(names, self.rms.tolist(), self.share.tolist(), strict=True)
+        return {name: {"rms": rms, "share": share} for name, rms, share in pairs}
+
+    def in_words(self, names: Iterable[str]) -> str:
+        """The residuals by joint, in N m or N and in percent."""
+        pairs = zip(names, self.rms, self.share, strict=True)
+        return "held-out torques: " + ", ".join(f"{name} {rms:.3g} ({100 * share:.0f} %)" for name, rms, share in pairs)
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Identification(Estimate):
     """Parameters from measured torques: an `Estimate`.
@@ -141,9 +172,21 @@ class Identification(Estimate):
     ----------
     selection : Selection
         What was looked for: k names, and how they change pi.
+    metric : ndarray, (r, r)
+        The inverse of the information matrix of least squares, in which `found` is nearest.
+    filter : Filter or None
+        The window that was taken, and all that were tried; None where accelerations were measured.
+    torques : ndarray, (n, nv)
+        Measured torques, N m or N, averaged over the blocks of the filter, at the times t.
+    validation : Validation or None
+        Residuals of the runs that were kept out.
     """
 
     selection: Selection
+    metric: np.ndarray
+    filter: Filter | None
+    torques: np.ndarray
+    validation: Validation | None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -154,16 +197,25 @@ class Identification(Estimate):
     def consistency(self) -> Consistency:
         """Whether bodies with such parameters can exist, and the nearest that can."""
         names, matrix = self.combinations, self.matrix
-        return consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance)
+        return consistent(self.robot, self.selection, names, matrix, self.estimate, self.covariance, self.metric)
 
     @cached_property
     def found(self) -> Robot:
         """The robot with what was found: the consistent parameters nearest to its own that fit the estimate."""
         return self.consistency.robot_of(self.robot)
 
+    def predict(self, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> np.ndarray:
+        """Torques (..., nv) of the consistent parameters, N m or N, with the damping and friction that were found."""
+        return np.asarray(self.robot.regressor(q, v, a) @ self.consistency.vector)
+
     def to_dict(self) -> dict[str, Any]:
         """A record for JSON."""
-        return self._record(coordinate_names(self.robot, "v")) | {"consistency": self.consistency.to_dict()}
+        names = coordinate_names(self.robot, "v")
+        kept = {} if self.validation is None else {"validation": self.validation.to_dict(names)}
+        by = self.filter
+        window = {} if by is None else {"filter": {"half_window": by.half_window, "velocities": by.source,
+                                                   "cutoff": by.cutoff}}  # fmt: skip
+        return self._record(names) | {"consistency": self.consistency.to_dict()} | window | kept
 
     def _figure(self) -> "Figure":
         """Residuals in their standard deviations, the covariance of two values, and all intervals, relative."""
@@ -198,6 +250,9 @@ class Identification(Estimate):
             lines.append(
                 "residuals are correlated in time: forces may be missing (friction?); the intervals allow for it"
             )
+        lines += [] if self.filter is None else [str(self.filter)]
+        if self.validation is not None:
+            lines.append(self.validation.in_words(coordinate_names(self.robot, "v")))
         lines += self._not_told("torque", "not excited by these data")
         return "\n".join([*lines, str(self.consistency)])
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from twolink.errors import QueryError, SceneError
+from twolink.identification.filtering import SMALLEST, smooth
 from twolink.identification.measured_motion import MeasuredMotion
-from twolink.identification.measurements import SMALLEST, smooth
 from twolink.identification.unknowns import Unknowns
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.scenes import Scene
@@ -217,10 +217,10 @@ def later_starts(ends: Sequence[int], data: MeasuredMotion, shot: Shot | None) -
     change[:, np.setdiff1d(np.arange(robot.nv), data.of_q)] = 0.0
     q = np.asarray(robot.integrate(q, change))
     if len(data.t) >= 2 * SMALLEST + 5:
-        filtered = smooth(robot, data.t, q)
-        inner = slice(filtered.half_window, len(q) - filtered.half_window)
-        q[inner] = filtered.q
+        positions, velocities, _, half = smooth(robot, data.t, q)
+        inner = slice(half, len(q) - half)
+        q[inner] = positions
         v = v.copy()
-        v[inner, data.of_q] = filtered.v[:, data.of_q]
+        v[inner, data.of_q] = velocities[:, data.of_q]
     v[:, data.of_v] = data.v[:, data.of_v]
     return [(q[number], v[number]) for number in ends]

@@ -82,8 +82,8 @@ def _culprit(tree: Tree, model: pin.Model, joint: int) -> UrdfLink:
     return max(links, key=lambda k: _defects(k.inertia, k.mass))
 
 
-def check_invertible(tree: Tree, model: pin.Model) -> None:
-    """Refuse a robot with a joint that moves no inertia, whatever the configuration.
+def weightless_joints(model: pin.Model) -> tuple[str, ...]:
+    """The joints that move no inertia, whatever the configuration.
 
     The pivots of L^T D L, taken from the last joint to the first, are what the articulated-body algorithm divides
     by: D_i = S_i^T I^A_i S_i (Featherstone 2008, eq. 7.44). A pivot that is zero next to M_ii in every one of
@@ -91,19 +91,22 @@ def check_invertible(tree: Tree, model: pin.Model) -> None:
     """
     smallest = np.concatenate([_smallest_pivots(tree.model) for tree in trees_of(model)])
     bad = np.flatnonzero(smallest <= 1e-15 * model.nv)
-    if bad.size == 0:
-        return
     owners = [j for j in range(1, model.njoints) for i in bad if model.idx_vs[j] <= i < model.idx_vs[j] + model.nvs[j]]
-    names = list(dict.fromkeys(model.names[j] for j in owners))
+    return tuple(dict.fromkeys(model.names[j] for j in owners))
+
+
+def without_inertia(tree: Tree, model: pin.Model, names: tuple[str, ...]) -> RobotError:
+    """The error for a robot with weightless joints."""
     name = names[-1]
     moved = next((j for j in tree.joints if j.name == name), None)
     link = tree.root if moved is None else moved.child
-    massless = model.inertias[owners[-1]].mass == 0
+    massless = model.inertias[model.getJointId(name)].mass == 0
     why = "the link it moves has no mass" if massless else "what it moves has no inertia about its axis"
     what = f"joint {name!r} cannot be accelerated: {why}, so its acceleration is not determined"
     lock = ", ".join(f"{n!r}: 0" for n in names)
     remedy = f"give link {link!r} a mass and an inertia, or hold such joints with lock={{{lock}}}"
-    raise RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
+    what += ' (only purpose="kinematics" and "identification" take that)'
+    return RobotError(what, where=tree.links[link].where, remedy=remedy, code="no-inertia")
 
 
 def _smallest_pivots(model: pin.Model) -> np.ndarray:

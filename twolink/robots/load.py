@@ -6,7 +6,7 @@ import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import pinocchio as pin
 
@@ -15,7 +15,14 @@ from twolink.io.fingerprints import trees_of
 from twolink.io.text import Table
 from twolink.robots import load_report
 from twolink.robots.catalogue import catalogue_entry, catalogue_names, examples_share, open_source
-from twolink.robots.checks import check_agreement, check_bodies, check_invertible, check_lock, check_mimic
+from twolink.robots.checks import (
+    check_agreement,
+    check_bodies,
+    check_lock,
+    check_mimic,
+    weightless_joints,
+    without_inertia,
+)
 from twolink.robots.joint_layout import Lock, beyond_limits, gravity_field, lock_configuration, without_joints
 from twolink.robots.load_report import LoadReport
 from twolink.robots.meshes import MeshFolders, drawable_urdf, mesh_folders, missing_meshes
@@ -23,6 +30,7 @@ from twolink.robots.model import RobotModel, Visuals
 from twolink.robots.tree import Tree, canonical, read_tree
 from twolink.robots.xml import parse_xml
 
+Purpose = Literal["dynamics", "kinematics", "identification"]
 R = TypeVar("R", bound=RobotModel)
 
 # A pin.Data holds tensors of nv^3 numbers (second derivatives): 0.9 GB at nv = 300, 32 GB at nv = 1,000.
@@ -42,6 +50,7 @@ def load_model(
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     mimic: bool = False,
     unphysical: Literal["refuse", "report"] = "refuse",
+    purpose: Purpose = "dynamics",
     meshes: MeshFolders | None = None,
 ) -> R:
     """A robot of class `kind` from a name, a path, or URDF text.
@@ -50,7 +59,7 @@ def load_model(
     ----------
     kind : type
         RobotModel or a subclass with the same constructor.
-    source, package_dirs, root, lock, gravity, mimic, unphysical
+    source, package_dirs, root, lock, gravity, mimic, unphysical, purpose
         As in `twolink.load_robot`.
     meshes : MeshFolders, optional
         Where meshes are looked for, in place of `package_dirs` and the folders of the URDF.
@@ -67,6 +76,7 @@ def load_model(
     """
     require_known(root, ("fixed", "free"), RobotError, argument="root")
     require_known(unphysical, ("refuse", "report"), RobotError, argument="unphysical")
+    require_known(purpose, ("dynamics", "kinematics", "identification"), RobotError, argument="purpose")
     field = gravity_field(gravity, RobotError)
     urdf = open_source(source)
     tree = read_tree(parse_xml(urdf.data, urdf.label, urdf.encoding), urdf.label)
@@ -79,30 +89,26 @@ def load_model(
     model = without_joints(full, locked, reference)
     model.gravity.linear = field
     odd_inertias = check_bodies(tree, full, unphysical)
-    check_invertible(tree, model)
+    weightless = weightless_joints(model)
+    if weightless and purpose == "dynamics":
+        raise without_inertia(tree, model, weightless)
     folders = meshes or mesh_folders(_folders(package_dirs), urdf.path, examples_share())
+    said: dict[str, Any] = {"mimic": mimic, "odd_inertias": odd_inertias, "unphysical": unphysical}
+    usual = urdf.entry.usual_root if urdf.entry else ""
+    choices: dict[str, Any] = {"root": root, "usual_root": usual, "gravity": field, "locked": tuple(lock or ()),
+                               "beyond": beyond_limits(full, locked, reference)}  # fmt: skip
     findings = [
         load_report.summary(tree, model, len(urdf.data)),
-        *load_report.content_findings(
-            tree,
-            mimic=mimic,
-            odd_inertias=odd_inertias,
-            unphysical=unphysical,
-            missing=missing_meshes(tree.element, folders),
-        ),
-        *load_report.choice_findings(
-            tree,
-            root=root,
-            usual_root=urdf.entry.usual_root if urdf.entry else "",
-            gravity=field,
-            locked=tuple(lock or ()),
-            beyond=beyond_limits(full, locked, reference),
-        ),
+        *load_report.content_findings(tree, missing=missing_meshes(tree.element, folders), **said),
+        *load_report.findings("assumed", {"joints that move no inertia: dynamics is refused": weightless}),
+        *load_report.choice_findings(tree, **choices),
     ]
     text, visual_meshes, collision_meshes = drawable_urdf(tree.element, folders)
     visuals = Visuals(text, visual_meshes, full, locked, reference, collision_meshes)
     name = urdf.entry.name if urdf.entry else tree.name or urdf.label
-    return kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
+    robot = kind(name, model, LoadReport(urdf.label, tuple(findings)), visuals)
+    robot.weightless = weightless
+    return robot
 
 
 def _small(model: pin.Model, label: str) -> pin.Model:

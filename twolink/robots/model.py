@@ -104,6 +104,8 @@ class RobotModel:
         What is needed to draw the robot.
     has_mimic : bool
         Whether some joints follow others (loaded with mimic=True).
+    weightless : tuple of str
+        Joints that move no inertia (loaded with purpose="kinematics" or "identification"): dynamics is refused.
     """
 
     def __init__(self, name: str, model: pin.Model, report: LoadReport, visuals: Visuals) -> None:
@@ -116,6 +118,7 @@ class RobotModel:
         self.joint_names: tuple[str, ...] = tuple(j.name for j in self.joints)
         self.has_mimic: bool = any(j.kind == "mimic" for j in self.joints)
         self.visuals = visuals
+        self.weightless: tuple[str, ...] = ()
         # For single queries, where one attribute more costs a twentieth of Pinocchio's own time.
         self._v_shape = (self.nv,)
         self._q_shape = (self.nq,) if self.is_whole else None
@@ -218,7 +221,18 @@ class RobotModel:
         """The same robot with other constants: `change` sets them in a copy of the model."""
         model = self.model.copy()
         change(model)
-        return type(self)(self.name, model, self.report, self.visuals)
+        robot = type(self)(self.name, model, self.report, self.visuals)
+        robot.weightless = self.weightless
+        return robot
+
+    def require_inertia(self) -> None:
+        """Refuse dynamics of a robot with weightless joints. Raises QueryError (code "no-inertia")."""
+        if self.weightless:
+            raise QueryError(
+                f"joints {', '.join(self.weightless)} move no inertia, so that dynamics is not determined",
+                where=f"robot {self.name!r}", code="no-inertia",
+                remedy="identify it first (`tl.identify(...).found`), or give the links a mass and an inertia",
+            )  # fmt: skip
 
     def visual_model(self) -> pin.GeometryModel:
         """The shapes to draw, without meshes that have no file. Raises ShowError for a mesh that cannot be read."""
@@ -255,4 +269,4 @@ class RobotModel:
         return tuple(solids)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.name, self.model, self.report, self.visuals)
+        return type(self), (self.name, self.model, self.report, self.visuals), {"weightless": self.weightless}

@@ -155,6 +155,7 @@ class Scene:
         if not isinstance(robot, Robot):
             what, remedy = f"expected a Robot, got {type(robot).__name__}", "tl.load_robot(...) makes one"
             raise SceneError(what, where="robot", remedy=remedy, argument="robot")
+        robot.require_inertia()
         checked = _checked(effects, robot)
 
         def change(model: pin.Model) -> None:

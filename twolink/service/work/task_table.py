@@ -86,8 +86,8 @@ def identify(*, body: bytes, robots: str, quotas: Quotas, folder: str, report: R
     found = identify_robot(robot, **samples, parameters=request.parameters, method=request.method,
                            confidence=request.confidence)  # fmt: skip
     kept = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _SHOWN)).round().astype(int))
-    measured = np.asarray(samples["tau"])[np.isin(samples["t"], found.t)]
-    curves = {"t": found.t[kept].tolist(), "residuals": found.residuals[kept].tolist(), "tau": measured[kept].tolist()}
+    curves = {"t": found.t, "residuals": found.residuals, "tau": found.torques}
+    curves = {name: values[kept].tolist() for name, values in curves.items()}
     return {"title": f"{robot.name}: identification", **found.to_dict(), "curves": curves}
 
 
